@@ -1,0 +1,101 @@
+"""Guards for user input: every message names the parameter, the value it got and what is allowed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+Numbers = float | Tensor | Iterable[float]
+"""A number, or one number per image of a batch."""
+
+
+def positive(name: str, value: float) -> float:
+    """Return ``value`` as a float. Raises ``ValueError`` unless it is finite and > 0."""
+    return _number(name, value, low=0.0, strict=True)
+
+
+def non_negative(name: str, value: float) -> float:
+    """Return ``value`` as a float. Raises ``ValueError`` unless it is finite and >= 0."""
+    return _number(name, value, low=0.0)
+
+
+def in_range(name: str, value: float, low: float, high: float) -> float:
+    """Return ``value`` as a float. Raises ``ValueError`` unless ``low <= value <= high``."""
+    return _number(name, value, low=low, high=high)
+
+
+def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
+    """Return ``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
+    choices = list(allowed)
+    if value not in choices:
+        raise ValueError(f"{name} = {value!r}: must be one of {', '.join(map(repr, choices))}")
+    return value
+
+
+def image_batch(name: str, value: Tensor) -> Tensor:
+    """Return ``value``, a floating tensor of shape (B, C, H, W) without NaN or Inf.
+
+    Raises ``TypeError`` for anything but a floating tensor, ``ValueError`` for a wrong shape or value.
+    """
+    if not isinstance(value, Tensor):
+        raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
+    if not value.is_floating_point():
+        raise TypeError(f"{name}: must be floating point, got {value.dtype}; divide integers by full scale")
+    if value.ndim != 4 or 0 in value.shape:
+        raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
+    # A sum is finite where all its values are: one pass without a mask. A sum may also overflow, hence the
+    # second look.
+    seen = value.detach()
+    if not math.isfinite(float(seen.sum())) and not bool(torch.isfinite(seen).all()):
+        raise ValueError(f"{name}: contains NaN or Inf")
+    return value
+
+
+def per_image(
+    name: str,
+    value: Numbers,
+    batch: int,
+    like: Tensor,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+) -> Tensor:
+    """Return ``value``, a number or one number per image, as a tensor of shape (batch,).
+
+    dtype and device are those of ``like``; gradients pass. Raises ``ValueError`` for NaN, Inf, a value
+    outside [low, high] or a length that is neither 1 nor ``batch``.
+    """
+    tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
+    tensor = tensor.to(device=like.device, dtype=like.dtype)
+    if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):
+        raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
+    seen = tensor.detach()
+    if not bool(torch.isfinite(seen).all()) or bool((seen < low).any()) or bool((seen > high).any()):
+        raise ValueError(f"{name} = {_shown(value)}: must be finite{_bounds(low, high)}")
+    return tensor.expand(batch)
+
+
+def _number(name: str, value: float, *, low: float, high: float = math.inf, strict: bool = False) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {value!r}: must be a number") from None
+    if not math.isfinite(number) or number < low or number > high or (strict and number == low):
+        raise ValueError(f"{name} = {value!r}: must be finite{_bounds(low, high, strict)}")
+    return number
+
+
+def _bounds(low: float, high: float, strict: bool = False) -> str:
+    parts = []
+    if low > -math.inf:
+        parts.append(f"{'>' if strict else '>='} {low:g}")
+    if high < math.inf:
+        parts.append(f"<= {high:g}")
+    return f" and {' and '.join(parts)}" if parts else ""
+
+
+def _shown(value: object) -> str:
+    return str(value.tolist()) if isinstance(value, Tensor) else repr(value)

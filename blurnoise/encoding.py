@@ -1,0 +1,25 @@
+"""Between sRGB-coded pictures and linear light, both in [0, 1]: IEC 61966-2-1, any number of channels."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+Encoding = Literal["srgb", "linear"]
+
+
+def linear_from_srgb(coded: Tensor) -> Tensor:
+    """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
+    coded = coded.clamp(0.0, 1.0)
+    return torch.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(linear: Tensor) -> Tensor:
+    """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped."""
+    linear = linear.clamp(0.0, 1.0)
+    # The inner clamp keeps the unused branch's gradient finite at 0.
+    return torch.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(1e-4) ** (1 / 2.4) - 0.055
+    )

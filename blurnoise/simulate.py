@@ -1,0 +1,77 @@
+"""One exposure of a scene by a camera, from reflectance to digital numbers: the whole chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+from blurnoise import blur, rng, sensor
+from blurnoise.camera import Camera
+from blurnoise.checks import Numbers, image_batch, one_of, per_image
+from blurnoise.encoding import Encoding, linear_from_srgb
+from blurnoise.spectra import Curve
+
+
+def simulate(
+    image: Tensor,
+    camera: Camera,
+    *,
+    exposure_s: Numbers,
+    illuminance_lux: Numbers,
+    velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    temperature_c: Numbers = 25.0,
+    encoding: Encoding = "srgb",
+    illuminant: str | Curve = "D55",
+    border: blur.Border = "reflect",
+    pattern_seed: int = 0,
+    generator: rng.Randomness = None,
+) -> Tensor:
+    """Expose ``image`` with ``camera``; returns digital numbers of the same shape, integral values.
+
+    image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
+    (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
+    velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down. illuminant: the light's spectrum.
+    pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
+    seed per image, or None for torch's default generator; image i depends on its own seed alone.
+
+    Order: linear light, disc defocus, motion, light level, then :func:`blurnoise.sensor.read_out`: shot,
+    dark, read, full well, gain, black level, rounding, converter limits.
+    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+    """
+    reflectance = scene_reflectance(image, encoding)
+    batch = len(image)
+    exposure = per_image("exposure_s", exposure_s, batch, reflectance, low=0.0)
+    lux = per_image("illuminance_lux", illuminance_lux, batch, reflectance, low=0.0)
+    velocity = torch.as_tensor(velocity_px_s).to(reflectance)
+    displacement = velocity * exposure[:, None] if velocity.ndim < 3 else velocity
+
+    still = blur.defocus(reflectance, camera.defocus_radius_px, border=border)
+    moved = blur.motion_blur(still, displacement, border=border)
+    white_e = lux * exposure * sensor.electrons_per_lux_s(camera, illuminant)
+    return sensor.read_out(
+        moved * white_e[:, None, None, None],
+        camera,
+        exposure_s=exposure,
+        temperature_c=temperature_c,
+        generator=generator,
+        fixed_pattern=frame_pattern(camera, image, pattern_seed),
+    )
+
+
+def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
+    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
+    image_batch("image", image)
+    one_of("encoding", encoding, ("srgb", "linear"))
+    low, high = (float(bound) for bound in image.detach().aminmax())
+    if low < 0.0 or high > 1.0:
+        raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
+    return linear_from_srgb(image) if encoding == "srgb" else image
+
+
+def frame_pattern(camera: Camera, image: Tensor, pattern_seed: int) -> tuple[Tensor, Tensor] | None:
+    """The camera's fixed pattern for pictures of this shape, None where it has none."""
+    if camera.prnu == 0 and camera.dsnu_e == 0:
+        return None
+    return camera.fixed_pattern(tuple(image.shape[1:]), pattern_seed)

@@ -1,0 +1,68 @@
+"""The random contract: item i depends on its own seed alone."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from blurnoise import rng
+
+
+def test_item_depends_on_its_seed_alone() -> None:
+    like = torch.empty(3, 2, 17, 19)
+    together = rng.standard_normal([5, 6, 7], like)
+    assert torch.equal(together[1:2], rng.standard_normal([6], like[:1]))
+    assert torch.equal(together[[2, 0]], rng.standard_normal([7, 5], like[:2]))
+    assert not torch.equal(together[0], together[1])
+
+
+def test_bits_do_not_depend_on_threads() -> None:
+    like = torch.empty(1, 3, 200, 300)
+    before = torch.get_num_threads()
+    fields = []
+    for threads in (1, 2, 4):
+        torch.set_num_threads(threads)
+        fields.append((rng.standard_normal([3], like), rng.poisson(torch.full_like(like, 20.0), [3])))
+    torch.set_num_threads(before)
+    for normal, counts in fields[1:]:
+        assert torch.equal(normal, fields[0][0])
+        assert torch.equal(counts, fields[0][1])
+
+
+def test_normal_moments() -> None:
+    """n = 240000: mean within 5/sqrt(n) = 0.0102, variance within 5 sqrt(2/n) = 0.0145."""
+    field = rng.standard_normal([11], torch.empty(1, 1, 400, 600)).double()
+    assert float(field.mean()) == pytest.approx(0, abs=0.0102)
+    assert float(field.var()) == pytest.approx(1, abs=0.0145)
+
+
+def test_poisson_is_independent_of_the_normal_of_the_same_seed() -> None:
+    """Correlation of n = 90000 independent pairs stays within 5/sqrt(n) = 0.0167."""
+    like = torch.empty(1, 1, 300, 300)
+    counts = rng.poisson(torch.full_like(like, 12.0), [4]).flatten()
+    normal = rng.standard_normal([4], like).flatten()
+    assert abs(float(torch.corrcoef(torch.stack([counts, normal]))[0, 1])) < 0.0167
+    assert float(counts.mean()) == pytest.approx(12, abs=5 * math.sqrt(12 / counts.numel()))
+
+
+def test_generator_gives_one_seed_per_item() -> None:
+    first = rng.item_seeds(torch.Generator().manual_seed(9), 4)
+    assert first == rng.item_seeds(torch.Generator().manual_seed(9), 4)
+    assert first[:2] == rng.item_seeds(torch.Generator().manual_seed(9), 2)
+    assert len(set(first)) == 4
+    assert rng.item_seeds(3, 1) == [3]
+    assert rng.item_seeds([3, 4], 2) == [3, 4]
+
+
+@pytest.mark.parametrize("bad", [[1, 2, 3], 1])
+def test_seed_count_must_match(bad: object) -> None:
+    with pytest.raises(ValueError, match="one per item"):
+        rng.item_seeds(bad, 2)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("bad", [[0.5, 1.0], ["a", "b"], [-1, 2]])
+def test_seeds_are_integers(bad: object) -> None:
+    with pytest.raises(TypeError, match="generator"):
+        rng.item_seeds(bad, 2)  # type: ignore[arg-type]
