@@ -1,0 +1,109 @@
+"""How fast this machine simulates and sweeps: commands, never tests. Medians with quartiles, wall time."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+
+from blurnoise.camera import Camera
+from blurnoise.simulate import simulate
+from blurnoise_eval import datasets, sweep
+from blurnoise_eval.onnx_model import Detector
+from blurnoise_eval.results import hardware
+from blurnoise_eval.store import Store
+
+PAPERS_TOOL_S = 1.0
+"""Seconds that the tool of Lin et al. 2024 takes for one 1280x720 picture on a machine of this kind."""
+
+
+def simulate_speed(threads: int, repeats: int = 21) -> dict[str, Any]:
+    """One grey 1280x720 picture, 30 ms, 1000 px/s: median and quartiles of the time in ms."""
+    torch.set_num_threads(threads)
+    image = torch.rand(1, 1, 720, 1280, generator=torch.Generator().manual_seed(0))
+    camera = Camera.preset("imx250")
+    times_ms = _times_ms(
+        lambda: simulate(
+            image, camera, exposure_s=0.03, illuminance_lux=50.0, velocity_px_s=(1000.0, 0.0), generator=[1]
+        ),
+        repeats,
+    )
+    low, median, high = np.quantile(times_ms, (0.25, 0.5, 0.75)).tolist()
+    return {
+        "picture": "1x1x720x1280, 30 ms, 1000 px/s",
+        "threads": threads,
+        "median_ms": median,
+        "quartiles_ms": f"{low:.1f} to {high:.1f}",
+        "faster_than_papers_tool": 1e3 * PAPERS_TOOL_S / median,
+        **hardware(),
+    }
+
+
+def sweep_speed(
+    detector: Detector, pictures: datasets.PictureSet, threads: int, folder: Path, rounds: int = 3
+) -> dict[str, Any]:
+    """Cells per second of a sweep beside pictures per second of bare onnxruntime, taken in turns.
+
+    Bare: ``session.run`` alone, on inputs prepared beforehand, over the same shared session and as many
+    threads. The sweep reads, simulates, infers, decodes, scores and stores. Peak memory is that of the
+    process, before the first and after the last sweep, the last with three times as many cells.
+    """
+    loaded = [datasets.eight_bit(picture.load()) for picture in list(pictures)[:8]]
+    blobs = [detector.prepare(image)[0] for image in loaded]
+    bare: list[float] = []
+    swept: list[float] = []
+    seconds = 0.0
+    peak_mb: list[float] = []
+    for turn in range(rounds):
+        plan = sweep.Plan(
+            exposures_s=(0.002, 0.005, 0.01, 0.02, 0.04),
+            illuminances_lux=(20.0, 50.0, 100.0),
+            velocities_x_px_s=(0.0, 200.0, 500.0, 1000.0),
+            repeats=3 if turn == rounds - 1 else 1,
+            seed=turn,
+        )
+        cells = sweep.count_cells(pictures, plan)
+        bare.append(_bare_rate(detector, blobs, threads, max(100, int(seconds * np.median(bare or [0])))))
+        with Store(folder / f"turn-{turn}", create=True) as store:
+            outcome = sweep.run(detector, Camera.preset("imx250"), pictures, plan, store, threads=threads)
+        swept.append(cells / outcome.wall_s)
+        seconds = outcome.wall_s
+        peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return {
+        "model": detector.name,
+        "pictures": f"{len(pictures)} of {pictures.source}, first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
+        "threads": threads,
+        "cells": sweep.count_cells(pictures, plan),
+        "bare_onnxruntime_per_s": float(np.median(bare)),
+        "sweep_cells_per_s": float(np.median(swept)),
+        "sweep_to_bare": float(np.median(np.array(swept) / np.array(bare))),
+        "peak_memory_mb": [round(value) for value in peak_mb],
+        **hardware(),
+    }
+
+
+def _bare_rate(detector: Detector, blobs: list[Any], threads: int, count: int) -> float:
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(lambda index: detector.run(blobs[index % len(blobs)]), range(2 * threads)))
+        started = time.perf_counter()
+        list(pool.map(lambda index: detector.run(blobs[index % len(blobs)]), range(count)))
+        return count / (time.perf_counter() - started)
+
+
+def _times_ms(call: Callable[[], object], repeats: int) -> list[float]:
+    call()
+    times = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        call()
+        times.append(1e3 * (time.perf_counter() - started))
+    return times

@@ -1,0 +1,69 @@
+"""What a graph shows of itself, and what every output family answers about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.contract import EXAMPLE
+from blurnoise_eval.formats.candidates import Candidates
+
+Shape = tuple[int | str | None, ...]
+
+
+@dataclass(frozen=True)
+class TensorInfo:
+    """One input or output: name, shape (a name or None where it is dynamic) and onnxruntime's type."""
+
+    name: str
+    shape: Shape
+    type: str
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A graph's inputs, outputs and metadata.
+
+    ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``; None where
+    the graph does not take one picture of three channels.
+    """
+
+    inputs: tuple[TensorInfo, ...]
+    outputs: tuple[TensorInfo, ...]
+    metadata: Mapping[str, str]
+    size_px: tuple[int, int] | None
+
+    def describe(self) -> str:
+        """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
+        lines = [
+            f"  {kind} {t.name!r} {list(t.shape)} {t.type}"
+            for kind, tensors in (("input", self.inputs), ("output", self.outputs))
+            for t in tensors
+        ]
+        lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
+        lines.append(f"  to state what it is, write <model>.contract.json beside it, for example {EXAMPLE}")
+        return "\n".join(lines)
+
+
+class Family(Protocol):
+    """One output layout. Its module is the implementation."""
+
+    NAME: str
+    LOOKALIKES: str  # other families with this signature but another contract; empty if there are none
+
+    def class_count(self, signature: Signature) -> int | None:
+        """Return the number of classes if the graph's outputs have this layout, else None."""
+
+    def decode(
+        self, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float
+    ) -> Candidates:
+        """Return the candidates that reach ``min_score``, boxes in px of the network's input."""
+
+
+def cells(size_px: tuple[int, int], strides: Sequence[int] = (8, 16, 32)) -> int:
+    """A = Σ ceil(H/s) ceil(W/s): the number of grid cells of an input (height, width) px."""
+    return sum(-(-size_px[0] // s) * -(-size_px[1] // s) for s in strides)

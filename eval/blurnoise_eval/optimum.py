@@ -1,0 +1,144 @@
+"""The exposure window in which a detector keeps its confidence, and an exposure inside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+NEAR_BEST = 0.02
+"""Confidences this close to the window's best count as equally good when one exposure is recommended."""
+_RESAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What to do for one kind of target at one light and speed.
+
+    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples at each; low, high: 95 %
+    bootstrap interval of that mean, None below three samples. windows_s: stretches of exposure in which the
+    mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
+    window reaches the shortest or longest exposure tested. recommended_s: a tested exposure, None when no
+    exposure works.
+    """
+
+    group: str
+    illuminance_lux: float
+    velocity_x_px_s: float
+    velocity_y_px_s: float
+    n_targets: int
+    exposures_s: tuple[float, ...]
+    confidence: tuple[float, ...]
+    low: tuple[float, ...] | None
+    high: tuple[float, ...] | None
+    windows_s: tuple[tuple[float, float], ...]
+    open_low: bool
+    open_high: bool
+    recommended_s: float | None
+    confidence_at_recommended: float | None
+
+
+def windows(
+    exposures_s: Sequence[float], confidence: Sequence[float], threshold: float
+) -> list[tuple[float, float]]:
+    """Stretches of exposure with confidence >= threshold, between log-interpolated crossings.
+
+    exposures_s: increasing, > 0. A stretch that holds at an end of the range ends there.
+    """
+    result: list[tuple[float, float]] = []
+    start: float | None = None
+    for index, (exposure, value) in enumerate(zip(exposures_s, confidence, strict=True)):
+        above = value >= threshold
+        if above and start is None:
+            start = exposure if index == 0 else _crossing(exposures_s, confidence, index, threshold)
+        elif not above and start is not None:
+            result.append((start, _crossing(exposures_s, confidence, index, threshold)))
+            start = None
+    if start is not None:
+        result.append((start, exposures_s[-1]))
+    return result
+
+
+def recommend(
+    exposures_s: Sequence[float], confidence: Sequence[float], threshold: float
+) -> tuple[float, float] | None:
+    """A tested exposure and its confidence: of those near the best, the one with most stops to spare.
+
+    The window that holds the best tested confidence counts; None when no exposure reaches the threshold.
+    """
+    best = max(range(len(exposures_s)), key=lambda index: confidence[index])
+    if confidence[best] < threshold:
+        return None
+    found = windows(exposures_s, confidence, threshold)
+    low, high = next(window for window in found if window[0] <= exposures_s[best] <= window[1])
+    inside = [
+        index
+        for index, exposure in enumerate(exposures_s)
+        if low <= exposure <= high and confidence[index] >= max(threshold, confidence[best] - NEAR_BEST)
+    ]
+    chosen = max(inside, key=lambda index: min(exposures_s[index] / low, high / exposures_s[index]))
+    return exposures_s[chosen], confidence[chosen]
+
+
+def answers(target_rows: Iterable[dict[str, Any]], threshold: float, seed: int = 0) -> list[Answer]:
+    """One :class:`Answer` for every group, light and velocity among the store's target rows."""
+    curves: dict[tuple[str, float, float, float], dict[float, list[float]]] = {}
+    for row in target_rows:
+        if row["clean"] or row["confidence"] is None:
+            continue
+        key = (row["group"], row["illuminance_lux"], row["velocity_x_px_s"], row["velocity_y_px_s"])
+        curves.setdefault(key, {}).setdefault(row["exposure_s"], []).append(row["confidence"])
+    generator = np.random.default_rng(seed)
+    return [_answer(key, curves[key], threshold, generator) for key in sorted(curves)]
+
+
+def _answer(
+    key: tuple[str, float, float, float],
+    curve: dict[float, list[float]],
+    threshold: float,
+    generator: np.random.Generator,
+) -> Answer:
+    exposures = tuple(sorted(curve))
+    means = tuple(float(np.mean(curve[exposure])) for exposure in exposures)
+    fewest = min(len(values) for values in curve.values())
+    low = high = None
+    if fewest >= 3:
+        intervals = [_interval(curve[exposure], generator) for exposure in exposures]
+        low, high = (tuple(ends) for ends in zip(*intervals, strict=True))
+    found = windows(exposures, means, threshold)
+    choice = recommend(exposures, means, threshold)
+    return Answer(
+        *key,
+        n_targets=max(len(values) for values in curve.values()),
+        exposures_s=exposures,
+        confidence=means,
+        low=low,
+        high=high,
+        windows_s=tuple(found),
+        open_low=means[0] >= threshold,
+        open_high=means[-1] >= threshold,
+        recommended_s=choice[0] if choice else None,
+        confidence_at_recommended=choice[1] if choice else None,
+    )
+
+
+def _interval(values: Sequence[float], generator: np.random.Generator) -> tuple[float, float]:
+    sample = np.asarray(values)
+    picks = generator.integers(0, len(sample), (_RESAMPLES, len(sample)))
+    low, high = np.quantile(sample[picks].mean(axis=1), (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _crossing(
+    exposures_s: Sequence[float], confidence: Sequence[float], index: int, threshold: float
+) -> float:
+    """Exposure at which the line from index - 1 to index meets the threshold, logarithmic in exposure."""
+    before, after = confidence[index - 1], confidence[index]
+    share = (threshold - before) / (after - before)
+    shortest, longest = exposures_s[index - 1], exposures_s[index]
+    start, end = math.log(shortest), math.log(longest)
+    crossing = math.exp(start + share * (end - start))
+    return min(max(crossing, shortest), longest)  # exp(log x) may miss x by a rounding

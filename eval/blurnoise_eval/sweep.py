@@ -1,0 +1,431 @@
+"""Every picture under every condition through one detector: model x camera x conditions x pictures -> rows.
+
+A cell is a plain descriptor (picture, repeat, conditions, seed); :func:`blurnoise.simulate` with that seed
+gives its picture, whoever computes it and in whatever order. Conditions of one picture and repeat share their
+seed, so they see the same noise field and differ by physics, not by luck (common random numbers).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import blur, rng, sensor
+from blurnoise.camera import Camera
+from blurnoise.checks import in_range, non_negative, positive
+from blurnoise.simulate import frame_pattern, scene_reflectance
+from blurnoise_eval import datasets
+from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
+from blurnoise_eval.onnx_model import Detector
+from blurnoise_eval.records import Detections
+from blurnoise_eval.scoring import target_confidence
+from blurnoise_eval.store import CellResult, Store
+
+OWN_TARGET_SCORE = 0.25
+"""Without boxes, what the detector finds in the clean picture at this score or above is the target."""
+_BLOCK = 8  # cells that one task computes before it reports
+_EXAMPLE_PICTURES = 3
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Exposure s, scene illuminance lux, velocity px/s (x right, y down)."""
+
+    exposure_s: float
+    illuminance_lux: float
+    velocity_x_px_s: float
+    velocity_y_px_s: float
+
+    @property
+    def displacement_px(self) -> tuple[float, float]:
+        """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it."""
+        exposure_s = np.float32(self.exposure_s)
+        return (
+            float(np.float32(self.velocity_x_px_s) * exposure_s),
+            float(np.float32(self.velocity_y_px_s) * exposure_s),
+        )
+
+    @property
+    def blur_px(self) -> float:
+        """Length of the motion blur, px."""
+        return float(np.hypot(self.velocity_x_px_s, self.velocity_y_px_s) * self.exposure_s)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sweep computes. Grids in s, lux, px/s; ``repeats`` noise fields per picture; base ``seed``.
+
+    Raises ``ValueError`` for an empty grid, an exposure that is not > 0, or a value that is not finite.
+    """
+
+    exposures_s: tuple[float, ...]
+    illuminances_lux: tuple[float, ...]
+    velocities_x_px_s: tuple[float, ...] = (0.0,)
+    velocities_y_px_s: tuple[float, ...] = (0.0,)
+    repeats: int = 1
+    seed: int = 0
+    temperature_c: float = 25.0
+    examples: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("exposures_s", "illuminances_lux", "velocities_x_px_s", "velocities_y_px_s"):
+            values = getattr(self, name)
+            if not values:
+                raise ValueError(f"{name}: must hold at least one value")
+            object.__setattr__(self, name, tuple(sorted(set(map(float, values)))))
+        for exposure in self.exposures_s:
+            positive("exposure_s", exposure)
+        for lux in self.illuminances_lux:
+            non_negative("illuminance_lux", lux)
+        for velocity in (*self.velocities_x_px_s, *self.velocities_y_px_s):
+            if not np.isfinite(velocity):
+                raise ValueError(f"velocity_px_s = {velocity!r}: must be finite")
+        in_range("temperature_c", self.temperature_c, -273.15, 300.0)
+        if self.repeats < 1 or self.seed < 0:
+            raise ValueError(f"repeats = {self.repeats}, seed = {self.seed}: must be >= 1 and >= 0")
+
+    def conditions(self) -> list[Conditions]:
+        """Every combination, those of one displacement next to each other."""
+        grid = [
+            Conditions(exposure, lux, vx, vy)
+            for exposure in self.exposures_s
+            for lux in self.illuminances_lux
+            for vx in self.velocities_x_px_s
+            for vy in self.velocities_y_px_s
+        ]
+        return sorted(grid, key=lambda at: (at.displacement_px, at.exposure_s, at.illuminance_lux))
+
+    def example_conditions(self) -> set[Conditions]:
+        """A few conditions whose pictures are kept: the middle light, exposures and speeds from end to end."""
+        lux = self.illuminances_lux[len(self.illuminances_lux) // 2]
+        exposures = {
+            self.exposures_s[round(share * (len(self.exposures_s) - 1))] for share in (0, 1 / 3, 2 / 3, 1)
+        }
+        by_speed = sorted(
+            ((vx, vy) for vx in self.velocities_x_px_s for vy in self.velocities_y_px_s),
+            key=lambda velocity: np.hypot(*velocity),
+        )
+        speeds = {by_speed[0], by_speed[len(by_speed) // 2], by_speed[-1]}
+        return {Conditions(exposure, lux, *velocity) for exposure in exposures for velocity in speeds}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One picture under one condition; None is the clean picture, untouched."""
+
+    image: str
+    repeat: int
+    conditions: Conditions | None
+    seed: int
+
+    @property
+    def cell_id(self) -> str:
+        """A name made of everything that sets the cell apart within its run."""
+        text = repr((self.image, self.repeat, self.conditions))
+        return hashlib.blake2b(text.encode(), digest_size=10).hexdigest()
+
+
+@dataclass
+class Outcome:
+    """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds."""
+
+    computed: int = 0
+    resumed: int = 0
+    skipped: dict[str, str] = field(default_factory=dict)
+    wall_s: float = 0.0
+
+
+def cell_seed(base_seed: int, image: str, repeat: int) -> int:
+    """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""
+    digest = hashlib.blake2b(repr((base_seed, image, repeat)).encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
+def run(
+    detector: Detector,
+    camera: Camera,
+    pictures: PictureSet,
+    plan: Plan,
+    store: Store,
+    *,
+    threads: int = 1,
+    progress: Callable[[int], None] = lambda cells: None,
+) -> Outcome:
+    """Compute every cell that ``store`` does not hold yet; ``progress`` is told how many cells are settled.
+
+    Simulation and inference of a cell run in the same task, ``threads`` tasks at a time over the detector's
+    one session; the rows do not depend on ``threads``. A picture that cannot be read is noted and skipped.
+    KeyboardInterrupt leaves the store whole; the same call resumes.
+    """
+    started = time.perf_counter()
+    outcome = Outcome()
+    done = store.done()
+    class_ids = {name: index for index, name in enumerate(detector.contract.classes)}
+    scenes = _Scenes(detector, camera, plan.seed, class_ids, capacity=threads + 1)
+    examples = plan.example_conditions() if plan.examples else set()
+    folder = store.folder / "examples"
+    if examples:
+        folder.mkdir(exist_ok=True)
+
+    def compute(picture: Picture, cells: Sequence[Cell], keep: bool) -> list[CellResult]:
+        scene = scenes.get(picture, cells[0])
+        kept = folder if keep else None
+        return list(_expose_block(scene, cells, detector, camera, plan, examples, kept))
+
+    def settle(picture: Picture, cells: int, finished: Future[list[CellResult]]) -> None:
+        try:
+            results = finished.result()
+        except UnreadablePicture as error:
+            outcome.skipped[picture.name] = str(error)
+            store.skip(picture.name, str(error))
+        else:
+            store.add(results)
+            outcome.computed += len(results)
+        progress(cells)
+
+    settings = (torch.get_num_threads(), cv2.getNumThreads())
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    pool = ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
+    flying: dict[Future[list[CellResult]], tuple[Picture, int]] = {}
+    try:
+        for index, picture, cells in _blocks(pictures, plan):
+            todo = [cell for cell in cells if cell.cell_id not in done]
+            outcome.resumed += len(cells) - len(todo)
+            progress(len(cells) - len(todo))
+            if not todo or picture.name in outcome.skipped:
+                progress(len(todo))
+                continue
+            flying[pool.submit(compute, picture, todo, index < _EXAMPLE_PICTURES)] = (picture, len(todo))
+            while len(flying) >= 2 * threads:
+                _settle_some(flying, settle)
+        while flying:
+            _settle_some(flying, settle)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        torch.set_num_threads(settings[0])
+        cv2.setNumThreads(settings[1])
+        outcome.wall_s = time.perf_counter() - started
+    return outcome
+
+
+def count_cells(pictures: PictureSet, plan: Plan) -> int:
+    """How many cells a sweep settles, the clean ones included."""
+    return len(pictures) * (1 + plan.repeats * len(plan.conditions()))
+
+
+def _settle_some(
+    flying: dict[Future[list[CellResult]], tuple[Picture, int]],
+    settle: Callable[[Picture, int, Future[list[CellResult]]], None],
+) -> None:
+    finished, _ = wait(flying, return_when=FIRST_COMPLETED)
+    for future in finished:
+        settle(*flying.pop(future), future)
+
+
+def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[int, Picture, list[Cell]]]:
+    """Cells in tasks: the clean picture first, then conditions of one displacement, which share a blur."""
+    conditions = plan.conditions()
+    for index, picture in enumerate(pictures):
+        clean_seed = cell_seed(plan.seed, picture.name, 0)
+        yield index, picture, [Cell(picture.name, 0, None, clean_seed)]
+        for repeat in range(plan.repeats):
+            seed = cell_seed(plan.seed, picture.name, repeat)
+            for _, same in groupby(conditions, key=lambda at: at.displacement_px):
+                cells = [Cell(picture.name, repeat, at, seed) for at in same]
+                for start in range(0, len(cells), _BLOCK):
+                    yield index, picture, cells[start : start + _BLOCK]
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What all conditions of one picture and repeat share."""
+
+    image8: NDArray[np.uint8]
+    still: Tensor  # (1, 3, H, W) reflectance behind the lens's own blur
+    normal: Tensor  # (1, 3, H, W) the noise field
+    targets: tuple[Target, ...]
+    class_ids: tuple[int | None, ...]  # of the targets; None where the model has no such class
+    clean: Detections
+    clean_ms: float
+
+
+class _Scenes:
+    """The scenes of the pictures in flight, each made once, by whichever task needs it first."""
+
+    def __init__(
+        self, detector: Detector, camera: Camera, seed: int, class_ids: dict[str, int], capacity: int
+    ) -> None:
+        self._detector, self._camera, self._seed, self._ids = detector, camera, seed, class_ids
+        self._capacity = capacity
+        self._scenes: OrderedDict[tuple[str, int], Future[_Scene]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, picture: Picture, cell: Cell) -> _Scene:
+        key = (picture.name, cell.repeat)
+        with self._lock:
+            scene = self._scenes.get(key)
+            mine = scene is None
+            if scene is None:
+                scene = self._scenes[key] = Future()
+                while len(self._scenes) > self._capacity:
+                    self._scenes.popitem(last=False)
+        if mine:
+            try:
+                scene.set_result(self._make(picture, cell.seed))
+            except BaseException as error:
+                scene.set_exception(error)
+        return scene.result()
+
+    def _make(self, picture: Picture, seed: int) -> _Scene:
+        image = picture.load()
+        full_scale = float(np.iinfo(image.dtype).max)
+        image8 = datasets.eight_bit(image)
+        batch = torch.from_numpy(image.astype(np.float32) / np.float32(full_scale)).permute(2, 0, 1)[None]
+        still = blur.defocus(
+            scene_reflectance(batch.contiguous(), "srgb"), self._camera.defocus_radius_px
+        ).contiguous()
+        started = time.perf_counter()
+        clean = self._detector.detect(image8)
+        clean_ms = 1e3 * (time.perf_counter() - started)
+        targets = picture.targets
+        if targets is None:
+            targets = _own_targets(clean, self._detector.contract.classes)
+        return _Scene(
+            image8=image8,
+            still=still,
+            normal=rng.standard_normal([seed], still),
+            targets=targets,
+            class_ids=tuple(self._ids.get(target.label) for target in targets),
+            clean=clean,
+            clean_ms=clean_ms,
+        )
+
+
+def _own_targets(clean: Detections, classes: Sequence[str]) -> tuple[Target, ...]:
+    targets = []
+    for box, score, class_id in zip(clean.boxes_xyxy, clean.scores, clean.class_ids, strict=True):
+        if score >= OWN_TARGET_SCORE:
+            x0, y0, x1, y1 = (float(edge) for edge in box)
+            group = datasets.size_group(x1 - x0, y1 - y0, "found when clean")
+            targets.append(Target(classes[class_id], group, (x0, y0, x1, y1)))
+    return tuple(targets)
+
+
+def _expose_block(
+    scene: _Scene,
+    cells: Sequence[Cell],
+    detector: Detector,
+    camera: Camera,
+    plan: Plan,
+    examples: set[Conditions],
+    folder: Path | None,
+) -> Iterator[CellResult]:
+    """Simulate and infer cells of one displacement: the lines below are ``simulate``, its blur shared."""
+    if cells[0].conditions is None:
+        path = _keep(scene.image8, folder, cells[0])
+        yield _result(cells[0], scene, scene.clean, detector, camera, 0.0, scene.clean_ms, path)
+        return
+    started = time.perf_counter()
+    moved = blur.motion_blur(scene.still, cells[0].conditions.displacement_px)
+    blur_ms = 1e3 * (time.perf_counter() - started) / len(cells)
+    pattern = frame_pattern(camera, scene.still, 0)
+    for cell in cells:
+        at = cell.conditions
+        if at is None:
+            continue
+        started = time.perf_counter()
+        lux, exposure = moved.new_tensor((at.illuminance_lux, at.exposure_s))
+        white_e = lux * exposure * sensor.electrons_per_lux_s(camera)  # in simulate's precision and order
+        dn = sensor.read_out(
+            moved * white_e,
+            camera,
+            exposure_s=at.exposure_s,
+            temperature_c=plan.temperature_c,
+            generator=[cell.seed],
+            fixed_pattern=pattern,
+            normal=scene.normal,
+        )
+        image = cv2.merge(list(sensor.develop_8bit(dn, camera)[0].numpy()))
+        simulate_ms = blur_ms + 1e3 * (time.perf_counter() - started)
+        started = time.perf_counter()
+        detections = detector.detect(np.asarray(image, np.uint8))
+        infer_ms = 1e3 * (time.perf_counter() - started)
+        path = _keep(
+            np.asarray(image, np.uint8), folder if at in examples and cell.repeat == 0 else None, cell
+        )
+        yield _result(cell, scene, detections, detector, camera, simulate_ms, infer_ms, path)
+
+
+def _keep(image: NDArray[np.uint8], folder: Path | None, cell: Cell) -> str | None:
+    if folder is None:
+        return None
+    path = folder / f"{cell.cell_id}.png"
+    cv2.imwrite(str(path), image[..., ::-1])
+    return f"{folder.name}/{path.name}"
+
+
+def _result(
+    cell: Cell,
+    scene: _Scene,
+    detections: Detections,
+    detector: Detector,
+    camera: Camera,
+    simulate_ms: float,
+    infer_ms: float,
+    example: str | None,
+) -> CellResult:
+    at = cell.conditions
+    shared = {
+        "cell_id": cell.cell_id,
+        "model": detector.name,
+        "camera": camera.name,
+        "image": cell.image,
+        "repeat": cell.repeat,
+        "clean": at is None,
+        "exposure_s": at and at.exposure_s,
+        "illuminance_lux": at and at.illuminance_lux,
+        "velocity_x_px_s": at and at.velocity_x_px_s,
+        "velocity_y_px_s": at and at.velocity_y_px_s,
+        "blur_px": at and at.blur_px,
+    }
+    rows: list[dict[str, Any]] = []
+    for index, (target, class_id) in enumerate(zip(scene.targets, scene.class_ids, strict=True)):
+        if class_id is None:
+            continue
+        x0, y0, x1, y1 = target.box_xyxy
+        row = {"target_id": index, "group": target.group, "label": target.label}
+        row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}
+        row["confidence"] = target_confidence(detections, target.box_xyxy, class_id)
+        rows.append({**shared, **row})
+    confidences = [row["confidence"] for row in rows]
+    summary = {
+        "seed": cell.seed,
+        "n_targets": len(rows),
+        "target_confidence": float(np.mean(confidences)) if rows else None,
+        "detection_rate": float(np.mean(np.array(confidences) >= OWN_TARGET_SCORE)) if rows else None,
+        "n_detections": len(detections),
+        "simulate_ms": simulate_ms,
+        "infer_ms": infer_ms,
+        "error": None,
+        "example": example,
+    }
+    return CellResult({**shared, **summary}, tuple(rows), detections)
