@@ -44,6 +44,8 @@ def motion_blur(
         return image
     if _differentiable(image, displacement) or image.device.type != "cpu":
         return _apply(image, psf.line(displacement), border)
+    if len(image) == 1:
+        return _apply(image, psf.line(displacement), border)
     pairs = zip(torch.split(image, 1), torch.split(displacement, 1), strict=True)
     return torch.cat([_apply(item, psf.line(by), border) for item, by in pairs])
 

@@ -6,6 +6,7 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
@@ -19,7 +20,7 @@ from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`noisy_electrons`."""
-_CHUNK = 1 << 17  # values handled at a time: the temporaries stay in a core's cache
+_CHUNK = 1 << 18  # values handled at a time: the temporaries stay in a core's cache
 Buffers = tuple[Tensor | None, Tensor | None, Tensor | None]
 
 
@@ -64,57 +65,63 @@ def dark_electrons(camera: Camera, exposure_s: Tensor, temperature_c: Tensor) ->
 
 
 def read_out(
-    photo_e: Tensor,
+    scene: Tensor,
     camera: Camera,
     *,
+    white_e: Numbers = 1.0,
     exposure_s: Numbers,
     temperature_c: Numbers,
     generator: rng.Randomness,
     fixed_pattern: tuple[Tensor, Tensor] | None = None,
     normal: Tensor | None = None,
+    tones: Tensor | None = None,
 ) -> Tensor:
-    """Digital numbers of a frame whose mean photo-electrons are ``photo_e`` (B, C, H, W).
+    """Digital numbers of a frame with ``white_e`` * ``scene`` mean photo-electrons, scene (B, C, H, W).
 
     PRNU, dark current, shot and read noise, DSNU, full well, gain, black level, rounding, converter limits.
-    exposure_s, temperature_c (degC): numbers or one per image. fixed_pattern: what ``camera.fixed_pattern``
-    returned. normal: the N(0, 1) field of ``rng.standard_normal`` for these seeds, for a caller who exposes
-    one picture many times and draws it once. Means below 0 (ringing of a blur) count as 0.
+    white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. fixed_pattern:
+    what ``camera.fixed_pattern`` returned. Means below 0 (ringing of a blur) count as 0. For a caller who
+    exposes one picture many times: normal, the N(0, 1) field of ``rng.standard_normal`` for these seeds,
+    drawn once; tones, a value per digital number (such as :func:`tones_8bit`), which is returned instead of
+    the digital number itself.
     """
-    batch = len(photo_e)
-    exposure = per_image("exposure_s", exposure_s, batch, photo_e, low=0.0)
-    temperature = per_image("temperature_c", temperature_c, batch, photo_e, low=-273.15, high=300.0)
-    dark_e = dark_electrons(camera, exposure, temperature)[:, None, None, None]
+    batch = len(scene)
+    exposure = per_image("exposure_s", exposure_s, batch, scene, low=0.0)
+    temperature = per_image("temperature_c", temperature_c, batch, scene, low=-273.15, high=300.0)
+    white = per_image("white_e", white_e, batch, scene, low=0.0)[:, None, None, None]
+    dark = dark_electrons(camera, exposure, temperature)[:, None, None, None]
     seeds = rng.item_seeds(generator, batch)
     if normal is None:
-        normal = rng.standard_normal(seeds, photo_e)
-    gain, offset_e = fixed_pattern if fixed_pattern is not None else (None, None)
+        normal = rng.standard_normal(seeds, scene)
+    gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)
     counts: Tensor | None = None
     if camera.read_noise_e < MERGE_READ_NOISE_E:
-        counts = rng.poisson(_mean_electrons(photo_e, dark_e, _like(gain, photo_e), None), seeds)
-    if photo_e.requires_grad or dark_e.requires_grad:
-        return _frame(photo_e, dark_e, normal, counts, _like(gain, photo_e), _like(offset_e, photo_e), camera)
-    out = torch.empty_like(photo_e, memory_format=torch.contiguous_format)
-    scratch = torch.empty(2, min(_CHUNK, out[0].numel()), dtype=out.dtype, device=out.device)
+        counts = rng.poisson(_mean_electrons(scene, white, dark, gain, None), seeds)
+    if scene.requires_grad or white.requires_grad or dark.requires_grad:
+        dn = _frame(scene, white, dark, normal, counts, gain, offset_e, camera)
+        return dn if tones is None else _look_up(tones, dn)
+
+    out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype, device=scene.device)
+    chunk = _CHUNK if scene.device.type == "cpu" else out[0].numel()
+    scratch = scene.new_empty(3, min(chunk, out[0].numel()))
     for item in range(batch):
-        photo = _pieces(photo_e[item], out)
-        fields = _pieces(normal[item], out)
-        planes = (counts[item] if counts is not None else None, gain, offset_e)
-        optional = [None if plane is None else _pieces(plane, out) for plane in planes]
-        for index, part in enumerate(_pieces(out[item], out)):
-            a, b = scratch[:, : len(part)]
-            count, factor, offset = (None if pieces is None else pieces[index] for pieces in optional)
-            _frame(
-                photo[index], dark_e[item, 0, 0], fields[index], count, factor, offset, camera, (part, a, b)
-            )
+        white_of, dark_of = white[item, 0, 0], dark[item, 0, 0] if bool(dark[item]) else None
+        lights, fields, parts = (_pieces(plane, chunk) for plane in (scene[item], normal[item], out[item]))
+        rest = [
+            [None] * len(parts) if plane is None else _pieces(plane, chunk)
+            for plane in (None if counts is None else counts[item], gain, offset_e)
+        ]
+        for light, field, part, count, factor, offset in zip(lights, fields, parts, *rest, strict=True):
+            first, second, third = scratch[:, : len(part)]
+            into = (part if tones is None else first, second, third)
+            dn = _frame(light, white_of, dark_of, field, count, factor, offset, camera, into)
+            if tones is not None:
+                torch.index_select(tones, 0, dn.to(torch.int32), out=part)
     return out
 
 
-def _like(plane: Tensor | None, like: Tensor) -> Tensor | None:
-    return None if plane is None else plane.to(like)
-
-
-def _pieces(plane: Tensor, like: Tensor) -> tuple[Tensor, ...]:
-    return torch.split(plane.to(like).reshape(-1), _CHUNK)
+def _pieces(plane: Tensor, length: int) -> Sequence[Tensor]:
+    return torch.split(plane.reshape(-1), length)
 
 
 def noisy_electrons(
@@ -139,8 +146,9 @@ def noisy_electrons(
 
 
 def _frame(
-    photo_e: Tensor,
-    dark_e: Tensor,
+    scene: Tensor,
+    white_e: Tensor,
+    dark_e: Tensor | None,
     normal: Tensor,
     counts: Tensor | None,
     gain: Tensor | None,
@@ -153,20 +161,24 @@ def _frame(
     if counts is not None:
         electrons = torch.add(counts, normal, alpha=camera.read_noise_e, out=out)
     else:
-        mean_e = _mean_electrons(photo_e, dark_e, gain, out)
+        mean_e = _mean_electrons(scene, white_e, dark_e, gain, out)
         electrons = noisy_electrons(mean_e, camera.read_noise_e, normal, into)
     if offset_e is not None:
         electrons = torch.add(electrons, offset_e, out=out)
-    black = electrons.new_tensor(camera.black_level_dn)
-    dn = torch.add(black, electrons, alpha=camera.system_gain_dn_per_e, out=out)
-    dn = torch.round(dn, out=out)
+    dn = torch.mul(electrons, camera.system_gain_dn_per_e, out=out)
+    dn = torch.round(torch.add(dn, camera.black_level_dn, out=out), out=out)
     return torch.clamp(dn, 0.0, camera.clip_dn, out=out)  # the full well's clip, after the same rounding
 
 
-def _mean_electrons(photo_e: Tensor, dark_e: Tensor, gain: Tensor | None, out: Tensor | None) -> Tensor:
+def _mean_electrons(
+    scene: Tensor, white_e: Tensor, dark_e: Tensor | None, gain: Tensor | None, out: Tensor | None
+) -> Tensor:
     """What shot noise is drawn from: photo signal with PRNU, never below 0, and dark charge."""
-    mean_e = photo_e if gain is None else torch.mul(photo_e, gain, out=out)
-    return torch.add(torch.clamp(mean_e, min=0.0, out=out), dark_e, out=out)
+    photo_e = torch.mul(scene, white_e, out=out)
+    if gain is not None:
+        photo_e = torch.mul(photo_e, gain, out=out)
+    photo_e = torch.clamp(photo_e, min=0.0, out=out)
+    return photo_e if dark_e is None else torch.add(photo_e, dark_e, out=out)
 
 
 def develop(dn: Tensor, camera: Camera, *, encoding: Encoding = "srgb") -> Tensor:
@@ -180,7 +192,13 @@ def develop(dn: Tensor, camera: Camera, *, encoding: Encoding = "srgb") -> Tenso
 
 def develop_8bit(dn: Tensor, camera: Camera) -> Tensor:
     """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, same shape."""
-    return _look_up(_tones(camera, "srgb").mul(255.0).round().to(dn.device, torch.uint8), dn)
+    return _look_up(tones_8bit(camera).to(dn.device), dn)
+
+
+@lru_cache(maxsize=8)
+def tones_8bit(camera: Camera) -> Tensor:
+    """The 8-bit sRGB value of every digital number, uint8 on the CPU."""
+    return _tones(camera, "srgb").mul(255.0).round().to(torch.uint8)
 
 
 @lru_cache(maxsize=8)

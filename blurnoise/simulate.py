@@ -49,10 +49,10 @@ def simulate(
 
     still = blur.defocus(reflectance, camera.defocus_radius_px, border=border)
     moved = blur.motion_blur(still, displacement, border=border)
-    white_e = lux * exposure * sensor.electrons_per_lux_s(camera, illuminant)
     return sensor.read_out(
-        moved * white_e[:, None, None, None],
+        moved,
         camera,
+        white_e=lux * exposure * sensor.electrons_per_lux_s(camera, illuminant),
         exposure_s=exposure,
         temperature_c=temperature_c,
         generator=generator,

@@ -96,7 +96,9 @@ def test_imports_point_down(package: str, module: str, path: Path) -> None:
         if package not in FLOORS or module == "__init__" or target == module or target not in _names(package):
             continue
         below = floor(package, target) < floor(package, module)
-        assert below or (module, target) in SAME_FLOOR, f"{path} imports {name}, which does not stand below it"
+        assert below or (module, target) in SAME_FLOOR, (
+            f"{path} imports {name}, which does not stand below it"
+        )
 
 
 def _names(package: str) -> set[str]:

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from blurnoise_eval.sweep import Outcome
 
 EXPOSURES_MS = "1,2,5,10,15,20,30,45,60,90"
-ILLUMINANCES_LUX = "5,50,500"
+ILLUMINANCES_LUX = "1,10,100"
 VELOCITIES_PX_S = "0,200,500,1000"
+_LISTS = ("--exposure-ms", "--lux", "--dx", "--dy")
 CHARTS = ("slanted-edge", "siemens-star", "stop-sign", "flat-patch")
 
 _DESCRIPTION = """\
@@ -41,7 +42,7 @@ _LIST_HELP = "as 1,5,10 or start:stop:step (stop included)"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns 0, 2 for bad input, 130 when interrupted."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_with_negative_lists(sys.argv[1:] if arguments is None else arguments))
     try:
         return int(options.command(options))
     except (ValueError, TypeError, OSError) as error:
@@ -50,6 +51,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("blurnoise: interrupted; what was finished is kept", file=sys.stderr)
         return 130
+
+
+def _with_negative_lists(arguments: Sequence[str]) -> list[str]:
+    """Join "--dx -200,200" to "--dx=-200,200": argparse would take the list for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] in _LISTS and argument.startswith("-") and argument[1:2].isdigit():
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def numbers(text: str) -> list[float]:
@@ -224,12 +236,13 @@ def _sweep(options: argparse.Namespace) -> int:
         load_contract(options.contract)  # before a folder is made
     with Store(options.output, create=True) as store:
         detector = given or _detector(options, options.output)
-        for line in detector.contract.assumptions:
-            print(f"assumed: {line}", file=sys.stderr)
+        _print_assumptions(detector.contract, options.model)
         facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
         results.open_run(store, detector, camera, pictures, plan, facts)
         with _Progress("sweep", sweep.count_cells(pictures, plan)) as advance:
             outcome = sweep.run(detector, camera, pictures, plan, store, threads=threads, progress=advance)
+        if outcome.skipped and len(outcome.skipped) == len(pictures):
+            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         manifest = store.about("manifest")
         store.set_about("manifest", {**manifest, "wall_s": manifest.get("wall_s", 0.0) + outcome.wall_s})
         return _finish(store, options, outcome)
@@ -269,42 +282,69 @@ def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) ->
         return 0
     _print_answers(data.answers, options.threshold)
     took = f" in {outcome.wall_s:.1f} s" if outcome is not None else ""
-    print(f"{len(data.cells)} cells{took}, {len(data.skipped)} pictures skipped")
+    print(f"{len(data.cells)} cells{took}, pictures skipped: {len(data.skipped)}")
     print(f"open {summary['report']}")
     return 0
 
 
 def _print_answers(found: list[dict[str, Any]], threshold: float) -> None:
+    """One row per target and light, one column per velocity: the recommended exposure and the window."""
     from rich.console import Console
     from rich.table import Table
 
-    from blurnoise_eval.findings import window_text
-
-    table = Table(title=f"Exposure with mean confidence >= {threshold:g}", title_justify="left")
-    for heading in ("target", "lux", "speed px/s", "works", "recommended", "confidence"):
-        table.add_column(heading, justify="left" if heading == "target" else "right")
+    velocities = list(dict.fromkeys((a["velocity_x_px_s"], a["velocity_y_px_s"]) for a in found))
+    table = Table(
+        title=f"Exposure to use, ms, and (range that keeps mean confidence >= {threshold:g}; < > reach the "
+        "shortest or longest tested)",
+        title_justify="left",
+    )
+    table.add_column("target")
+    table.add_column("lux", justify="right")
+    for x, y in velocities:
+        table.add_column(f"{x:g} px/s" if y == 0 else f"({x:g}, {y:g}) px/s")
+    rows: dict[tuple[str, float], dict[tuple[float, float], str]] = {}
     for answer in found:
-        recommended = answer["recommended_s"]
-        velocity = (answer["velocity_x_px_s"], answer["velocity_y_px_s"])
-        table.add_row(
-            answer["group"],
-            f"{answer['illuminance_lux']:g}",
-            f"{velocity[0]:g}" if velocity[1] == 0 else f"({velocity[0]:g}, {velocity[1]:g})",
-            window_text(answer),
-            "-" if recommended is None else f"{1e3 * recommended:g} ms",
-            "-" if recommended is None else f"{answer['confidence_at_recommended']:.2f}",
-        )
+        row = rows.setdefault((answer["group"], answer["illuminance_lux"]), {})
+        row[answer["velocity_x_px_s"], answer["velocity_y_px_s"]] = _answer_text(answer)
+    for (group, lux), row in rows.items():
+        table.add_row(group, f"{lux:g}", *(row.get(velocity, "") for velocity in velocities))
     Console().print(table)
+
+
+def _answer_text(answer: dict[str, Any]) -> str:
+    if answer["recommended_s"] is None:
+        return "none works"
+    ends = [[f"{1e3 * low:.3g}", f"{1e3 * high:.3g}"] for low, high in answer["windows_s"]]
+    ends[0][0] = ("<" if answer["open_low"] else "") + ends[0][0]
+    ends[-1][1] = (">" if answer["open_high"] else "") + ends[-1][1]
+    return f"{1e3 * answer['recommended_s']:g} ({', '.join('-'.join(pair) for pair in ends)})"
+
+
+def _print_assumptions(contract: Any, model: Path | None) -> None:
+    assumed = [name for name, source in contract.sources.items() if source.startswith("assumed")]
+    if not assumed or model is None:
+        return
+    values = {name: getattr(contract, name) for name in assumed}
+    values["classes"] = f"the {len(contract.classes)} of COCO"
+    print(
+        f"assumed, since nothing in {model.name} says it: "
+        + ", ".join(f"{name} {values[name]}" for name in assumed)
+        + f".\nState these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
+        f"--contract {contract.family}.",
+        file=sys.stderr,
+    )
 
 
 def _simulate(options: argparse.Namespace) -> int:
     camera = _camera(options)
     import torch
 
+    from blurnoise.checks import non_negative
     from blurnoise.sensor import develop_8bit, photoelectrons
     from blurnoise.simulate import simulate
     from blurnoise_eval.datasets import decode, write_picture
 
+    non_negative("seed", options.seed)
     exposure_s = options.exposure_ms / 1e3
     picture = decode(options.image)
     scene = torch.from_numpy(picture.astype("float32") / float(2 ** (8 * picture.itemsize) - 1))
@@ -393,8 +433,7 @@ def _inspect(options: argparse.Namespace) -> int:
         if name == "classes":
             value = f"{len(value)}: {', '.join(value[:4])}{', ...' if len(value) > 4 else ''}"
         print(f"  {name:15s} {value!s:28s} {source}")
-    for line in contract.assumptions:
-        print(f"assumed: {line}")
+    _print_assumptions(contract, options.model)
     return 0
 
 

@@ -75,7 +75,10 @@ class Detector:
         A graph with a fixed larger batch gets the picture repeated; its first answer counts.
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
-        outputs = self.session.run(None, {self._input_name: feed.astype(self._dtype, copy=False)})
+        try:
+            outputs = self.session.run(None, {self._input_name: feed.astype(self._dtype, copy=False)})
+        except Exception as error:  # onnxruntime's exceptions share no base class of their own
+            raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
         return [output[:1].astype(np.float32, copy=False) for output in outputs]
 
     def decode(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +19,8 @@ _RESAMPLES = 400
 class Answer:
     """What to do for one kind of target at one light and speed.
 
-    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples at each; low, high: 95 %
+    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples (targets x repeats) at each; low,
+    high: 95 %
     bootstrap interval of that mean, None below three samples. windows_s: stretches of exposure in which the
     mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
     window reaches the shortest or longest exposure tested. recommended_s: a tested exposure, None when no
@@ -92,7 +94,14 @@ def answers(target_rows: Iterable[dict[str, Any]], threshold: float, seed: int =
         key = (row["group"], row["illuminance_lux"], row["velocity_x_px_s"], row["velocity_y_px_s"])
         curves.setdefault(key, {}).setdefault(row["exposure_s"], []).append(row["confidence"])
     generator = np.random.default_rng(seed)
-    return [_answer(key, curves[key], threshold, generator) for key in sorted(curves)]
+    ordered = sorted(curves, key=lambda key: (_natural(key[0]), *key[1:]))
+    return [_answer(key, curves[key], threshold, generator) for key in ordered]
+
+
+def _natural(text: str) -> list[tuple[int, float, str]]:
+    """A sort key that puts 32 px before 100 px."""
+    parts = re.split(r"(\d+)", text)
+    return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
 
 
 def _answer(

@@ -86,7 +86,7 @@ class Plan:
             values = getattr(self, name)
             if not values:
                 raise ValueError(f"{name}: must hold at least one value")
-            object.__setattr__(self, name, tuple(sorted(set(map(float, values)))))
+            object.__setattr__(self, name, tuple(sorted({float(value) + 0.0 for value in values})))  # no -0.0
         for exposure in self.exposures_s:
             positive("exposure_s", exposure)
         for lux in self.illuminances_lux:
@@ -178,15 +178,14 @@ def run(
     started = time.perf_counter()
     outcome = Outcome()
     done = store.done()
-    class_ids = {name: index for index, name in enumerate(detector.contract.classes)}
-    scenes = _Scenes(detector, camera, plan.seed, class_ids, capacity=threads + 1)
+    scenes = _Scenes(detector, camera, capacity=threads + 2)
     examples = plan.example_conditions() if plan.examples else set()
     folder = store.folder / "examples"
     if examples:
         folder.mkdir(exist_ok=True)
 
     def compute(picture: Picture, cells: Sequence[Cell], keep: bool) -> list[CellResult]:
-        scene = scenes.get(picture, cells[0])
+        scene = scenes.get(picture)
         kept = folder if keep else None
         return list(_expose_block(scene, cells, detector, camera, plan, examples, kept))
 
@@ -242,82 +241,90 @@ def _settle_some(
 
 
 def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[int, Picture, list[Cell]]]:
-    """Cells in tasks: the clean picture first, then conditions of one displacement, which share a blur."""
+    """Cells in tasks. A picture's clean cell, which makes its scene, comes before the last one's conditions."""
     conditions = plan.conditions()
+    waiting: tuple[int, Picture] | None = None
     for index, picture in enumerate(pictures):
-        clean_seed = cell_seed(plan.seed, picture.name, 0)
-        yield index, picture, [Cell(picture.name, 0, None, clean_seed)]
-        for repeat in range(plan.repeats):
-            seed = cell_seed(plan.seed, picture.name, repeat)
-            for _, same in groupby(conditions, key=lambda at: at.displacement_px):
-                cells = [Cell(picture.name, repeat, at, seed) for at in same]
-                for start in range(0, len(cells), _BLOCK):
-                    yield index, picture, cells[start : start + _BLOCK]
+        yield index, picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))]
+        if waiting:
+            yield from _condition_blocks(*waiting, conditions, plan)
+        waiting = index, picture
+    if waiting:
+        yield from _condition_blocks(*waiting, conditions, plan)
 
 
-@dataclass(frozen=True)
+def _condition_blocks(
+    index: int, picture: Picture, conditions: Sequence[Conditions], plan: Plan
+) -> Iterator[tuple[int, Picture, list[Cell]]]:
+    """Blocks of conditions of one displacement, which share a blur."""
+    for repeat in range(plan.repeats):
+        seed = cell_seed(plan.seed, picture.name, repeat)
+        for _, same in groupby(conditions, key=lambda at: at.displacement_px):
+            cells = [Cell(picture.name, repeat, at, seed) for at in same]
+            for start in range(0, len(cells), _BLOCK):
+                yield index, picture, cells[start : start + _BLOCK]
+
+
 class _Scene:
-    """What all conditions of one picture and repeat share."""
+    """What all conditions of one picture share."""
 
-    image8: NDArray[np.uint8]
-    still: Tensor  # (1, 3, H, W) reflectance behind the lens's own blur
-    normal: Tensor  # (1, 3, H, W) the noise field
-    targets: tuple[Target, ...]
-    class_ids: tuple[int | None, ...]  # of the targets; None where the model has no such class
-    clean: Detections
-    clean_ms: float
+    def __init__(self, picture: Picture, detector: Detector, camera: Camera) -> None:
+        image = picture.load()
+        self.image8 = datasets.eight_bit(image)
+        self.still = blur.defocus(_reflectance(image), camera.defocus_radius_px).contiguous()
+        started = time.perf_counter()
+        self.clean = detector.detect(self.image8)
+        self.clean_ms = 1e3 * (time.perf_counter() - started)
+        classes = detector.contract.classes
+        self.targets = _own_targets(self.clean, classes) if picture.targets is None else picture.targets
+        ids = {name: index for index, name in enumerate(classes)}
+        self.class_ids = [ids.get(target.label) for target in self.targets]  # None: unknown to the model
+        self._fields: OrderedDict[int, Tensor] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def normal(self, seed: int) -> Tensor:
+        """The noise field of a seed, (1, 3, H, W); the last two are kept."""
+        with self._lock:
+            if seed not in self._fields:
+                self._fields[seed] = rng.standard_normal([seed], self.still)
+                while len(self._fields) > 2:
+                    self._fields.popitem(last=False)
+            return self._fields[seed]
 
 
 class _Scenes:
     """The scenes of the pictures in flight, each made once, by whichever task needs it first."""
 
-    def __init__(
-        self, detector: Detector, camera: Camera, seed: int, class_ids: dict[str, int], capacity: int
-    ) -> None:
-        self._detector, self._camera, self._seed, self._ids = detector, camera, seed, class_ids
-        self._capacity = capacity
-        self._scenes: OrderedDict[tuple[str, int], Future[_Scene]] = OrderedDict()
+    def __init__(self, detector: Detector, camera: Camera, capacity: int) -> None:
+        self._detector, self._camera, self._capacity = detector, camera, capacity
+        self._scenes: OrderedDict[str, Future[_Scene]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, picture: Picture, cell: Cell) -> _Scene:
-        key = (picture.name, cell.repeat)
+    def get(self, picture: Picture) -> _Scene:
         with self._lock:
-            scene = self._scenes.get(key)
+            scene = self._scenes.get(picture.name)
             mine = scene is None
             if scene is None:
-                scene = self._scenes[key] = Future()
+                scene = self._scenes[picture.name] = Future()
                 while len(self._scenes) > self._capacity:
                     self._scenes.popitem(last=False)
         if mine:
             try:
-                scene.set_result(self._make(picture, cell.seed))
+                scene.set_result(_Scene(picture, self._detector, self._camera))
             except BaseException as error:
                 scene.set_exception(error)
         return scene.result()
 
-    def _make(self, picture: Picture, seed: int) -> _Scene:
-        image = picture.load()
-        full_scale = float(np.iinfo(image.dtype).max)
-        image8 = datasets.eight_bit(image)
-        batch = torch.from_numpy(image.astype(np.float32) / np.float32(full_scale)).permute(2, 0, 1)[None]
-        still = blur.defocus(
-            scene_reflectance(batch.contiguous(), "srgb"), self._camera.defocus_radius_px
-        ).contiguous()
-        started = time.perf_counter()
-        clean = self._detector.detect(image8)
-        clean_ms = 1e3 * (time.perf_counter() - started)
-        targets = picture.targets
-        if targets is None:
-            targets = _own_targets(clean, self._detector.contract.classes)
-        return _Scene(
-            image8=image8,
-            still=still,
-            normal=rng.standard_normal([seed], still),
-            targets=targets,
-            class_ids=tuple(self._ids.get(target.label) for target in targets),
-            clean=clean,
-            clean_ms=clean_ms,
-        )
+
+def _reflectance(image: datasets.Image) -> Tensor:
+    """``scene_reflectance`` of a picture (H, W, 3), (1, 3, H, W): looked up, since its codes are integers."""
+    codes = torch.arange(np.iinfo(image.dtype).max + 1, dtype=torch.float32) / float(
+        np.iinfo(image.dtype).max
+    )
+    table = scene_reflectance(codes[None, None, None], "srgb").flatten()
+    planes = [torch.from_numpy(plane.astype(np.int32)).flatten() for plane in cv2.split(image)]
+    looked_up = torch.stack([table.index_select(0, plane) for plane in planes])
+    return looked_up.view(1, 3, *image.shape[:2])
 
 
 def _own_targets(clean: Detections, classes: Sequence[str]) -> tuple[Target, ...]:
@@ -354,20 +361,21 @@ def _expose_block(
             continue
         started = time.perf_counter()
         lux, exposure = moved.new_tensor((at.illuminance_lux, at.exposure_s))
-        white_e = lux * exposure * sensor.electrons_per_lux_s(camera)  # in simulate's precision and order
-        dn = sensor.read_out(
-            moved * white_e,
+        seen = sensor.read_out(
+            moved,
             camera,
-            exposure_s=at.exposure_s,
+            white_e=lux * exposure * sensor.electrons_per_lux_s(camera),
+            exposure_s=exposure,
             temperature_c=plan.temperature_c,
             generator=[cell.seed],
             fixed_pattern=pattern,
-            normal=scene.normal,
+            normal=scene.normal(cell.seed),
+            tones=sensor.tones_8bit(camera),
         )
-        image = cv2.merge(list(sensor.develop_8bit(dn, camera)[0].numpy()))
+        image = np.asarray(cv2.merge(list(seen[0].numpy())), np.uint8)
         simulate_ms = blur_ms + 1e3 * (time.perf_counter() - started)
         started = time.perf_counter()
-        detections = detector.detect(np.asarray(image, np.uint8))
+        detections = detector.detect(image)
         infer_ms = 1e3 * (time.perf_counter() - started)
         path = _keep(
             np.asarray(image, np.uint8), folder if at in examples and cell.repeat == 0 else None, cell
@@ -379,7 +387,7 @@ def _keep(image: NDArray[np.uint8], folder: Path | None, cell: Cell) -> str | No
     if folder is None:
         return None
     path = folder / f"{cell.cell_id}.png"
-    cv2.imwrite(str(path), image[..., ::-1])
+    datasets.write_picture(path, image)
     return f"{folder.name}/{path.name}"
 
 

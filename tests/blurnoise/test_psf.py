@@ -100,7 +100,9 @@ def test_batch_equals_one_by_one() -> None:
 def test_gradient_is_finite_and_right(displacement: tuple[float, float]) -> None:
     motion = torch.tensor([displacement], dtype=torch.float64, requires_grad=True)
     kernel = psf.line(motion + torch.tensor([[1e-9, 1e-9]], dtype=torch.float64))
-    (kernel * torch.linspace(0, 1, kernel.numel(), dtype=torch.float64).reshape(kernel.shape) ** 2).sum().backward()
+    (
+        kernel * torch.linspace(0, 1, kernel.numel(), dtype=torch.float64).reshape(kernel.shape) ** 2
+    ).sum().backward()
     assert torch.isfinite(motion.grad).all()
     if displacement == (0.0, 0.0):  # even in the motion, so flat at rest
         torch.testing.assert_close(motion.grad, torch.zeros_like(motion), atol=1e-6, rtol=0)

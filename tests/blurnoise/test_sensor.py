@@ -27,7 +27,9 @@ BASE = Camera(
 )
 
 
-def frame(mean_e: float, camera: Camera = BASE, size: int = 400, seed: int = 1, **changes: object) -> torch.Tensor:
+def frame(
+    mean_e: float, camera: Camera = BASE, size: int = 400, seed: int = 1, **changes: object
+) -> torch.Tensor:
     flat = torch.full((1, 1, size, size), mean_e)
     arguments = {"exposure_s": 0.01, "temperature_c": 20.0, "generator": [seed], **changes}
     return sensor.read_out(flat, camera, **arguments)
@@ -57,7 +59,7 @@ def test_photon_transfer_slope_is_the_gain() -> None:
     variances = [float(dn.var()) for dn in frames]
     slope, offset = np.polyfit(means, variances, 1)
     assert slope == pytest.approx(BASE.system_gain_dn_per_e, rel=0.01)
-    assert not slope == pytest.approx(1.1 * BASE.system_gain_dn_per_e, rel=0.01)
+    assert slope != pytest.approx(1.1 * BASE.system_gain_dn_per_e, rel=0.01)
     assert offset == pytest.approx((0.4 * 3.0) ** 2 + 1 / 12, abs=10)
 
 
@@ -74,7 +76,11 @@ def drawn_law(mean_e: float, camera: Camera) -> np.ndarray:
     z = torch.linspace(-8, 8, 400001, dtype=torch.float64)
     weight = torch.exp(-z * z / 2)
     electrons = sensor.noisy_electrons(torch.full_like(z, mean_e), camera.read_noise_e, z)
-    dn = (electrons * camera.system_gain_dn_per_e + camera.black_level_dn).round().clamp(0, camera.full_scale_dn)
+    dn = (
+        (electrons * camera.system_gain_dn_per_e + camera.black_level_dn)
+        .round()
+        .clamp(0, camera.full_scale_dn)
+    )
     return np.bincount(dn.long().numpy(), (weight / weight.sum()).numpy(), camera.full_scale_dn + 1)
 
 
@@ -142,7 +148,9 @@ def test_fixed_pattern_is_fixed_and_of_the_right_size() -> None:
     """PRNU multiplies the signal, DSNU adds: spatial variance of the mean of 64 frames, less their noise."""
     camera = replace(BASE, prnu=0.02, dsnu_e=5.0)
     pattern = camera.fixed_pattern((1, 200, 200), seed=7)
-    assert all(torch.equal(a, b) for a, b in zip(pattern, camera.fixed_pattern((1, 200, 200), seed=7), strict=True))
+    assert all(
+        torch.equal(a, b) for a, b in zip(pattern, camera.fixed_pattern((1, 200, 200), seed=7), strict=True)
+    )
     for mean_e in (0.0, 4000.0):
         frames = [frame(mean_e, camera, 200, seed, fixed_pattern=pattern).double() for seed in range(64)]
         stack = torch.cat(frames)

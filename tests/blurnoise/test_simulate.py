@@ -34,9 +34,7 @@ def test_mean_follows_light_and_exposure() -> None:
     expected = CAMERA.black_level_dn + CAMERA.system_gain_dn_per_e * 0.18 * white_e
     error = 5 * CAMERA.system_gain_dn_per_e * math.sqrt((0.18 * white_e + 7) / 90000)
     for image, encoding in ((linear, "linear"), (srgb_from_linear(linear), "srgb")):
-        dn = simulate(
-            image, CAMERA, exposure_s=0.02, illuminance_lux=40.0, encoding=encoding, generator=[5]
-        )
+        dn = simulate(image, CAMERA, exposure_s=0.02, illuminance_lux=40.0, encoding=encoding, generator=[5])
         assert float(dn.double().mean()) == pytest.approx(expected, abs=error)
 
 
@@ -126,7 +124,9 @@ def test_good_light_gives_the_picture_back() -> None:
     dn = simulate(image, CAMERA, exposure_s=exposure, illuminance_lux=100.0, generator=[1])
     seen = sensor.develop(dn, CAMERA, encoding="linear")
     scene = 0.9 * linear_from_srgb(image)
-    assert float((seen - scene).square().mean().sqrt()) < 1.05 * math.sqrt(float(scene.mean()) / CAMERA.full_well_e)
+    assert float((seen - scene).square().mean().sqrt()) < 1.05 * math.sqrt(
+        float(scene.mean()) / CAMERA.full_well_e
+    )
 
 
 def test_fixed_pattern_belongs_to_the_camera() -> None:

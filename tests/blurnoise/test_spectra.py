@@ -93,7 +93,13 @@ def test_csv_any_step_and_header(tmp_path: Path) -> None:
     path = tmp_path / "qe.csv"
     path.write_text("wavelength,red,green\n400,0,0.1\n425.5,0,0.2\n700,0,0.4\n")
     curve = Curve.from_csv(path, column=2)
-    assert curve.at(np.array([399.0, 400.0, 412.75, 700.0, 701.0])).tolist() == [0, 0.1, 0.15000000000000002, 0.4, 0]
+    assert curve.at(np.array([399.0, 400.0, 412.75, 700.0, 701.0])).tolist() == [
+        0,
+        0.1,
+        0.15000000000000002,
+        0.4,
+        0,
+    ]
 
 
 @pytest.mark.parametrize("text", ["400,1\n", "400,1\n500,x\n", "", "header\n400,1\n401\n"])

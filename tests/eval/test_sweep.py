@@ -121,15 +121,15 @@ def test_cell_is_what_simulate_and_the_detector_give(
     image = noise(127, 161)
     plan = replace(PLAN, repeats=1, illuminances_lux=(333.3,), temperature_c=40.0, seed=11)
     developed: list[torch.Tensor] = []
-    develop_8bit = sensor.develop_8bit
+    read_out = sensor.read_out
 
-    def watched(dn: torch.Tensor, camera: Camera) -> torch.Tensor:
-        developed.append(dn.clone())
-        return develop_8bit(dn, camera)
+    def watched(*arguments: Any, tones: torch.Tensor, **options: Any) -> torch.Tensor:
+        developed.append(read_out(*arguments, **options))
+        return read_out(*arguments, tones=tones, **options)
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(sensor, "develop_8bit", watched)
+            patch.setattr(sensor, "read_out", watched)
             sweep.run(detector, camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell["clean"]]
         kept = 0
