@@ -6,6 +6,7 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -103,7 +104,7 @@ def read_out(
 
     out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype, device=scene.device)
     chunk = _CHUNK if scene.device.type == "cpu" else out[0].numel()
-    scratch = scene.new_empty(3, min(chunk, out[0].numel()))
+    scratch = _scratch(min(chunk, out[0].numel()), scene)
     for item in range(batch):
         white_of, dark_of = white[item, 0, 0], dark[item, 0, 0] if bool(dark[item]) else None
         lights, fields, parts = (_pieces(plane, chunk) for plane in (scene[item], normal[item], out[item]))
@@ -118,6 +119,19 @@ def read_out(
             if tones is not None:
                 torch.index_select(tones, 0, dn.to(torch.int32), out=part)
     return out
+
+
+_kept = threading.local()
+
+
+def _scratch(length: int, like: Tensor) -> Tensor:
+    """Three buffers of ``length``, kept per thread: fresh memory would cost more than the arithmetic."""
+    if like.device.type != "cpu":
+        return like.new_empty(3, length)
+    kept: Tensor | None = getattr(_kept, "scratch", None)
+    if kept is None or kept.dtype != like.dtype or kept.shape[1] < length:
+        kept = _kept.scratch = like.new_empty(3, length)
+    return kept
 
 
 def _pieces(plane: Tensor, length: int) -> Sequence[Tensor]:

@@ -20,6 +20,7 @@ from blurnoise_eval.onnx_model import Detector
 from blurnoise_eval.results import hardware
 from blurnoise_eval.store import Store
 
+_PICTURES = 8  # of a sweep
 PAPERS_TOOL_S = 1.0
 """Seconds that the tool of Lin et al. 2024 takes for one 1280x720 picture on a machine of this kind."""
 
@@ -47,15 +48,16 @@ def simulate_speed(threads: int, repeats: int = 21) -> dict[str, Any]:
 
 
 def sweep_speed(
-    detector: Detector, pictures: datasets.PictureSet, threads: int, folder: Path, rounds: int = 5
+    detector: Detector, pictures: datasets.PictureSet, threads: int, folder: Path, rounds: int = 3
 ) -> dict[str, Any]:
     """Cells per second of a sweep beside pictures per second of bare onnxruntime, taken in turns.
 
     Bare: ``session.run`` alone, on inputs prepared beforehand, over the same shared session and as many
     threads. The sweep reads, simulates, infers, decodes, scores and stores. Peak memory is that of the
-    process, before the first and after the last sweep, the last with three times as many cells.
+    process, before the first and after the last sweep, the last with twice as many cells.
     """
-    loaded = [datasets.eight_bit(picture.load()) for picture in list(pictures)[:16]]
+    pictures = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:_PICTURES])
+    loaded = [datasets.eight_bit(picture.load()) for picture in pictures]
     blobs = [detector.prepare(image)[0] for image in loaded]
     bare: list[float] = []
     swept: list[float] = []
@@ -63,11 +65,12 @@ def sweep_speed(
     peak_mb: list[float] = []
     for turn in range(rounds):
         plan = sweep.Plan(
-            exposures_s=(0.002, 0.01, 0.04),
-            illuminances_lux=(20.0, 50.0, 100.0),
+            exposures_s=(0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09),
+            illuminances_lux=(1.0, 10.0, 100.0),
             velocities_x_px_s=(0.0, 200.0, 500.0, 1000.0),
-            repeats=3 if turn == rounds - 1 else 1,
+            repeats=2 if turn == rounds - 1 else 1,
             seed=turn,
+            examples=False,
         )
         cells = sweep.count_cells(pictures, plan)
         bare.append(_bare_rate(detector, blobs, threads, max(100, int(seconds * np.median(bare or [0])))))
@@ -78,7 +81,7 @@ def sweep_speed(
         peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     return {
         "model": detector.name,
-        "pictures": f"{len(pictures)} of {pictures.source}, first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
+        "pictures": f"{len(pictures)}, {pictures.kind}, the first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
         "threads": threads,
         "cells": sweep.count_cells(pictures, plan),
         "bare_onnxruntime_per_s": float(np.median(bare)),

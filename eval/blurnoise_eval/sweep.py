@@ -186,7 +186,7 @@ def run(
 
     def compute(picture: Picture, cells: Sequence[Cell], keep: bool) -> list[CellResult]:
         scene = scenes.get(picture)
-        kept = folder if keep else None
+        kept = folder if keep and examples else None
         return list(_expose_block(scene, cells, detector, camera, plan, examples, kept))
 
     def settle(picture: Picture, cells: int, finished: Future[list[CellResult]]) -> None:

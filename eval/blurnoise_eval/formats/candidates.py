@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import lru_cache
 
-import cv2
 import numpy as np
+import onnxruntime as ort
 from numpy.typing import NDArray
+from onnx import TensorProto, helper
 
 FloatArray = NDArray[np.float32]
 
@@ -52,27 +52,46 @@ def suppress(candidates: Candidates, nms_iou: float, max_detections: int) -> Can
     """Greedy non-maximum suppression within each class: at most ``max_detections``, highest score first.
 
     A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``.
+    Runs onnxruntime's own NonMaxSuppression.
     """
-    order = np.lexsort((-candidates.scores, candidates.class_ids))
-    boxes = candidates.boxes_xyxy[order].astype(np.float64)
-    boxes[:, 2:] -= boxes[:, :2]
-    rows = boxes.tolist()
-    kept: list[int] = []
-    edges = np.flatnonzero(np.diff(candidates.class_ids[order])) + 1
-    for start, stop in pairwise([0, *edges.tolist(), len(rows)]):
-        kept += [start + i for i in _suppress_class(rows[start:stop], nms_iou, max_detections)]
-    best = order[kept]
-    return candidates[best[np.argsort(-candidates.scores[best], kind="stable")[:max_detections]]]
+    if len(candidates) <= 1:
+        return candidates
+    ordered = candidates[np.argsort(-candidates.scores, kind="stable")]
+    classes, rows = np.unique(ordered.class_ids, return_inverse=True)
+    # Ranks stand in for scores: equal scores keep their order, and none is 0, which means "no box".
+    count = len(ordered)
+    ranks = np.zeros((1, len(classes), count), np.float32)
+    ranks[0, rows, np.arange(count)] = np.arange(count, 0, -1)
+    feed = {
+        "boxes": ordered.boxes_xyxy[None].astype(np.float32),
+        "scores": ranks,
+        "most": np.array([max_detections], np.int64),
+        "iou": np.array([nms_iou], np.float32),
+        "least": np.zeros(1, np.float32),
+    }
+    kept = np.sort(_suppression().run(None, feed)[0][:, 2])[:max_detections]
+    return ordered[kept]
 
 
-def _suppress_class(boxes_xywh: list[list[float]], nms_iou: float, max_detections: int) -> Sequence[int]:
-    """Return the indices kept of one class's boxes (left, top, width, height), given best first."""
-    if len(boxes_xywh) <= 1:
-        return range(len(boxes_xywh))
-    # Ranks stand in for scores: OpenCV sorts by them, and drops scores of 0.
-    prefix = 2 * max_detections
-    kept = cv2.dnn.NMSBoxes(boxes_xywh[:prefix], range(len(boxes_xywh[:prefix]), 0, -1), 0.0, nms_iou)
-    # What is kept among the first n does not depend on the rest, so the prefix usually settles it.
-    if len(kept) < max_detections and prefix < len(boxes_xywh):
-        kept = cv2.dnn.NMSBoxes(boxes_xywh, range(len(boxes_xywh), 0, -1), 0.0, nms_iou)
-    return kept
+@lru_cache(maxsize=1)
+def _suppression() -> ort.InferenceSession:
+    """The operator as a graph of its own: box corners and scores per class in, indices of kept boxes out."""
+    value, floats, ints = helper.make_tensor_value_info, TensorProto.FLOAT, TensorProto.INT64
+    names = ["boxes", "scores", "most", "iou", "least"]
+    shapes: list[tuple[int, list[object]]] = [
+        (floats, [1, "n", 4]),
+        (floats, [1, "c", "n"]),
+        (ints, [1]),
+        (floats, [1]),
+        (floats, [1]),
+    ]
+    graph = helper.make_graph(
+        [helper.make_node("NonMaxSuppression", names, ["kept"])],
+        "suppress",
+        [value(name, kind, shape) for name, (kind, shape) in zip(names, shapes, strict=True)],
+        [value("kept", ints, ["k", 3])],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
