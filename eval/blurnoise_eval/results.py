@@ -55,7 +55,6 @@ def open_run(
                 "file": str(detector.path),
                 "sha256": detector.sha256,
                 "contract": {**contract, "input_size_px": list(detector.input_size_px)},
-                "assumptions": detector.contract.assumptions,
             },
             "camera": camera.to_dict(),
             "images": {"kind": pictures.kind, "source": pictures.source, "count": len(pictures)},

@@ -180,6 +180,7 @@ def run(
     done = store.done()
     scenes = _Scenes(detector, camera, capacity=threads + 2)
     examples = plan.example_conditions() if plan.examples else set()
+    shown = _example_pictures(pictures)
     folder = store.folder / "examples"
     if examples:
         folder.mkdir(exist_ok=True)
@@ -206,14 +207,14 @@ def run(
     pool = ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,))
     flying: dict[Future[list[CellResult]], tuple[Picture, int]] = {}
     try:
-        for index, picture, cells in _blocks(pictures, plan):
+        for picture, cells in _blocks(pictures, plan):
             todo = [cell for cell in cells if cell.cell_id not in done]
             outcome.resumed += len(cells) - len(todo)
             progress(len(cells) - len(todo))
             if not todo or picture.name in outcome.skipped:
                 progress(len(todo))
                 continue
-            flying[pool.submit(compute, picture, todo, index < _EXAMPLE_PICTURES)] = (picture, len(todo))
+            flying[pool.submit(compute, picture, todo, picture.name in shown)] = (picture, len(todo))
             while len(flying) >= 2 * threads:
                 _settle_some(flying, settle)
         while flying:
@@ -240,29 +241,39 @@ def _settle_some(
         settle(*flying.pop(future), future)
 
 
-def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[int, Picture, list[Cell]]]:
+def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
+    """The pictures with the largest targets, or the first, where the detector still has to find them."""
+
+    def largest(picture: Picture) -> float:
+        boxes = (target.box_xyxy for target in picture.targets or ())
+        return max(((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes), default=0.0)
+
+    return {picture.name for picture in sorted(pictures, key=largest, reverse=True)[:_EXAMPLE_PICTURES]}
+
+
+def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[Picture, list[Cell]]]:
     """Cells in tasks. A picture's clean cell, which makes its scene, comes before the last one's conditions."""
     conditions = plan.conditions()
-    waiting: tuple[int, Picture] | None = None
-    for index, picture in enumerate(pictures):
-        yield index, picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))]
+    waiting: Picture | None = None
+    for picture in pictures:
+        yield picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))]
         if waiting:
-            yield from _condition_blocks(*waiting, conditions, plan)
-        waiting = index, picture
+            yield from _condition_blocks(waiting, conditions, plan)
+        waiting = picture
     if waiting:
-        yield from _condition_blocks(*waiting, conditions, plan)
+        yield from _condition_blocks(waiting, conditions, plan)
 
 
 def _condition_blocks(
-    index: int, picture: Picture, conditions: Sequence[Conditions], plan: Plan
-) -> Iterator[tuple[int, Picture, list[Cell]]]:
+    picture: Picture, conditions: Sequence[Conditions], plan: Plan
+) -> Iterator[tuple[Picture, list[Cell]]]:
     """Blocks of conditions of one displacement, which share a blur."""
     for repeat in range(plan.repeats):
         seed = cell_seed(plan.seed, picture.name, repeat)
         for _, same in groupby(conditions, key=lambda at: at.displacement_px):
             cells = [Cell(picture.name, repeat, at, seed) for at in same]
             for start in range(0, len(cells), _BLOCK):
-                yield index, picture, cells[start : start + _BLOCK]
+                yield picture, cells[start : start + _BLOCK]
 
 
 class _Scene:
