@@ -36,14 +36,17 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
 
 
 def image_batch(name: str, value: Tensor) -> Tensor:
-    """Return ``value``, a floating tensor of shape (B, C, H, W) without NaN or Inf.
+    """Return ``value``, a float32 or float64 tensor of shape (B, C, H, W) without NaN or Inf.
 
-    Raises ``TypeError`` for anything but a floating tensor, ``ValueError`` for a wrong shape or value.
+    Raises ``TypeError`` for anything else, ``ValueError`` for a wrong shape or value.
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
-    if not value.is_floating_point():
-        raise TypeError(f"{name}: must be floating point, got {value.dtype}; divide integers by full scale")
+    if value.dtype not in (torch.float32, torch.float64):
+        raise TypeError(
+            f"{name}: must be float32 or float64, got {value.dtype}; integers are divided by full scale, and "
+            "half precision cannot hold a full well's electrons"
+        )
     if value.ndim != 4 or 0 in value.shape:
         raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
     # A sum is finite where all its values are: one pass without a mask. A sum may also overflow, hence the

@@ -21,7 +21,7 @@ FLOORS = {
         {"simulate"},
     ],
     "blurnoise_eval": [
-        {"records", "contract"},
+        {"records", "contract", "arguments"},
         {"formats"},
         {"onnx_model", "datasets", "scoring", "store", "optimum"},
         {"sweep", "pictures", "figures", "findings"},

@@ -141,6 +141,7 @@ def test_non_contiguous_and_channels_last() -> None:
     [
         (torch.zeros(3, 4, 4), (1.0, 0.0), ValueError, "image"),
         (torch.zeros(1, 3, 4, 4, dtype=torch.uint8), (1.0, 0.0), TypeError, "image"),
+        (torch.zeros(1, 3, 4, 4, dtype=torch.float16), (1.0, 0.0), TypeError, "half precision"),
         (torch.full((1, 1, 2, 2), math.nan), (1.0, 0.0), ValueError, "NaN"),
         (torch.zeros(1, 1, 4, 4), (math.inf, 0.0), ValueError, "displacement_px"),
         (torch.zeros(1, 1, 4, 4), (1.0, 2.0, 3.0), ValueError, "displacement_px"),

@@ -16,7 +16,8 @@ import pandas as pd
 import pytest
 import torch
 from blurnoise_eval import report, sweep
-from blurnoise_eval.cli import CHARTS, main, numbers
+from blurnoise_eval.arguments import CHARTS, numbers
+from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.store import Store
 from blurnoise_models import matched_filter

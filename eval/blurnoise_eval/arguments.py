@@ -1,0 +1,197 @@
+"""What the ``blurnoise`` command understands: its commands, their options and the help that teaches them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+Command = Callable[[argparse.Namespace], int]
+
+EXPOSURES_MS = "1,2,5,10,15,20,30,45,60,90"
+ILLUMINANCES_LUX = "1,10,100"
+VELOCITIES_PX_S = "0,200,500,1000"
+_LISTS = ("--exposure-ms", "--lux", "--dx", "--dy")
+CHARTS = ("slanted-edge", "siemens-star", "stop-sign", "flat-patch")
+
+_DESCRIPTION = """\
+What exposure time should this camera use, and how does my detector hold up
+when the picture gets dark, noisy and blurred?
+
+  blurnoise sweep -o run                        the whole job on built-in targets
+  blurnoise sweep --model M.onnx --images DIR -o run       ... on your own
+  blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
+"""
+_SWEEP = """\
+Run a detector over exposures x lights x speeds x pictures; write curves,
+pictures, tables and a page that answers with the exposure to use.
+
+Without --model: a built-in matched filter. Without --images or --coco: rendered
+stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was
+when the same command is given again.
+"""
+_LIST_HELP = "as 1,5,10 or start:stop:step (stop included)"
+
+
+def parse(commands: Mapping[str, Command], arguments: Sequence[str]) -> argparse.Namespace:
+    """Parse the command line; ``command`` of the result is the function to call with it."""
+    return _parser(commands).parse_args(_with_negative_lists(arguments))
+
+
+def _with_negative_lists(arguments: Sequence[str]) -> list[str]:
+    """Join "--dx -200,200" to "--dx=-200,200": argparse would take the list for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] in _LISTS and argument.startswith("-") and argument[1:2].isdigit():
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+def numbers(text: str) -> list[float]:
+    """Parse "1,5,10" or "start:stop:step", stop included. Raises ``ArgumentTypeError``."""
+    try:
+        if ":" not in text:
+            return [float(part) for part in text.split(",")]
+        start, stop, step = (float(part) for part in text.split(":"))
+        count = math.floor((stop - start) / step + 1e-9) + 1
+        if step == 0 or count < 1 or count > 100_000:
+            raise ValueError
+        return [start + step * index for index in range(count)]
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be numbers {_LIST_HELP}") from None
+
+
+def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
+    shape = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("blurnoise", description=_DESCRIPTION, formatter_class=shape)
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    def command(name: str, about: str, description: str | None = None) -> argparse.ArgumentParser:
+        made = commands.add_parser(name, help=about, description=description or about, formatter_class=shape)
+        made.set_defaults(command=run[name])
+        return made
+
+    sweep = command("sweep", "detector x exposures x lights x speeds -> curves and report", _SWEEP)
+    _sweep_options(sweep)
+
+    simulate = command("simulate", "one picture as a camera would take it")
+    simulate.add_argument(
+        "image", type=Path, metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded"
+    )
+    simulate.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.png")
+    simulate.add_argument("--exposure-ms", type=float, default=10.0, help="ms (default 10)")
+    simulate.add_argument("--lux", type=float, default=100.0, help="light on the scene, lux (default 100)")
+    simulate.add_argument("--dx", type=float, default=0.0, help="motion to the right, px/s (default 0)")
+    simulate.add_argument("--dy", type=float, default=0.0, help="motion down, px/s (default 0)")
+    simulate.add_argument(
+        "--temperature-c", type=float, default=25.0, help="of the sensor, degC (default 25)"
+    )
+    simulate.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
+    simulate.add_argument(
+        "--bit-depth",
+        choices=("8", "native"),
+        default="8",
+        help="8: the sRGB picture to look at (default); native: the camera's digital numbers in a 16-bit PNG",
+    )
+    _camera_options(simulate)
+    _json_option(simulate)
+
+    motion = command("motion", "road speed -> px/s and blur length")
+    motion.add_argument("--speed-kmh", type=float, required=True, help="across the line of sight, km/h")
+    motion.add_argument("--distance-m", type=float, required=True)
+    motion.add_argument("--target-width-m", type=float, required=True)
+    motion.add_argument("--exposure-ms", type=float, required=True)
+    motion.add_argument("--width-px", type=float, required=True, help="of the picture")
+    motion.add_argument("--hfov-deg", type=float, required=True, help="horizontal field of view")
+    motion.add_argument(
+        "--lens",
+        choices=("f-theta", "rectilinear"),
+        default="f-theta",
+        help="f-theta: the same px per degree everywhere (default, as in Lin et al. 2024); rectilinear: pinhole",
+    )
+    _json_option(motion)
+
+    chart = command("chart", "render a test target")
+    chart.add_argument("kind", choices=CHARTS, metavar="KIND", help=", ".join(CHARTS))
+    chart.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.png")
+    chart.add_argument("--size", type=float, default=100.0, help="of star and sign, px (default 100)")
+    chart.add_argument("--width", type=int, default=320, help="of the picture, px (default 320)")
+    chart.add_argument("--height", type=int, default=320, help="of the picture, px (default 320)")
+    chart.add_argument("--angle", type=float, help="degrees, counter-clockwise (default: edge 5, others 0)")
+    chart.add_argument("--bit-depth", choices=("8", "16"), default="8", help="of the sRGB PNG (default 8)")
+
+    report = command("report", "write a run's figures, tables and page again")
+    report.add_argument("run", type=Path, metavar="RUN")
+    report.add_argument(
+        "--threshold", type=float, default=0.6, help="confidence that is enough (default 0.6)"
+    )
+    _json_option(report)
+
+    inspect = command("inspect", "what a model takes and gives, and how it would be read")
+    inspect.add_argument("model", type=Path, metavar="M.onnx")
+    inspect.add_argument("--contract", metavar="FILE|PRESET", help="how to read it; see 'sweep --help'")
+    _json_option(inspect)
+
+    bench = command("bench", "measure this machine: speed beside accuracy")
+    bench.add_argument(
+        "what", choices=("simulate", "sweep"), help="one picture; a sweep against bare onnxruntime"
+    )
+    bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
+    bench.add_argument("--contract", metavar="FILE|PRESET")
+    bench.add_argument("--images", type=Path, metavar="DIR", help="for sweep (default: rendered signs)")
+    bench.add_argument("--threads", type=int, help="default: every core")
+    _json_option(bench)
+    return parser
+
+
+def _sweep_options(sweep: argparse.ArgumentParser) -> None:
+    what = sweep.add_argument_group("what to run")
+    what.add_argument(
+        "--model", type=Path, metavar="M.onnx", help="YOLOv5, YOLOv8, YOLOX or FastestDet export"
+    )
+    what.add_argument(
+        "--contract",
+        metavar="FILE|PRESET",
+        help="how pictures enter the model and what its classes are: a JSON or YAML file, or yolov5, yolov8, "
+        "yolox, fastestdet (default: MODEL.contract.json beside the model, then its metadata, then its shape)",
+    )
+    what.add_argument(
+        "--images", type=Path, metavar="DIR", help="a folder; targets: what is found when clean"
+    )
+    what.add_argument("--coco", type=Path, metavar="FILE", help="COCO instances; with --images: their folder")
+    what.add_argument(
+        "--target", action="append", default=[], metavar="CLASS", help="only these COCO classes"
+    )
+    what.add_argument("--limit", type=int, metavar="N", help="only the first N pictures")
+    grid = sweep.add_argument_group(f"conditions, each {_LIST_HELP}")
+    for name, default, about in (
+        ("--exposure-ms", EXPOSURES_MS, "exposure times, ms"),
+        ("--lux", ILLUMINANCES_LUX, "light on the scene, lux"),
+        ("--dx", VELOCITIES_PX_S, "motion to the right, px/s"),
+        ("--dy", "0", "motion down, px/s"),
+    ):
+        grid.add_argument(
+            name, type=numbers, default=numbers(default), metavar="LIST", help=f"{about} (default {default})"
+        )
+    grid.add_argument("--repeats", type=int, help="noise fields per picture (default: rendered 3, else 1)")
+    grid.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
+    grid.add_argument("--temperature-c", type=float, default=25.0, help="of the sensor, degC (default 25)")
+    _camera_options(sweep)
+    sweep.add_argument("--threshold", type=float, default=0.6, help="confidence that is enough (default 0.6)")
+    sweep.add_argument("--threads", type=int, help="pictures at a time (default: every core)")
+    sweep.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="RUN", help="folder for everything"
+    )
+    _json_option(sweep)
+
+
+def _camera_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--camera", default="imx250", metavar="NAME", help="a preset (default imx250)")
+    parser.add_argument("--f-number", type=float, metavar="N", help="of the lens, in place of the preset's")
+
+
+def _json_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON for programs")
