@@ -71,6 +71,9 @@ def per_image(
     dtype and device are those of ``like``; gradients pass. Raises ``ValueError`` for NaN, Inf, a value
     outside [low, high] or a length that is neither 1 nor ``batch``.
     """
+    if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
+        number = _number(name, value, low=low, high=high)
+        return torch.full((batch,), number, dtype=like.dtype, device=like.device)
     tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
     tensor = tensor.to(device=like.device, dtype=like.dtype)
     if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):

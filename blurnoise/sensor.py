@@ -21,7 +21,7 @@ from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`noisy_electrons`."""
-_CHUNK = 1 << 18  # values handled at a time: the temporaries stay in a core's cache
+_CHUNK = 1 << 17  # values handled at a time: the temporaries stay in a core's cache
 Buffers = tuple[Tensor | None, Tensor | None, Tensor | None]
 
 

@@ -366,17 +366,19 @@ def _expose_block(
     moved = blur.motion_blur(scene.still, cells[0].conditions.displacement_px)
     blur_ms = 1e3 * (time.perf_counter() - started) / len(cells)
     pattern = frame_pattern(camera, scene.still, 0)
+    per_lux_s = sensor.electrons_per_lux_s(camera)
     for cell in cells:
         at = cell.conditions
         if at is None:
             continue
         started = time.perf_counter()
-        lux, exposure = moved.new_tensor((at.illuminance_lux, at.exposure_s))
+        # As float32 and in this order, as simulate computes it.
+        white_e = np.float32(at.illuminance_lux) * np.float32(at.exposure_s) * np.float32(per_lux_s)
         seen = sensor.read_out(
             moved,
             camera,
-            white_e=lux * exposure * sensor.electrons_per_lux_s(camera),
-            exposure_s=exposure,
+            white_e=float(white_e),
+            exposure_s=at.exposure_s,
             temperature_c=plan.temperature_c,
             generator=[cell.seed],
             fixed_pattern=pattern,
