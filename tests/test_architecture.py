@@ -21,7 +21,7 @@ FLOORS = {
         {"simulate"},
     ],
     "blurnoise_eval": [
-        {"records", "contract", "arguments"},
+        {"records", "contract", "arguments", "conditions"},
         {"formats"},
         {"onnx_model", "datasets", "scoring", "store", "optimum"},
         {"sweep", "pictures", "figures", "findings"},

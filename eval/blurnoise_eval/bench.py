@@ -16,6 +16,7 @@ import torch
 from blurnoise.camera import Camera
 from blurnoise.simulate import simulate
 from blurnoise_eval import datasets, sweep
+from blurnoise_eval.conditions import Plan
 from blurnoise_eval.onnx_model import Detector
 from blurnoise_eval.results import hardware
 from blurnoise_eval.store import Store
@@ -64,7 +65,7 @@ def sweep_speed(
     seconds = 0.0
     peak_mb: list[float] = []
     for turn in range(rounds):
-        plan = sweep.Plan(
+        plan = Plan(
             exposures_s=(0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09),
             illuminances_lux=(1.0, 10.0, 100.0),
             velocities_x_px_s=(0.0, 200.0, 500.0, 1000.0),

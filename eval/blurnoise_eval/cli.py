@@ -34,6 +34,7 @@ def _sweep(options: argparse.Namespace) -> int:
     camera = _camera(options)
     from blurnoise.checks import in_range
     from blurnoise_eval import results, sweep
+    from blurnoise_eval.conditions import Plan
     from blurnoise_eval.contract import load_contract
     from blurnoise_eval.store import Store
 
@@ -41,7 +42,7 @@ def _sweep(options: argparse.Namespace) -> int:
     threads = _threads(options)
     pictures = _pictures(options)
     repeats = options.repeats if options.repeats is not None else (3 if pictures.kind == "rendered" else 1)
-    plan = sweep.Plan(
+    plan = Plan(
         exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
         illuminances_lux=tuple(options.lux),
         velocities_x_px_s=tuple(options.dx),

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.camera import Camera
+from blurnoise_eval.conditions import Plan
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.onnx_model import Detector
 from blurnoise_eval.optimum import answers
 from blurnoise_eval.report import RunData
 from blurnoise_eval.store import Store, StoreError
-from blurnoise_eval.sweep import Plan
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 

@@ -1,19 +1,17 @@
 """Every picture under every condition through one detector: model x camera x conditions x pictures -> rows.
 
-A cell is a plain descriptor (picture, repeat, conditions, seed); :func:`blurnoise.simulate` with that seed
-gives its picture, whoever computes it and in whatever order. Conditions of one picture and repeat share their
-seed, so they see the same noise field and differ by physics, not by luck (common random numbers).
+A cell (see :mod:`blurnoise_eval.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
+whoever computes it and in whatever order; here it is computed with what cells of one picture share.
 """
 
 from __future__ import annotations
 
-import hashlib
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -26,9 +24,9 @@ from torch import Tensor
 
 from blurnoise import blur, rng, sensor
 from blurnoise.camera import Camera
-from blurnoise.checks import in_range, non_negative, positive
 from blurnoise.simulate import frame_pattern, scene_reflectance
 from blurnoise_eval import datasets
+from blurnoise_eval.conditions import Cell, Conditions, Plan, cell_seed
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.onnx_model import Detector
 from blurnoise_eval.records import Detections
@@ -41,108 +39,6 @@ _BLOCK = 8  # cells that one task computes before it reports
 _EXAMPLE_PICTURES = 3
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Exposure s, scene illuminance lux, velocity px/s (x right, y down)."""
-
-    exposure_s: float
-    illuminance_lux: float
-    velocity_x_px_s: float
-    velocity_y_px_s: float
-
-    @property
-    def displacement_px(self) -> tuple[float, float]:
-        """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it."""
-        exposure_s = np.float32(self.exposure_s)
-        return (
-            float(np.float32(self.velocity_x_px_s) * exposure_s),
-            float(np.float32(self.velocity_y_px_s) * exposure_s),
-        )
-
-    @property
-    def blur_px(self) -> float:
-        """Length of the motion blur, px."""
-        return float(np.hypot(self.velocity_x_px_s, self.velocity_y_px_s) * self.exposure_s)
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What a sweep computes. Grids in s, lux, px/s; ``repeats`` noise fields per picture; base ``seed``.
-
-    Raises ``ValueError`` for an empty grid, an exposure that is not > 0, or a value that is not finite.
-    """
-
-    exposures_s: tuple[float, ...]
-    illuminances_lux: tuple[float, ...]
-    velocities_x_px_s: tuple[float, ...] = (0.0,)
-    velocities_y_px_s: tuple[float, ...] = (0.0,)
-    repeats: int = 1
-    seed: int = 0
-    temperature_c: float = 25.0
-    examples: bool = True
-
-    def __post_init__(self) -> None:
-        for name in ("exposures_s", "illuminances_lux", "velocities_x_px_s", "velocities_y_px_s"):
-            values = getattr(self, name)
-            if not values:
-                raise ValueError(f"{name}: must hold at least one value")
-            object.__setattr__(self, name, tuple(sorted({float(value) + 0.0 for value in values})))  # no -0.0
-        for exposure in self.exposures_s:
-            positive("exposure_s", exposure)
-        for lux in self.illuminances_lux:
-            non_negative("illuminance_lux", lux)
-        for velocity in (*self.velocities_x_px_s, *self.velocities_y_px_s):
-            if not np.isfinite(velocity):
-                raise ValueError(f"velocity_px_s = {velocity!r}: must be finite")
-        in_range("temperature_c", self.temperature_c, -273.15, 300.0)
-        if self.repeats < 1 or self.seed < 0:
-            raise ValueError(f"repeats = {self.repeats}, seed = {self.seed}: must be >= 1 and >= 0")
-
-    def conditions(self) -> list[Conditions]:
-        """Every combination, those of one displacement next to each other."""
-        grid = [
-            Conditions(exposure, lux, vx, vy)
-            for exposure in self.exposures_s
-            for lux in self.illuminances_lux
-            for vx in self.velocities_x_px_s
-            for vy in self.velocities_y_px_s
-        ]
-        return sorted(grid, key=lambda at: (at.displacement_px, at.exposure_s, at.illuminance_lux))
-
-    def example_conditions(self) -> set[Conditions]:
-        """A few conditions whose pictures are kept: the middle light, exposures and speeds from end to end."""
-        lux = self.illuminances_lux[len(self.illuminances_lux) // 2]
-        exposures = {
-            self.exposures_s[round(share * (len(self.exposures_s) - 1))] for share in (0, 1 / 3, 2 / 3, 1)
-        }
-        by_speed = sorted(
-            ((vx, vy) for vx in self.velocities_x_px_s for vy in self.velocities_y_px_s),
-            key=lambda velocity: np.hypot(*velocity),
-        )
-        speeds = {by_speed[0], by_speed[len(by_speed) // 2], by_speed[-1]}
-        return {Conditions(exposure, lux, *velocity) for exposure in exposures for velocity in speeds}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One picture under one condition; None is the clean picture, untouched."""
-
-    image: str
-    repeat: int
-    conditions: Conditions | None
-    seed: int
-
-    @property
-    def cell_id(self) -> str:
-        """A name made of everything that sets the cell apart within its run."""
-        text = repr((self.image, self.repeat, self.conditions))
-        return hashlib.blake2b(text.encode(), digest_size=10).hexdigest()
-
-
 @dataclass
 class Outcome:
     """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds."""
@@ -151,12 +47,6 @@ class Outcome:
     resumed: int = 0
     skipped: dict[str, str] = field(default_factory=dict)
     wall_s: float = 0.0
-
-
-def cell_seed(base_seed: int, image: str, repeat: int) -> int:
-    """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""
-    digest = hashlib.blake2b(repr((base_seed, image, repeat)).encode(), digest_size=8).digest()
-    return int.from_bytes(digest, "little") >> 1
 
 
 def run(

@@ -20,12 +20,13 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import cli, results, sweep
+from blurnoise_eval.conditions import Plan, cell_seed
 from blurnoise_eval.contract import ModelError
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture, rendered_signs
 from blurnoise_eval.onnx_model import Detector
 from blurnoise_eval.scoring import target_confidence
 from blurnoise_eval.store import Store, StoreError
-from blurnoise_eval.sweep import Plan, cell_seed, count_cells
+from blurnoise_eval.sweep import count_cells
 from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 
