@@ -21,7 +21,7 @@ FLOORS = {
         {"simulate"},
     ],
     "blurnoise_eval": [
-        {"records", "contract", "arguments", "conditions"},
+        {"records", "contract", "arguments", "conditions", "files"},
         {"formats"},
         {"onnx_model", "datasets", "scoring", "store", "optimum"},
         {"sweep", "pictures", "figures", "findings"},

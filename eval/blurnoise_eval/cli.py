@@ -80,6 +80,7 @@ def _report(options: argparse.Namespace) -> int:
 def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) -> int:
     """Tables, figures and page of a run; the answer in the terminal."""
     from blurnoise_eval import report, results
+    from blurnoise_eval.files import write_whole
 
     store.export()
     data = results.read_run(store, threshold=options.threshold)
@@ -93,7 +94,7 @@ def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) ->
     }
     if outcome is not None:
         summary |= {"computed": outcome.computed, "resumed": outcome.resumed, "wall_s": outcome.wall_s}
-    (store.folder / "summary.json").write_text(json.dumps(summary, indent=1), encoding="utf-8")
+    write_whole(store.folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
     report.write_report(data, store.folder)
     for entry in data.skipped:
         print(f"skipped: {entry['reason']}", file=sys.stderr)

@@ -9,7 +9,6 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +17,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from blurnoise_eval.files import write_whole
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 RENDERED_SIZE_PX = 320
@@ -113,14 +114,7 @@ def write_picture(path: Path, picture: Image) -> None:
         _, data = cv2.imencode(path.suffix, bgr)
     except cv2.error:
         raise ValueError(f"output = {str(path)!r}: unknown picture suffix {path.suffix!r}") from None
-    unfinished = path.with_name(f".{path.name}.partial")
-    try:
-        unfinished.write_bytes(data.tobytes())
-        unfinished.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            unfinished.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from None
+    write_whole(path, data.tobytes())
 
 
 def image_folder(folder: Path) -> PictureSet:

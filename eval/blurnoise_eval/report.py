@@ -20,6 +20,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval import figures, findings, pictures
+from blurnoise_eval.files import write_whole
 from blurnoise_eval.pictures import exposure_text, velocity_of, velocity_text
 
 MAX_GROUPS = 12  # target groups on the page
@@ -74,7 +75,7 @@ def write_report(data: RunData, folder: Path) -> Path:
     )
     page = folder / "report.html"
     text = environment.get_template("report.html.j2").render(_page(data, folder))
-    page.write_text(text, encoding="utf-8", errors="replace")
+    write_whole(page, text.encode("utf-8", errors="replace"))
     return page
 
 

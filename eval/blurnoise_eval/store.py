@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from blurnoise_eval.files import write_whole
 from blurnoise_eval.records import Detections
 
 FILE_NAME = "results.sqlite"
@@ -138,7 +139,7 @@ class Store:
             "results.json": json.dumps(cells, indent=1),
         }
         for name, text in tables.items():
-            _write(self.folder / name, text)
+            write_whole(self.folder / name, text.encode("utf-8"))
         return [self.folder / name for name in tables]
 
     def _rows(self, query: str, *values: str) -> list[dict[str, Any]]:
@@ -196,12 +197,3 @@ def _csv(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def _write(path: Path, text: str) -> None:
-    unfinished = path.with_name(f".{path.name}.partial")
-    try:
-        unfinished.write_text(text, encoding="utf-8", newline="")
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)

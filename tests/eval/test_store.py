@@ -234,20 +234,20 @@ def test_export_that_fails_keeps_the_file_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """A disk that is full half-way through the file."""
-    write_text = Path.write_text
+    write_bytes = Path.write_bytes
 
-    def full(path: Path, text: str, **options: Any) -> int:
+    def full(path: Path, data: bytes) -> int:
         if name in path.name:
-            write_text(path, text[: len(text) // 2], **options)
+            write_bytes(path, data[: len(data) // 2])
             raise OSError(28, "No space left on device")
-        return write_text(path, text, **options)
+        return write_bytes(path, data)
 
     with Store(tmp_path, create=True) as store:
         store.add([result(0)])
         store.export()
         before = (tmp_path / name).read_bytes()
         store.add([result(1)])
-        monkeypatch.setattr(Path, "write_text", full)
+        monkeypatch.setattr(Path, "write_bytes", full)
         with pytest.raises(OSError, match="No space left"):
             store.export()
     assert (tmp_path / name).read_bytes() == before

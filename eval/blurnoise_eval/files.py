@@ -1,0 +1,22 @@
+"""Files that appear whole or not at all."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write ``data`` to ``path``; what stood there stays until all of it is on disk.
+
+    Raises ``OSError`` that names ``path``, and leaves nothing behind, where it cannot be written.
+    """
+    unfinished = path.with_name(f".{path.name}.partial")
+    try:
+        unfinished.write_bytes(data)
+        unfinished.replace(path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    finally:
+        with suppress(OSError):
+            unfinished.unlink()
