@@ -12,6 +12,7 @@ from torch import Tensor
 from blurnoise import rng
 from blurnoise.checks import in_range, non_negative, positive
 from blurnoise.spectra import Curve, Spectrum
+from blurnoise.transfer import Optics
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,9 @@ class Camera:
     filter included; all channels of a colour picture share it, as after a white balance.
     full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
-    black_level_dn: offset before rounding. bit_depth: of the converter. defocus_radius_px: of the lens.
+    black_level_dn: offset before rounding. bit_depth: of the converter.
+    defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
+    ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
     sources: field name -> where its figure comes from.
 
@@ -46,6 +49,7 @@ class Camera:
     black_level_dn: float = 0.0
     bit_depth: int = 12
     defocus_radius_px: float = 0.0
+    defocus_counts_pixel: bool = False
     width_px: int = 1920
     height_px: int = 1080
     hfov_deg: float = 60.0
@@ -84,6 +88,11 @@ class Camera:
     def saturation_e(self) -> float:
         """Electrons at which the signal clips: the full well, or the converter's limit if that is lower."""
         return min(self.full_well_e, (self.full_scale_dn - self.black_level_dn) / self.system_gain_dn_per_e)
+
+    @property
+    def optics(self) -> Optics:
+        """The lens's blur that acts through its transfer function."""
+        return Optics(defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px)
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
@@ -321,6 +330,7 @@ PRESETS: Mapping[str, Camera] = {
             read_noise_e=2.44,
             bit_depth=12,
             defocus_radius_px=1.0,
+            defocus_counts_pixel=True,
             width_px=4096,
             height_px=2160,
             hfov_deg=99.32,

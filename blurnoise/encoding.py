@@ -13,7 +13,9 @@ Encoding = Literal["srgb", "linear"]
 def linear_from_srgb(coded: Tensor) -> Tensor:
     """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
     coded = coded.clamp(0.0, 1.0)
-    return torch.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    # torch's power rounds by a number's place in memory, its exp and log do not, and take half the time.
+    power = torch.exp(2.4 * torch.log((coded + 0.055) / 1.055))
+    return torch.where(coded <= 0.04045, coded / 12.92, power)
 
 
 def srgb_from_linear(linear: Tensor) -> Tensor:

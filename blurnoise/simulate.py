@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import blur, rng, sensor
+from blurnoise.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.checks import Numbers, image_batch, one_of, per_image
 from blurnoise.encoding import Encoding, linear_from_srgb
@@ -24,7 +25,7 @@ def simulate(
     temperature_c: Numbers = 25.0,
     encoding: Encoding = "srgb",
     illuminant: str | Curve = "D55",
-    border: blur.Border = "reflect",
+    border: Border = "reflect",
     pattern_seed: int = 0,
     generator: rng.Randomness = None,
 ) -> Tensor:
@@ -36,7 +37,7 @@ def simulate(
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
-    Order: linear light, disc defocus, motion, light level, then :func:`blurnoise.sensor.read_out`: shot,
+    Order: linear light, lens and motion, light level, then :func:`blurnoise.sensor.read_out`: shot,
     dark, read, full well, gain, black level, rounding, converter limits.
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """
@@ -47,8 +48,7 @@ def simulate(
     velocity = torch.as_tensor(velocity_px_s).to(reflectance)
     displacement = velocity * exposure[:, None] if velocity.ndim < 3 else velocity
 
-    still = blur.defocus(reflectance, camera.defocus_radius_px, border=border)
-    moved = blur.motion_blur(still, displacement, border=border)
+    moved = lens_and_motion(reflectance, camera, displacement, border=border)
     return sensor.read_out(
         moved,
         camera,
@@ -58,6 +58,19 @@ def simulate(
         generator=generator,
         fixed_pattern=frame_pattern(camera, image, pattern_seed),
     )
+
+
+def lens_and_motion(
+    reflectance: Tensor,
+    camera: Camera,
+    displacement_px: Tensor | Iterable[float] = (0.0, 0.0),
+    *,
+    border: Border = "reflect",
+) -> Tensor:
+    """What falls on the sensor: linear light (B, C, H, W) through the camera's lens, moved by (2,) or (B, 2) px."""
+    if camera.defocus_counts_pixel:
+        reflectance = blur.defocus(reflectance, camera.defocus_radius_px, border=border)
+    return blur.exposure_blur(reflectance, displacement_px, camera.optics, border=border)
 
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:

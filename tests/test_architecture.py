@@ -15,9 +15,10 @@ PACKAGES = {
 }
 FLOORS = {
     "blurnoise": [
-        {"checks", "rng", "spectra", "charts", "encoding"},
+        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer"},
         {"camera", "motion", "psf"},
-        {"blur", "sensor"},
+        {"fourier", "sensor"},
+        {"blur"},
         {"simulate"},
     ],
     "blurnoise_eval": [
@@ -41,6 +42,7 @@ EXCEPTIONS = {
 }
 SAME_FLOOR = {
     ("charts", "checks"): "guards",
+    ("transfer", "checks"): "guards",
     ("camera", "spectra"): "",
     ("figures", "pictures"): "captions and thumbnails serve the figures",
     ("findings", "figures"): "the page and the figures show the same groups",

@@ -22,9 +22,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import blur, rng, sensor
+from blurnoise import rng, sensor
 from blurnoise.camera import Camera
-from blurnoise.simulate import frame_pattern, scene_reflectance
+from blurnoise.simulate import frame_pattern, lens_and_motion, scene_reflectance
 from blurnoise_eval import datasets
 from blurnoise_eval.conditions import Cell, Conditions, Plan, cell_seed
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
@@ -172,7 +172,7 @@ class _Scene:
     def __init__(self, picture: Picture, detector: Detector, camera: Camera) -> None:
         image = picture.load()
         self.image8 = datasets.eight_bit(image)
-        self.still = blur.defocus(_reflectance(image), camera.defocus_radius_px).contiguous()
+        self.sharp = _reflectance(image).contiguous()
         started = time.perf_counter()
         self.clean = detector.detect(self.image8)
         self.clean_ms = 1e3 * (time.perf_counter() - started)
@@ -187,7 +187,7 @@ class _Scene:
         """The noise field of a seed, (1, 3, H, W); the last two are kept."""
         with self._lock:
             if seed not in self._fields:
-                self._fields[seed] = rng.standard_normal([seed], self.still)
+                self._fields[seed] = rng.standard_normal([seed], self.sharp)
                 while len(self._fields) > 2:
                     self._fields.popitem(last=False)
             return self._fields[seed]
@@ -253,9 +253,9 @@ def _expose_block(
         yield _result(cells[0], scene, scene.clean, detector, camera, 0.0, scene.clean_ms, path)
         return
     started = time.perf_counter()
-    moved = blur.motion_blur(scene.still, cells[0].conditions.displacement_px)
+    moved = lens_and_motion(scene.sharp, camera, cells[0].conditions.displacement_px)
     blur_ms = 1e3 * (time.perf_counter() - started) / len(cells)
-    pattern = frame_pattern(camera, scene.still, 0)
+    pattern = frame_pattern(camera, scene.sharp, 0)
     per_lux_s = sensor.electrons_per_lux_s(camera)
     for cell in cells:
         at = cell.conditions

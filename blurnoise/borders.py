@@ -1,0 +1,52 @@
+"""Pictures continued beyond their border, by any number of pixels, more than their own size included."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import cv2
+import torch
+from torch import Tensor
+
+Border = Literal["reflect", "replicate", "circular", "constant"]
+BORDERS = ("reflect", "replicate", "circular", "constant")
+_OPENCV = {
+    "reflect": cv2.BORDER_REFLECT_101,
+    "replicate": cv2.BORDER_REPLICATE,
+    "circular": cv2.BORDER_WRAP,
+    "constant": cv2.BORDER_CONSTANT,
+}
+
+
+def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], border: Border) -> Tensor:
+    """The picture continued to ``spans`` pixels (down, across), ``before`` of them above and to the left.
+
+    border: "reflect" without the outermost pixel twice, "replicate", "circular", or "constant" for black.
+    """
+    height, width = spans
+    if (height, width) == tuple(image.shape[-2:]):
+        return image
+    after = (height - image.shape[-2] - before[0], width - image.shape[-1] - before[1])
+    if image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad):
+        out = image.new_empty(*image.shape[:2], height, width)
+        code = _OPENCV[border]
+        for plane, target in zip(image.flatten(0, 1), out.flatten(0, 1), strict=True):
+            edges = (before[0], after[0], before[1], after[1])
+            cv2.copyMakeBorder(plane.numpy(), *edges, code, dst=target.numpy(), value=0)
+        return out
+    if border == "constant":
+        return torch.nn.functional.pad(image, (before[1], after[1], before[0], after[0]))
+    for dim, first, span in ((-2, before[0], height), (-1, before[1], width)):
+        index = _index(image.shape[dim], first, span, border)
+        image = image.index_select(dim, index.to(image.device))
+    return image
+
+
+def _index(size: int, before: int, span: int, border: Border) -> Tensor:
+    index = torch.arange(-before, span - before)
+    if border == "replicate" or size == 1:
+        return index.clamp(0, size - 1)
+    if border == "circular":
+        return index % size
+    folded = index % (2 * size - 2)
+    return torch.minimum(folded, 2 * size - 2 - folded)

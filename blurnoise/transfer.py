@@ -1,0 +1,109 @@
+"""One closed-form transfer function per cause of blur; causes that act one after another multiply.
+
+Convention: frequencies in cycles/px, fx to the right and fy down; a function of ``f`` is round and takes the
+radial frequency. All are real (no cause here moves the picture), 1 at frequency 0, for any shape of input.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+from blurnoise.checks import non_negative
+
+
+def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
+    """Uniform straight motion: sinc(f . d). displacement_px: (..., 2), (x, y); returns (..., *f's shape).
+
+    It takes the product of vectors before the sinc; two sincs, one per axis, hold for motion along an axis
+    only. Differentiable in the displacement, at rest too. MTF50 at 0.603355 / (length cos(angle to f)).
+    """
+    dx, dy = displacement_px[..., 0, None, None], displacement_px[..., 1, None, None]
+    return sinc(fx * dx + fy * dy)
+
+
+def disc(f: Tensor, radius_px: float) -> Tensor:
+    """Defocus of a round aperture, 2 J1(2 pi R f) / (2 pi R f). MTF50 at 0.352542 / R, first 0 at 0.609835 / R."""
+    x = (2 * math.pi * radius_px * f).abs().clamp_min(1e-20)
+    return torch.where(x < 1e-4, 1 - x * x / 8, 2 * torch.special.bessel_j1(x) / x)
+
+
+def gaussian(f: Tensor, sigma_px: float) -> Tensor:
+    """Gaussian spread, exp(-2 pi^2 sigma^2 f^2). MTF50 at 0.187391 / sigma."""
+    return torch.exp(-2 * (math.pi * sigma_px * f) ** 2)
+
+
+def diffraction(f: Tensor, lambda_n_px: float) -> Tensor:
+    """Aberration-free round aperture in incoherent light, 0 from 1 / lambda_n_px on. MTF50 at 0.403973 of that.
+
+    lambda_n_px: wavelength times f-number over pixel pitch, 0.55 * 2.8 / 3.45 = 0.446 px for a green f/2.8.
+    """
+    x = (f * lambda_n_px).abs().clamp_max(1.0)
+    return (torch.acos(x) - x * torch.sqrt(1 - x * x)) * (2 / math.pi)
+
+
+def pixel(fx: Tensor, fy: Tensor) -> Tensor:
+    """Square pixel of full fill factor, sinc(fx) sinc(fy); a sampled picture has been through it once."""
+    return sinc(fx) * sinc(fy)
+
+
+def sinc(x: Tensor) -> Tensor:
+    """Normalised sinc, sin(pi x) / (pi x)."""
+    if torch.is_grad_enabled() and x.requires_grad:
+        return torch.sinc(x)
+    phase = (x * math.pi).abs_().clamp_min_(1e-20)  # torch.sinc is exact at 0 too, and ten times slower
+    return torch.sin(phase).div_(phase)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What the lens does to a sharp picture, in px; 0 leaves a cause out.
+
+    defocus_radius_px: of the disc of confusion. gaussian_sigma_px: aberrations and other small spreads.
+    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. Raises ``ValueError`` below 0.
+    """
+
+    defocus_radius_px: float = 0.0
+    gaussian_sigma_px: float = 0.0
+    diffraction_lambda_n_px: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            non_negative(field.name, getattr(self, field.name))
+
+    @property
+    def reach_px(self) -> float:
+        """Radius outside which the spread is too faint to matter: the disc, 5 sigma, 8 Airy radii."""
+        airy = 8 * 1.22 * self.diffraction_lambda_n_px
+        return self.defocus_radius_px + 5 * self.gaussian_sigma_px + airy
+
+    @property
+    def error(self) -> float:
+        """RMS error, in units of white, of leaving the lens out: a bound for any picture within [0, 1].
+
+        The worst picture is black and white without correlation, RMS contrast 1/2. 1 - OTF is at most
+        (pi R f)^2 / 2 for the disc and 2 (pi sigma f)^2 for the Gaussian, whose RMS over the band of a
+        sampled picture, f^2 -> sqrt(7/180), is taken; for diffraction (4/pi) lambda N f, f -> sqrt(1/6).
+        """
+        squares = (math.pi * self.defocus_radius_px) ** 2 / 2 + 2 * (math.pi * self.gaussian_sigma_px) ** 2
+        lost = squares * math.sqrt(7 / 180) + 4 / math.pi * self.diffraction_lambda_n_px / math.sqrt(6)
+        return min(1.0, lost) / 2
+
+    def response(self, fx: Tensor, fy: Tensor) -> Tensor:
+        """Product of the causes' transfer functions at fx and fy, cycles/px."""
+        f = torch.hypot(fx, fy)
+        total = torch.ones_like(f)
+        if self.defocus_radius_px:
+            total = total * disc(f, self.defocus_radius_px)
+        if self.gaussian_sigma_px:
+            total = total * gaussian(f, self.gaussian_sigma_px)
+        if self.diffraction_lambda_n_px:
+            total = total * diffraction(f, self.diffraction_lambda_n_px)
+        return total
+
+
+SHARP = Optics()
+"""A lens that adds nothing."""
