@@ -23,9 +23,7 @@ from blurnoise import transfer
 from blurnoise.borders import Border, extended
 from blurnoise.transfer import SHARP, Optics
 
-_TAIL_PX = (
-    8  # of the band-limited line beyond its ends; what lies further out is 1e-4 of white in white noise
-)
+_TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise
 _JOIN = 0.05  # cycles/px below half of one, over which a response is led into its alias
 _STILL_PX = 1e-3  # motion along an axis that is not worth its transform: an error of 1e-7
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis

@@ -283,6 +283,7 @@ def test_auto_says_what_it_does_and_does_it() -> None:
     assert nothing.error is not None
     assert nothing.error <= NEGLIGIBLE
     assert something.method in ("transfer", "tiles")
+    assert choose([(0.0, 0.05)], (480, 640))[0].method == "transfer"  # 2.6e-4 of white is not left out
     assert "ns" in something.reason
     image = noise(2, 1, 48, 64)
     chosen = choose(motions, (48, 64))[1].method

@@ -226,7 +226,11 @@ def test_presets_are_whole_and_sourced() -> None:
     for name, camera in PRESETS.items():
         assert Camera.preset(name) is camera
         kinds = ("quoted", "derived", "chosen", "assumed", "effective", "no public", "the tool", "without")
-        stated = set(camera.to_dict()) - {"name", "sources", "defocus_counts_pixel"}  # names and a switch, no figures
+        stated = set(camera.to_dict()) - {
+            "name",
+            "sources",
+            "defocus_counts_pixel",
+        }  # names and a switch, no figures
         assert set(camera.sources) == stated, name
         for entry, source in camera.sources.items():
             assert source.startswith(kinds), (name, entry, source)
