@@ -54,7 +54,7 @@ def sinc(x: Tensor) -> Tensor:
     """Normalised sinc, sin(pi x) / (pi x)."""
     if torch.is_grad_enabled() and x.requires_grad:
         return torch.sinc(x)
-    phase = (x * math.pi).abs_().clamp_min_(1e-20)  # torch.sinc is exact at 0 too, and ten times slower
+    phase = (x * math.pi).add_(1e-30)  # nothing but 0 changes; torch.sinc treats 0 too, ten times slower
     return torch.sin(phase).div_(phase)
 
 
