@@ -137,12 +137,19 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
 
     bench = command("bench", "measure this machine: speed beside accuracy")
     bench.add_argument(
-        "what", choices=("simulate", "sweep"), help="one picture; a sweep against bare onnxruntime"
+        "what",
+        choices=("simulate", "sweep", "blur"),
+        help="one picture; a sweep against bare onnxruntime; every way to blur by motion, time beside error",
     )
     bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
     bench.add_argument("--contract", metavar="FILE|PRESET")
     bench.add_argument("--images", type=Path, metavar="DIR", help="for sweep (default: rendered signs)")
     bench.add_argument("--threads", type=int, help="default: every core")
+    bench.add_argument(
+        "-o", "--output", type=Path, default=Path("bench-blur"), metavar="DIR",
+        help="for blur: table, JSON and chart (default bench-blur)",
+    )  # fmt: skip
+    bench.add_argument("--quick", action="store_true", help="for blur: fewer lengths, scenes and repeats")
     _json_option(bench)
     return parser
 

@@ -259,21 +259,46 @@ def _inspect(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
-    from blurnoise_eval import bench
-
+    threads = _threads(options)
+    if options.what == "blur":
+        return _bench_blur(options, threads)
     if options.what == "simulate":
-        facts = bench.simulate_speed(_threads(options))
+        from blurnoise_eval.bench.chain import simulate_speed
+
+        facts = simulate_speed(threads)
     else:
         import tempfile
 
+        from blurnoise_eval.bench.sweeps import sweep_speed
         from blurnoise_eval.datasets import image_folder, rendered_signs
 
         with tempfile.TemporaryDirectory() as folder:
             pictures = image_folder(options.images) if options.images else rendered_signs()
-            facts = bench.sweep_speed(
-                _detector(options, Path(folder)), pictures, _threads(options), Path(folder)
-            )
+            facts = sweep_speed(_detector(options, Path(folder)), pictures, threads, Path(folder))
     _print_facts(facts, options.json)
+    return 0
+
+
+def _bench_blur(options: argparse.Namespace, threads: int) -> int:
+    from rich.console import Console
+
+    from blurnoise_eval.bench import blur, blur_view
+
+    extent = blur.QUICK if options.quick else blur.FULL
+    options.output.mkdir(parents=True, exist_ok=True)
+    with _Progress("bench", blur.steps(extent)) as advance:
+        bench = blur.measure(extent, threads, advance)
+    blur.write(bench, options.output)
+    blur_view.write(bench, options.output)
+    if options.json:
+        print(json.dumps(bench.document()))
+        return 0
+    console = Console()
+    for table in blur_view.tables(bench):
+        console.print(table)
+    for line in bench.losses():
+        print(line)
+    print(f"open {options.output / 'blur.png'}")
     return 0
 
 

@@ -1,0 +1,92 @@
+"""Wall time of calls, by turns, with quartiles; and the machine that it was measured on."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any, NamedTuple, TypeVar
+
+import cv2
+import numpy as np
+import torch
+
+from blurnoise_eval.results import hardware
+
+K = TypeVar("K", bound=Hashable)
+_LIBRARIES = ("blurnoise", "torch", "kornia", "numpy", "opencv-contrib-python-headless")
+
+
+class Quartiles(NamedTuple):
+    """Lower quartile, median and upper quartile, in the unit of what was measured."""
+
+    low: float
+    median: float
+    high: float
+
+
+def quartiles(values: Sequence[float]) -> Quartiles:
+    """Quartiles of at least one value, interpolated linearly."""
+    return Quartiles(*np.quantile(values, (0.25, 0.5, 0.75)).tolist())
+
+
+def times_ms(call: Callable[[], object], repeats: int) -> list[float]:
+    """Times of ``repeats`` calls, ms, after one that does not count."""
+    call()
+    return [_time_ms(call) for _ in range(repeats)]
+
+
+def in_turns_ms(
+    calls: Mapping[K, Callable[[], object]],
+    *,
+    fewest: int,
+    most: int,
+    seconds: float,
+    progress: Callable[[float], object],
+) -> dict[K, list[float]]:
+    """Times of each call, ms, taken in turns, so that a change of the machine's load meets all alike.
+
+    A call is repeated as often as fits into ``seconds``, from ``fewest`` to ``most`` times, spread evenly over
+    the turns, after one that does not count. ``progress`` is told each turn's share of the number of calls.
+    """
+    counts = {
+        name: int(np.clip(1e3 * seconds / _time_ms(call), fewest, most)) for name, call in calls.items()
+    }
+    times: dict[K, list[float]] = {name: [] for name in calls}
+    for turn in range(1, most + 1):
+        for name, call in calls.items():
+            if turn * counts[name] // most > len(times[name]):
+                times[name].append(_time_ms(call))
+        progress(len(calls) / most)
+    return times
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """PyTorch and OpenCV with ``count`` threads inside, as before outside."""
+    before = torch.get_num_threads(), cv2.getNumThreads()
+    torch.set_num_threads(count)
+    cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before[0])
+        cv2.setNumThreads(before[1])
+
+
+def machine(threads: int) -> dict[str, Any]:
+    """The machine in words, how busy it was, the threads used, and the versions of what is measured."""
+    return {
+        **hardware(),
+        "threads": threads,
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "versions": {name: version(name) for name in _LIBRARIES},
+    }
+
+
+def _time_ms(call: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    call()
+    return 1e3 * (time.perf_counter() - started)
