@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, cast
 
@@ -25,6 +26,7 @@ from blurnoise.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kernel", "kornia")
+_WORTH_A_THREAD = 1 << 18  # values
 _FOURIER: tuple[Method, ...] = ("transfer", "tiles")
 NEGLIGIBLE = 1e-4
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a fortieth of an 8-bit step."""
@@ -35,7 +37,7 @@ class Choice:
     """What is done to one picture, and why.
 
     error: predicted RMS error in units of white, above what the sampling of the picture itself causes, and
-    cost_ns: predicted time per value of the picture on two cores; None where neither is predicted.
+    cost_ns: predicted time per value of the picture on one core; None where neither is predicted.
     plan: of the Fourier transforms, where there are any.
     """
 
@@ -105,8 +107,17 @@ def exposure_blur(
         parts = zip(groups, choices, strict=True)
         return torch.cat([_blurred(*group, choice, optics, border) for group, choice in parts])
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    for (pictures, by), choice, target in zip(groups, choices, torch.split(out, at_once), strict=True):
-        _blurred(pictures, by, choice, optics, border, target)
+    detached = [(pictures.detach(), by.detach()) for pictures, by in groups]
+    jobs = list(zip(detached, choices, torch.split(out, at_once), strict=True))
+    workers = torch.get_num_threads() if image.numel() >= _WORTH_A_THREAD else 1
+    shared = 1 < workers <= len(jobs) and all(choice.plan is not None for choice in choices)
+
+    def blur(job: tuple[tuple[Tensor, Tensor], Choice, Tensor]) -> None:
+        (pictures, by), choice, target = job
+        _blurred(pictures, by, choice, optics, border, target, 1 if shared else workers)
+
+    with ThreadPoolExecutor(workers if shared else 1) as pool:
+        list(pool.map(blur, jobs) if shared else map(blur, jobs))
     return out
 
 
@@ -189,11 +200,17 @@ def _differentiable(*tensors: Tensor) -> bool:
 
 
 def _blurred(
-    image: Tensor, motion: Tensor, choice: Choice, optics: Optics, border: Border, out: Tensor | None = None
+    image: Tensor,
+    motion: Tensor,
+    choice: Choice,
+    optics: Optics,
+    border: Border,
+    out: Tensor | None = None,
+    workers: int = 1,
 ) -> Tensor:
     """A group of pictures, blurred as ``choice`` says, into ``out`` where it is given."""
     if choice.plan is not None:
-        return fourier.multiply(image, motion, optics, choice.plan, border, out)
+        return fourier.multiply(image, motion, optics, choice.plan, border, out, workers)
     if choice.method == "kernel":
         blurred = _correlate(image, psf.line(motion), border)
     else:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 Border = Literal["reflect", "replicate", "circular", "constant"]
@@ -29,10 +31,8 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     after = (height - image.shape[-2] - before[0], width - image.shape[-1] - before[1])
     if image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad):
         out = image.new_empty(*image.shape[:2], height, width)
-        code = _OPENCV[border]
         for plane, target in zip(image.flatten(0, 1), out.flatten(0, 1), strict=True):
-            edges = (before[0], after[0], before[1], after[1])
-            cv2.copyMakeBorder(plane.numpy(), *edges, code, dst=target.numpy(), value=0)
+            continued(plane.numpy(), target.numpy(), before, border)
         return out
     if border == "constant":
         return torch.nn.functional.pad(image, (before[1], after[1], before[0], after[0]))
@@ -40,6 +40,13 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
         index = _index(image.shape[dim], first, span, border)
         image = image.index_select(dim, index.to(image.device))
     return image
+
+
+def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], border: Border) -> None:
+    """``extended`` for one plane (H, W) of an array, into memory of the span."""
+    after = [span - n - first for span, n, first in zip(into.shape, plane.shape, before, strict=True)]
+    plane = np.ascontiguousarray(plane)
+    cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], _OPENCV[border], dst=into, value=0)
 
 
 def _index(size: int, before: int, span: int, border: Border) -> Tensor:

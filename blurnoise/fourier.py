@@ -10,18 +10,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count, product
-from typing import cast
+from typing import Any, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import transfer
-from blurnoise.borders import Border, extended
+from blurnoise import packed, transfer
+from blurnoise.borders import Border, continued, extended
+from blurnoise.scratch import borrowed
 from blurnoise.transfer import SHARP, Optics
 
+_Array = TypeVar("_Array", Tensor, NDArray[Any])
 _TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise
 _JOIN = 0.05  # cycles/px below half of one, over which a response is led into its alias
 _STILL_PX = 1e-3  # motion along an axis that is not worth its transform: an error of 1e-7
@@ -51,12 +56,18 @@ class Axis:
 
 @dataclass(frozen=True)
 class Plan:
-    """How a picture is cut; ``cost_ns`` per value of the picture, predicted for two cores."""
+    """How a picture is cut; ``cost_ns`` per value of the picture, predicted for one core."""
 
     y: Axis
     x: Axis
     dims: tuple[int, ...]
     cost_ns: float
+
+    @property
+    def packs(self) -> bool:
+        """Whether OpenCV's packed transform serves it."""
+        lengths = [{-2: self.y, -1: self.x}[dim].length for dim in self.dims]
+        return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
 
 @lru_cache(maxsize=512)
@@ -66,15 +77,14 @@ def plan(size: tuple[int, int], reach_px: tuple[float, float], border: Border, *
     A reach of 0 leaves its axis alone. Without ``tiled``, one transform; otherwise the best of several cuts.
     """
     margins = [8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in reach_px]
-    dims = tuple(dim for dim, margin in zip((-2, -1), margins, strict=True) if margin)
     plans = []
     for counts in product(_CUTS, _CUTS) if tiled else [(1, 1)]:
         y, x = (_axis(*each, border) for each in zip(size, margins, counts, strict=True))
-        values = y.length * x.length
-        cost = len(y.starts) * len(x.starts) * (values * _ns_per_value(values) * len(dims) / 2 + 40_000)
-        cost += (
-            0.5 * values if len(dims) == 2 else 0.0
-        )  # the transfer function itself, the same for all tiles
+        blurred = ((-2, y, margins[0]), (-1, x, margins[1]))
+        dims = tuple(dim for dim, axis, margin in blurred if margin and axis.length > 1) or (-1,)
+        values, tiles = y.length * x.length, len(y.starts) * len(x.starts)
+        cost = tiles * (values * _ns_per_value(values) * len(dims) / 2 + 20_000)
+        cost += 1.4 * values if len(dims) == 2 else 0.0  # the transfer function, the same for all tiles
         plans.append(Plan(y, x, dims, cost / math.prod(size)))
     return min(plans, key=lambda each: each.cost_ns)
 
@@ -90,14 +100,21 @@ def _axis(size: int, margin: int, count: int, border: Border) -> Axis:
 
 @lru_cache(maxsize=4096)
 def _fast_length(length: int) -> int:
-    """The next length that a Fourier transform likes: no prime above 7, beyond 256 a multiple of 32."""
+    """The next length that a Fourier transform likes: no prime above 7, beyond 256 a multiple of 32, not of 256.
+
+    Rows or columns a large power of two apart share a place in the cache; they take up to half as long again.
+    """
     step = 32 if length > 256 else 2
-    return next(n for n in count(step * math.ceil(length / step), step) if 210**30 % n == 0)
+    return next(n for n in count(step * math.ceil(length / step), step) if _is_fast(n))
+
+
+def _is_fast(length: int) -> bool:
+    return 210**30 % length == 0 and (length <= 256 or length % 256 != 0)
 
 
 def _ns_per_value(values: int) -> float:
-    """There and back over two axes, measured on two cores; a plane that leaves the cache costs more."""
-    return 2.9 if values <= 2**19 else 3.3 if values <= 2**21 else 9.0
+    """There and back over two axes, measured on one core; a plane that leaves the cache costs more."""
+    return 2.9 if values <= 2**20 else 3.3 if values <= 2**22 else 6.0
 
 
 def reach(
@@ -117,10 +134,12 @@ def multiply(
     plan: Plan,
     border: Border,
     out: Tensor | None = None,
+    workers: int = 1,
 ) -> Tensor:
     """Blur pictures by their motions (B, 2) and one lens, by ``plan``, into ``out`` if it is given.
 
-    Differentiable in the pictures and the motions without ``out``. Raises ``ValueError`` where the continued
+    Without ``out`` it is differentiable in the pictures and the motions. With it, on the CPU, ``workers``
+    threads share its planes and tiles, which changes no bit. Raises ``ValueError`` where the continued
     picture would be too large.
     """
     y, x = plan.y, plan.x
@@ -129,6 +148,10 @@ def multiply(
             f"displacement_px = {displacement_px.tolist()}: border {border!r} needs a plane of "
             f"{y.span}x{x.span} pixels; at most {_LARGEST_PLANE} are allowed"
         )
+    if out is not None and image.device.type == "cpu" and plan.packs:
+        for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
+            _multiply_planes(picture, motion, optics, plan, border, target, workers)
+        return out
     response = _response(displacement_px, optics, plan)
     plane = extended(image, (y.before, x.before), (y.span, x.span), border)
     if out is None:
@@ -144,40 +167,118 @@ def multiply(
     return out
 
 
+def _multiply_planes(
+    picture: Tensor,
+    motion_px: tuple[float, float],
+    optics: Optics,
+    plan: Plan,
+    border: Border,
+    out: Tensor,
+    workers: int,
+) -> None:
+    """One picture (C, H, W) through OpenCV's transform, plane by plane and tile by tile."""
+    y, x, (dx, dy) = plan.y, plan.x, motion_px
+    sources, targets = picture.numpy(), out.numpy()
+    if plan.dims == (-2,):  # columns are the rows of the turned picture
+        y, x, dx, dy = x, y, dy, dx
+        sources, targets = sources.swapaxes(1, 2), targets.swapaxes(1, 2)
+    lengths = (y.length if len(plan.dims) == 2 else 1, x.length)
+    with borrowed([(len(sources), y.span, x.span), lengths], sources.dtype) as (planes, factors):
+        for source, plane in zip(sources, planes, strict=True):
+            continued(source, plane, (y.before, x.before), border)
+        _plane_factors((dx, dy), optics, lengths, factors)
+
+        def blur(channel: int, top: int, left: int) -> None:
+            with borrowed([(y.length, x.length)] * 2, planes.dtype) as scratch:
+                tile = planes[channel, top : top + y.length, left : left + x.length]
+                blurred = packed.multiply(tile, factors, scratch)
+                target = targets[channel, top : top + y.core, left : left + x.core]
+                rows, columns = target.shape
+                target[:] = blurred[y.before : y.before + rows, x.before : x.before + columns]
+
+        tiles = list(product(range(len(planes)), y.starts, x.starts))
+        if workers == 1 or len(tiles) == 1:
+            for tile in tiles:
+                blur(*tile)
+        else:
+            with ThreadPoolExecutor(min(workers, len(tiles))) as pool:
+                list(pool.map(blur, *zip(*tiles, strict=True)))
+
+
 def _response(displacement_px: Tensor, optics: Optics, plan: Plan) -> Tensor:
     """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
-    fy, fx = (_frequencies(plan, dim, displacement_px) for dim in (-2, -1))
+    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
+    fy, fx = (torch.from_numpy(f).to(displacement_px) for f in _frequencies(lengths))
 
-    def over_rows(fx: Tensor) -> Tensor:
-        return _joined(lambda fy: transfer.motion(fx, fy, displacement_px), fy[:, None], 1)
+    def motion(fx: Tensor, fy: Tensor) -> Tensor:
+        return transfer.motion(fx, fy[:, None], displacement_px)
 
-    response = _joined(over_rows, fx, 2)
+    response = _joined(motion, fx, fy, lengths)
     if optics != SHARP:
         response = response * optics.response(fx, fy[:, None])
     return response[:, None]
 
 
-def _frequencies(plan: Plan, dim: int, like: Tensor) -> Tensor:
-    """Of ``rfftn``, cycles/px: its last axis goes from 0 to 1/2, another from 0 by way of +-1/2 back to 0."""
-    length = {-2: plan.y, -1: plan.x}[dim].length
-    if dim not in plan.dims:
-        return like.new_zeros(1)
-    frequencies = torch.fft.rfftfreq if dim == plan.dims[-1] else torch.fft.fftfreq
-    return cast(Tensor, frequencies(length, dtype=like.dtype, device=like.device))
+def _plane_factors(
+    motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: packed.Plane
+) -> None:
+    """What ``_response`` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
+    fy, fx = _frequencies(lengths)
+    dx, dy = (math.pi * along for along in motion_px)
+    kind = out.dtype
+
+    def phase_of(fx: packed.Plane, fy: packed.Plane, out: packed.Plane | None = None) -> packed.Plane:
+        phase = np.add((fx * dx).astype(kind), (fy * dy).astype(kind)[:, None], out=out)
+        phase += 1e-30  # sinc(0) is 1; no other phase is that small
+        return np.asarray(phase)
+
+    with borrowed([(len(fy), len(fx))] * 2, kind) as (phase, whole):
+
+        def motion(fx: packed.Plane, fy: packed.Plane) -> packed.Plane:
+            if whole.shape != (len(fy), len(fx)):
+                part = phase_of(fx, fy)
+                return np.asarray(np.sin(part) / part)
+            np.sin(phase_of(fx, fy, phase), out=whole)
+            return np.asarray(np.divide(whole, phase, out=whole))
+
+        response = _joined(motion, fx, fy, lengths)
+        if optics != SHARP:
+            lens = optics.response(*(torch.from_numpy(f.astype(kind)) for f in (fx, fy[:, None])))
+            response *= lens.numpy()
+        packed.pack(response, out)
 
 
-def _joined(response: Callable[[Tensor], Tensor], f: Tensor, dim: int) -> Tensor:
-    """Lead ``response`` along ``dim`` smoothly into its alias, which it meets at half a cycle per pixel.
+def _frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Of ``rfftn``, (fy, fx), cycles/px: its last axis goes from 0 to 1/2, another over +-1/2 back to 0.
 
-    A step there would ring far into the picture. At f cycles/px the alias, f - 1, has weight 1/2 at f = 1/2.
+    An axis of length 1 is not transformed.
     """
-    values = response(f)
-    near = (f.flatten().abs() > 0.5 - _JOIN).nonzero()
-    if len(near) == 0:
+    height, width = lengths
+    return np.fft.fftfreq(height) if width > 1 else np.fft.rfftfreq(height), np.fft.rfftfreq(width)
+
+
+def _joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths: tuple[int, int]) -> _Array:
+    """``motion``'s response (..., h, w), led smoothly into its alias towards half a cycle per pixel.
+
+    A step there would ring far into the picture. At f cycles/px the alias is the response at f - 1; it has no
+    weight up to f = 0.45 and half the weight at 0.5. Serves tensors and arrays alike.
+    """
+
+    def near(f: Any, length: int) -> tuple[slice, Any, Any]:
+        first = math.floor((0.5 - _JOIN) * length) + 1
+        band = slice(first, max(first, len(f)) if len(f) < length or length == 1 else length + 1 - first)
+        inside = (0.5 - abs(f[band])) / _JOIN
+        return band, f[band] + 1 - 2 * (f[band] > 0), 0.5 - (3 - inside * inside) * inside / 4
+
+    def over_rows(fx: Any) -> _Array:
+        values = motion(fx, fy)
+        rows, alias, weight = near(fy, lengths[0])
+        if len(alias):
+            values[..., rows, :] += weight[:, None] * (motion(fx, alias) - values[..., rows, :])
         return values
-    first, count = int(near[0]), len(near)
-    band = f.narrow(dim - 1, first, count) if f.ndim > 1 else f[first:]
-    own = (1 + torch.sin((0.5 - band.abs()) * (math.pi / 2 / _JOIN))) / 2
-    part = values.narrow(dim, first, count)
-    part.copy_(torch.lerp(response(band - band.sign()), part, own))
+
+    values = over_rows(fx)
+    columns, alias, weight = near(fx, lengths[1])
+    if len(alias):
+        values[..., columns] += weight * (over_rows(alias) - values[..., columns])
     return values

@@ -15,8 +15,8 @@ PACKAGES = {
 }
 FLOORS = {
     "blurnoise": [
-        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer"},
-        {"camera", "motion", "psf"},
+        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch"},
+        {"camera", "motion", "psf", "packed"},
         {"fourier", "sensor"},
         {"blur"},
         {"simulate"},
