@@ -19,7 +19,7 @@ import torch
 from kornia import filters
 from torch import Tensor
 
-from blurnoise import fourier, psf
+from blurnoise import fourier, psf, transfer
 from blurnoise.borders import BORDERS, Border, extended
 from blurnoise.checks import image_batch, non_negative, one_of
 from blurnoise.transfer import SHARP, Optics
@@ -92,7 +92,7 @@ def exposure_blur(
     ``method`` "kernel" and "kornia" know motion only and raise ``ValueError`` for a lens that blurs.
     """
     image_batch("image", image)
-    motions = _displacement(displacement_px, image)
+    motions = displacements(displacement_px, image)
     at_once = 1 if image.device.type == "cpu" or method == "kornia" else len(image)
     groups = list(zip(torch.split(image, at_once), torch.split(motions, at_once), strict=True))
     size = (image.shape[-2], image.shape[-1])
@@ -170,9 +170,7 @@ def _choose(
                 f"method = {method!r}: knows motion only; use 'transfer' or 'auto' with {optics}"
             )
         return Choice(method, "asked for")
-    # 1 - sinc(f . d) <= (pi f . d)^2 / 6, whose RMS over the band is at most (pi d)^2 / 6 / sqrt(60); the
-    # worst picture, black and white without correlation, has RMS contrast 1/2.
-    left_out = min(1.0, (math.pi * math.hypot(dx, dy)) ** 2 / 6 / math.sqrt(60)) / 2 + optics.error
+    left_out = transfer.motion_error(math.hypot(dx, dy)) + optics.error
     reach = fourier.reach((dx, dy), optics, every_axis=moving)
     nothing = not any(reach) or (method == "auto" and left_out <= NEGLIGIBLE and not moving)
     if method == "none" or nothing:
@@ -183,7 +181,8 @@ def _choose(
     return Choice(chosen, f"exact; predicted per value: {costs}", 0.0, plans[chosen].cost_ns, plans[chosen])
 
 
-def _displacement(value: Tensor | Iterable[float], image: Tensor) -> Tensor:
+def displacements(value: Tensor | Iterable[float], image: Tensor) -> Tensor:
+    """Motions (B, 2), px, for the pictures of ``image``; raises ``ValueError`` for another shape or no number."""
     displacement = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
     displacement = displacement.to(device=image.device, dtype=image.dtype)
     if displacement.shape not in {(2,), (1, 2), (len(image), 2)}:

@@ -1,16 +1,29 @@
-"""Cameras in EMVA 1288 terms, and presets whose every figure says where it comes from."""
+"""Cameras in EMVA 1288 terms: presets, and files of one's own; every figure says where it comes from.
+
+A camera file (.json, .yaml, .yml) maps the fields of :class:`Camera` to values. ``base: imx250`` takes what
+it leaves out from a preset. ``quantum_efficiency`` is a number, {wavelengths_nm: [...], values: [...]} or
+{csv: path, column: 1}, the path relative to the file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+import csv
+import json
+import math
+import numbers
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import MISSING, dataclass, field, fields
+from difflib import get_close_matches
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from blurnoise import rng
-from blurnoise.checks import in_range, non_negative, positive
+from blurnoise import presets, rng
+from blurnoise.checks import in_range, non_negative, one_of, positive
 from blurnoise.spectra import Curve, Spectrum
 from blurnoise.transfer import Optics
 
@@ -56,6 +69,8 @@ class Camera:
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        for entry in fields(self):
+            object.__setattr__(self, entry.name, _AS[str(entry.type)](entry.name, getattr(self, entry.name)))
         for name in ("pixel_pitch_um", "f_number", "full_well_e", "system_gain_dn_per_e", "dark_doubling_c"):
             positive(name, getattr(self, name))
         for name in ("read_noise_e", "dark_current_e_s", "prnu", "dsnu_e", "defocus_radius_px"):
@@ -63,11 +78,10 @@ class Camera:
         in_range("transmission", self.transmission, 0.0, 1.0)
         in_range("dark_reference_c", self.dark_reference_c, -273.15, 300.0)
         in_range("hfov_deg", self.hfov_deg, 1e-3, 360.0)
-        if not isinstance(self.quantum_efficiency, Curve):
-            in_range("quantum_efficiency", self.quantum_efficiency, 0.0, 1.0)
+        curve = self.quantum_efficiency
+        for value in curve.values if isinstance(curve, Curve) else (curve,):
+            in_range("quantum_efficiency", value, 0.0, 1.0)
         for name, low, high in (("bit_depth", 1, 16), ("width_px", 1, 1 << 20), ("height_px", 1, 1 << 20)):
-            if not isinstance(getattr(self, name), int):
-                raise TypeError(f"{name} = {getattr(self, name)!r}: must be an integer")
             in_range(name, getattr(self, name), low, high)
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
 
@@ -102,6 +116,25 @@ class Camera:
         """
         return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), seed)
 
+    def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
+        """Temporal variance without light, DN^2: K^2 (read^2 + dark_e) + 1/12 (rounding)."""
+        return self.system_gain_dn_per_e**2 * (self.read_noise_e**2 + dark_e) + 1 / 12
+
+    @property
+    def snr_max_db(self) -> float:
+        """Shot noise alone at saturation, 20 log10 sqrt(saturation_e): what EMVA 1288 quotes."""
+        return 10 * math.log10(self.saturation_e)
+
+    @property
+    def threshold_e(self) -> float:
+        """Photo-electrons at which the temporal SNR is 1, without dark current, rounding included."""
+        return 0.5 + math.sqrt(0.25 + self.dark_variance_dn2() / self.system_gain_dn_per_e**2)
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """Saturation over :attr:`threshold_e`, 20 log10."""
+        return 20 * math.log10(self.saturation_e / self.threshold_e)
+
     @classmethod
     def preset(cls, name: str) -> Camera:
         """A camera by name; see ``PRESETS`` for the names and ``camera.sources`` for where figures are from.
@@ -111,6 +144,54 @@ class Camera:
         if name not in PRESETS:
             raise ValueError(f"camera = {name!r}: unknown; presets are {', '.join(sorted(PRESETS))}")
         return PRESETS[name]
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str = "given", folder: str | Path = "."
+    ) -> Camera:
+        """The camera that ``values`` states as :meth:`to_dict` does; ``base`` names a preset for the rest.
+
+        ``source`` is noted for every figure without one in ``values["sources"]``; ``folder`` is where a
+        relative ``quantum_efficiency: {csv: path}`` starts. Raises ``TypeError`` or ``ValueError`` naming
+        the field, its value and what is allowed.
+        """
+        return cls(**_completed(values, source, Path(folder)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Camera:
+        """The camera of a .json, .yaml or .yml file; without ``name`` it is named after the file.
+
+        Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError`` where it
+        cannot be read.
+        """
+        path = Path(path)
+        suffix = _suffix(path)
+        data = path.read_bytes()
+        try:
+            values = _parsed(data, suffix)
+            if isinstance(values, dict):
+                values = {"name": path.stem, **values}
+            return cls.from_dict(values, source=f"from {path.name}", folder=path.parent)
+        except (TypeError, ValueError) as error:
+            raise _within(str(path), error) from None
+
+    def save(self, path: str | Path) -> None:
+        """Write a .json, .yaml or .yml file that :meth:`load` reads back, sources included.
+
+        The file appears whole or not at all. Raises ``ValueError`` for another suffix, ``OSError`` where it
+        cannot be written.
+        """
+        path = Path(path)
+        text = _written(self.to_dict(), _suffix(path))
+        unfinished = path.with_name(f".{path.name}.partial")
+        try:
+            unfinished.write_text(text, encoding="utf-8")
+            unfinished.replace(path)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        finally:
+            with suppress(OSError):
+                unfinished.unlink()
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
@@ -133,230 +214,145 @@ def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int
     return gain, offset_e
 
 
-_MVFOX = "manual of the mvBlueFOX3 cameras, EMVA 1288 figures of the model with this sensor"
-_NO_FIGURE = "no public figure found, left at 0"
-_LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
-_OF_SNR = "derived: 10^(SNRmax/10) of the "
-_OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "
+def _number(name: str, value: object) -> float:
+    if isinstance(value, numbers.Real) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError(f"{name}: must be finite, got an integer beyond 1e308") from None
+    hint = ", not text (YAML takes 1e4 for text; write 1.0e+4)" if isinstance(value, str) else ""
+    raise TypeError(f"{name} = {value!r}: must be a number{hint}")
 
 
-def _from_emva(
-    name: str,
-    *,
-    pixel_pitch_um: float,
-    snr_max_db: float,
-    dynamic_range_db: float,
-    size_px: tuple[int, int],
-    quantum_efficiency: Spectrum,
-    qe_source: str,
-    source: str,
-) -> Camera:
-    """A camera from the figures an EMVA 1288 data sheet quotes; what it does not quote is assumed and said."""
-    full_well_e = float(round(10 ** (snr_max_db / 10)))
-    read_noise_e = round(full_well_e / 10 ** (dynamic_range_db / 20) - 0.5, 2)
-    snr_dr = f"{source} ({snr_max_db} dB, {dynamic_range_db} dB)"
-    return _with_black_level(
-        name,
-        pixel_pitch_um=pixel_pitch_um,
-        full_well_e=full_well_e,
-        read_noise_e=read_noise_e,
-        size_px=size_px,
-        quantum_efficiency=quantum_efficiency,
-        sources={
-            "pixel_pitch_um": f"quoted: {source}",
-            "full_well_e": _OF_SNR + snr_dr,
-            "read_noise_e": _OF_DR + snr_dr,
-            "quantum_efficiency": qe_source,
-            "bit_depth": f"quoted: {source}",
-            "width_px": f"quoted: {source}",
-            "height_px": f"quoted: {source}",
-        },
-    )
+def _integer(name: str, value: object) -> int:
+    if not isinstance(value, numbers.Integral) or isinstance(value, bool):
+        raise TypeError(f"{name} = {value!r}: must be an integer")
+    return int(value)
 
 
-def _with_black_level(
-    name: str,
-    *,
-    pixel_pitch_um: float,
-    full_well_e: float,
-    read_noise_e: float,
-    size_px: tuple[int, int],
-    quantum_efficiency: Spectrum,
-    sources: Mapping[str, str],
-    f_number: float = 1.4,
-) -> Camera:
-    """A 12-bit camera whose gain puts the full well at full scale, above a black level of six read noises."""
-    full_scale_dn = 4095
-    per_electron = full_scale_dn / (full_well_e + 6 * read_noise_e)
-    black_level_dn = float(round(6 * read_noise_e * per_electron))
-    width_px, height_px = size_px
-    return Camera(
-        name=name,
-        pixel_pitch_um=pixel_pitch_um,
-        f_number=f_number,
-        transmission=1.0,
-        quantum_efficiency=quantum_efficiency,
-        full_well_e=full_well_e,
-        system_gain_dn_per_e=(full_scale_dn - black_level_dn) / full_well_e,
-        read_noise_e=read_noise_e,
-        black_level_dn=black_level_dn,
-        bit_depth=12,
-        width_px=width_px,
-        height_px=height_px,
-        sources={
-            "f_number": _LENS,
-            "transmission": _LENS,
-            "system_gain_dn_per_e": "chosen: the full well is full scale",
-            "black_level_dn": "chosen: six times the read noise, so that the dark is not clipped",
-            "dark_current_e_s": _NO_FIGURE,
-            "prnu": _NO_FIGURE,
-            "dsnu_e": _NO_FIGURE,
-            "dark_reference_c": "assumed; without effect while the dark current is 0",
-            "dark_doubling_c": "assumed; without effect while the dark current is 0",
-            "defocus_radius_px": "assumed: in focus",
-            "hfov_deg": "assumed: the lens is the user's choice",
-            **sources,
-        },
-    )
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{name} = {value!r}: must be text")
+    if not value.strip():
+        raise ValueError(f"{name} = {value!r}: must not be empty")
+    return value
 
 
-_BLACKFLY_QE = Curve((470.0, 525.0, 630.0, 800.0), (0.50, 0.60, 0.48, 0.25))
-_BLACKFLY = "blackfly.json of Kitware's nrtk 1.1.0"
-_QE_ASSUMED = f"assumed: no public figure found; that of the 3.45 um Blackfly in {_BLACKFLY}"
-_MT9M034 = "manual of the mvBlueFOX3-1012d, EMVA 1288 figures"
-_AR0132AT = "onsemi data sheet AR0132AT/D rev. 9, table 1"
-_SAME_ARRAY = "derived from the MT9M034, whose data sheet has the same table 1 (same pixel array)"
-_SMALLER = "assumed: no public figure found; the MT9M034's, the well scaled by the pixel's area"
-_LIN = "Lin et al., Sensors 2024, 24, 5135"
-# The paper's tool counts 5774.616 quanta at 50 lux, 30 ms, f/1.4, 3.45 um (green AR0237 channel behind an
-# IR-cut filter, Planck 5500 K, 400-650 nm); D55 over 400-700 nm and Q = 1 give 24 421.8 here.
-_LIN_QE = 5774.616 / 24421.8
-_LIN_GAIN = 5.88
+def _switch(name: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"{name} = {value!r}: must be true or false")
+    return value
 
-PRESETS: Mapping[str, Camera] = {
-    camera.name: camera
-    for camera in (
-        _from_emva(
-            "imx250",
-            pixel_pitch_um=3.45,
-            snr_max_db=40.3,
-            dynamic_range_db=71.2,
-            size_px=(2464, 2056),
-            quantum_efficiency=_BLACKFLY_QE,
-            qe_source=_QE_ASSUMED,
-            source=_MVFOX,
-        ),
-        _from_emva(
-            "imx249",
-            pixel_pitch_um=5.86,
-            snr_max_db=45.1,
-            dynamic_range_db=73.0,
-            size_px=(1936, 1216),
-            quantum_efficiency=_BLACKFLY_QE,
-            qe_source=_QE_ASSUMED,
-            source=_MVFOX,
-        ),
-        _from_emva(
-            "mt9m034",
-            pixel_pitch_um=3.75,
-            snr_max_db=37.7,
-            dynamic_range_db=63.4,
-            size_px=(1280, 960),
-            quantum_efficiency=_BLACKFLY_QE,
-            qe_source=_QE_ASSUMED,
-            source=_MT9M034,
-        ),
-        _with_black_level(
-            "blackfly",
-            pixel_pitch_um=3.45,
-            full_well_e=11105.0,
-            read_noise_e=2.45,
-            size_px=(2448, 2048),
-            quantum_efficiency=_BLACKFLY_QE,
-            f_number=2.743,
-            sources={
-                "pixel_pitch_um": f"quoted: {_BLACKFLY}",
-                "full_well_e": f"quoted: {_BLACKFLY} (max_n)",
-                "bit_depth": f"quoted: {_BLACKFLY}",
-                "quantum_efficiency": f"quoted: {_BLACKFLY}; linear between its four wavelengths, 0 outside",
-                "f_number": f"derived: focal length over aperture, {_BLACKFLY}",
-                "read_noise_e": "assumed: no public figure found; that of the IMX250, the same pitch and well",
-                "width_px": "assumed: that of the IMX250",
-                "height_px": "assumed: that of the IMX250",
-            },
-        ),
-        _with_black_level(
-            "ar0132at",
-            pixel_pitch_um=3.75,
-            full_well_e=5890.0,
-            read_noise_e=3.48,
-            size_px=(1280, 960),
-            quantum_efficiency=_BLACKFLY_QE,
-            sources={
-                "pixel_pitch_um": f"quoted: {_AR0132AT}",
-                "bit_depth": f"quoted: {_AR0132AT}",
-                "width_px": f"quoted: {_AR0132AT}",
-                "height_px": f"quoted: {_AR0132AT}",
-                "full_well_e": f"{_SAME_ARRAY}; its own 43.9 dB is no EMVA figure",
-                "read_noise_e": _SAME_ARRAY,
-                "quantum_efficiency": _QE_ASSUMED,
-            },
-        ),
-        _with_black_level(
-            "ar0237",
-            pixel_pitch_um=3.0,
-            full_well_e=3770.0,
-            read_noise_e=3.48,
-            size_px=(1928, 1088),
-            quantum_efficiency=round(_LIN_QE, 4),
-            sources={
-                "pixel_pitch_um": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-                "width_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-                "height_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-                "quantum_efficiency": "derived: mean of its green channel behind an IR-cut filter, " + _LIN,
-                "full_well_e": _SMALLER,
-                "read_noise_e": _SMALLER,
-                "bit_depth": "assumed: 12, linear mode",
-            },
-        ),
-        Camera(
-            name="lin2024",
-            pixel_pitch_um=3.45,
-            f_number=1.4,
-            transmission=1.0,
-            quantum_efficiency=_LIN_QE / _LIN_GAIN,
-            full_well_e=11038.0,
-            system_gain_dn_per_e=_LIN_GAIN,
-            read_noise_e=2.44,
-            bit_depth=12,
-            defocus_radius_px=1.0,
-            defocus_counts_pixel=True,
-            width_px=4096,
-            height_px=2160,
-            hfov_deg=99.32,
-            sources={
-                "quantum_efficiency": "effective: the tool divides its quanta by the sensitivity of 5.88 before "
-                "it draws shot noise and multiplies by it after, so one quantum is one DN and white at 50 lux "
-                "fills 12 bits at 21.3 ms; 5774.616 quanta at 50 lux and 30 ms are 982.1 electrons here",
-                "system_gain_dn_per_e": "quoted: the tool's sensitivity, which its EMVA source gives in e-/DN",
-                "full_well_e": f"quoted: {_LIN}; never reached, since the converter is full at 696 e-",
-                "read_noise_e": f"quoted: {_LIN} (its dark noise)",
-                "black_level_dn": f"quoted: {_LIN} (baseline 0)",
-                "bit_depth": f"quoted: {_LIN}",
-                "pixel_pitch_um": f"quoted: {_LIN}",
-                "f_number": f"quoted: {_LIN}",
-                "transmission": f"quoted: {_LIN}",
-                "defocus_radius_px": f"quoted: {_LIN} (fspecial disk of radius 1)",
-                "width_px": f"quoted: {_LIN}, road scenes",
-                "height_px": "assumed: 4096 x 2160",
-                "hfov_deg": f"quoted: {_LIN}, as its Table 2 needs (printed as 99)",
-                "dark_current_e_s": "the tool has none",
-                "dark_reference_c": "without effect: no dark current",
-                "dark_doubling_c": "without effect: no dark current",
-                "prnu": "the tool has none",
-                "dsnu_e": "the tool has none",
-            },
-        ),
-    )
+
+def _spectrum(name: str, value: object) -> Spectrum:
+    return value if isinstance(value, Curve) else _number(name, value)
+
+
+def _sources(name: str, value: object) -> dict[str, str]:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name} = {value!r}: must map fields to where their figures come from")
+    for key in value:
+        _known(f"{name}: field", key, _FIELDS)
+    return {key: _text(f"{name}.{key}", text) for key, text in value.items()}
+
+
+_AS: Mapping[str, Callable[[str, object], object]] = {
+    "str": _text,
+    "float": _number,
+    "int": _integer,
+    "bool": _switch,
+    "Spectrum": _spectrum,
+    "Mapping[str, str]": _sources,
 }
-"""Cameras by name. Every figure's source starts with quoted, derived, chosen, assumed or effective."""
+_FIELDS = tuple(entry.name for entry in fields(Camera))
+_REQUIRED = tuple(entry.name for entry in fields(Camera) if entry.default is entry.default_factory is MISSING)
+_FIGURES = tuple(name for name in _FIELDS if name not in ("name", "defocus_counts_pixel", "sources"))
+
+
+def _within(where: str, error: Exception) -> Exception:
+    """The same complaint with the place it concerns before it."""
+    return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
+
+
+def _known(what: str, name: object, known: tuple[str, ...]) -> None:
+    if name in known:
+        return
+    near = get_close_matches(str(name), known, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    raise ValueError(f"{what} {name!r} is unknown; {hint}Known are {', '.join(known)}")
+
+
+def _completed(stated: object, source: str, folder: Path) -> dict[str, Any]:
+    """All fields of the camera that ``stated`` and its base make, with a source for each figure."""
+    if not isinstance(stated, Mapping):
+        raise TypeError(f"camera: must map fields to values, got {type(stated).__name__}")
+    for name in stated:
+        _known("field", name, ("base", *_FIELDS))
+    base: dict[str, Any] = {"sources": dict.fromkeys(_FIGURES, "assumed: the default, none was stated")}
+    if "base" in stated:
+        base = PRESETS[one_of("base", _text("base", stated["base"]), sorted(PRESETS))].to_dict()
+    values = {**base, **{name: value for name, value in stated.items() if name != "base"}}
+    if missing := [name for name in _REQUIRED if name not in values]:
+        raise ValueError(
+            f"missing {', '.join(missing)}; state them, or a base: one of {', '.join(sorted(PRESETS))}"
+        )
+    given = {name: source for name in _FIGURES if name in stated}
+    values["sources"] = {**base["sources"], **given, **_sources("sources", stated.get("sources", {}))}
+    if isinstance(values["quantum_efficiency"], Mapping):
+        values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+    return values
+
+
+def _curve(stated: Mapping[str, Any], folder: Path) -> Curve:
+    name = "quantum_efficiency"
+    try:
+        if "csv" in stated and set(stated) <= {"csv", "column"}:
+            column = _integer("column", stated.get("column", 1))
+            in_range("column", column, 1, 1 << 16)
+            return Curve.from_csv(folder / _text("csv", stated["csv"]), column)
+        if set(stated) == {"wavelengths_nm", "values"}:
+            return Curve(*(_samples(key, stated[key]) for key in ("wavelengths_nm", "values")))
+    except OSError as error:
+        raise ValueError(f"{name}: csv {stated['csv']!r} cannot be read: {error.strerror}") from None
+    except (TypeError, ValueError, csv.Error) as error:
+        raise _within(name, error) from None
+    raise ValueError(
+        f"{name} = {dict(stated)!r}: must be a number, {{wavelengths_nm, values}} or {{csv, column}}"
+    )
+
+
+def _samples(name: str, values: object) -> tuple[float, ...]:
+    if not isinstance(values, (list, tuple)):
+        raise TypeError(f"{name} = {values!r}: must be a list of numbers")
+    return tuple(_number(name, value) for value in values)
+
+
+def _suffix(path: Path) -> str:
+    return one_of(f"suffix of {path}", path.suffix.lower(), (".json", ".yaml", ".yml"))
+
+
+def _parsed(data: bytes, suffix: str) -> Any:
+    """What a camera file holds. Raises ``ValueError`` of one line."""
+    import yaml  # late: the presets need none
+
+    try:
+        text = data.decode("utf-8-sig")
+        return json.loads(text) if suffix == ".json" else yaml.safe_load(text)
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
+        kind = "JSON" if suffix == ".json" else "YAML"
+        raise ValueError(f"is no {kind}: {' '.join(str(error).split())}") from None
+
+
+def _written(values: dict[str, object], suffix: str) -> str:
+    if suffix == ".json":
+        return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
+    import yaml  # late: the presets need none
+
+    return (
+        "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
+        + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=110)
+    )
+
+
+PRESETS: Mapping[str, Camera] = {figures["name"]: Camera(**figures) for figures in presets.FIGURES}
+"""Cameras by name."""

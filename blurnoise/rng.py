@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import torch
 from torch import Tensor
@@ -15,6 +16,10 @@ from torch import Tensor
 Randomness = torch.Generator | Sequence[int] | int | None
 """A generator to draw one seed per item from, the seeds themselves, one item's seed, or torch's default."""
 
+INVERSION_BELOW = 10.0
+"""Mean counts below which :func:`poisson_of_normal` inverts the distribution itself."""
+_LARGEST_COUNT = 64  # of a mean below 10: beyond, the chance is below 1e-28
+_WORTH_A_THREAD = 1 << 18  # values
 _SEED_LIMIT = 2**63 - 1
 
 
@@ -42,13 +47,22 @@ def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -
     ``stream`` names what the field is for: fields of other streams are independent, seeds being equal.
     """
     field = torch.empty_like(like, requires_grad=False, memory_format=torch.contiguous_format)
-    for item, seed in zip(field, seeds, strict=True):
+
+    def fill(item: Tensor, seed: int) -> None:
         item.normal_(generator=_generator(seed, stream, like.device))
+
+    threads = torch.get_num_threads() if field.numel() >= _WORTH_A_THREAD and like.device.type == "cpu" else 1
+    if threads == 1 or len(seeds) == 1:
+        for item, seed in zip(field, seeds, strict=True):
+            fill(item, seed)
+    else:  # torch draws on one core; items do not share a generator
+        with ThreadPoolExecutor(min(threads, len(seeds))) as pool:
+            list(pool.map(fill, field, seeds))
     return field
 
 
 def poisson(mean: Tensor, seeds: Sequence[int], stream: str = "counts") -> Tensor:
-    """Poisson counts of the given mean (B, ...), item i drawn from seeds[i]. No gradient passes."""
+    """Exact Poisson counts of the given mean (B, ...), item i drawn from seeds[i]. No gradient passes."""
     mean = mean.detach()
     return torch.stack(
         [
@@ -56,6 +70,37 @@ def poisson(mean: Tensor, seeds: Sequence[int], stream: str = "counts") -> Tenso
             for item, seed in zip(mean, seeds, strict=True)
         ]
     )
+
+
+def poisson_of_normal(mean: Tensor, normal: Tensor) -> Tensor:
+    """Poisson counts made of N(0, 1) values of the same shape, one each: equal values give equal counts.
+
+    Below ``INVERSION_BELOW`` the exact inverse of the distribution at Phi(z), from there on the rounded normal
+    with the correction of Cornish and Fisher, x = round(mean + z sqrt(mean - 5/36) + (z^2 - 1) / 6), whose
+    total variation distance is 0.0022 at a mean of 10, 0.0002 at 100. No gradient passes.
+    """
+    mean, normal = mean.detach(), normal.detach()
+    spread = torch.sqrt((mean - 5 / 36).clamp_min_(0.0))
+    counts = torch.addcmul((mean - 1 / 6).addcmul_(normal, normal, value=1 / 6), spread, normal)
+    counts.round_().clamp_min_(0.0)
+    low = mean < INVERSION_BELOW
+    if bool(low.any()):
+        counts[low] = _inverted(mean[low].double(), normal[low].double()).to(counts.dtype)
+    return counts
+
+
+def _inverted(mean: Tensor, normal: Tensor) -> Tensor:
+    """The least k at which Poisson's distribution function reaches Phi(z)."""
+    level = torch.special.ndtr(normal)
+    chance = torch.exp(-mean)
+    reached, counts = chance.clone(), torch.zeros_like(mean)
+    k = 0
+    while bool((beyond := level > reached).any()) and k < _LARGEST_COUNT:
+        k += 1
+        counts += beyond
+        chance *= mean / k
+        reached += chance
+    return counts
 
 
 def _generator(seed: int, stream: str, device: torch.device) -> torch.Generator:

@@ -12,6 +12,7 @@ from blurnoise.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.checks import Numbers, image_batch, one_of, per_image
 from blurnoise.encoding import Encoding, linear_from_srgb
+from blurnoise.plan import TOLERANCE_DN, plan
 from blurnoise.spectra import Curve
 
 
@@ -28,6 +29,10 @@ def simulate(
     border: Border = "reflect",
     pattern_seed: int = 0,
     generator: rng.Randomness = None,
+    fidelity: sensor.Fidelity = "auto",
+    tolerance_dn: float = TOLERANCE_DN,
+    noise: bool = True,
+    quantised: bool = True,
 ) -> Tensor:
     """Expose ``image`` with ``camera``; returns digital numbers of the same shape, integral values.
 
@@ -39,25 +44,63 @@ def simulate(
 
     Order: linear light, lens and motion, light level, then :func:`blurnoise.sensor.read_out`: shot,
     dark, read, full well, gain, black level, rounding, converter limits.
+
+    fidelity: "full" models everything, "auto" what :func:`blurnoise.plan.plan` keeps of it for each image
+    within ``tolerance_dn`` (DN RMS). noise: without it, the mean frame. quantised: without it, before rounding.
+    Gradients reach image, exposure, illuminance, velocity and temperature; with them, everything is modelled.
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """
+    one_of("fidelity", fidelity, ("auto", "full"))
     reflectance = scene_reflectance(image, encoding)
     batch = len(image)
     exposure = per_image("exposure_s", exposure_s, batch, reflectance, low=0.0)
     lux = per_image("illuminance_lux", illuminance_lux, batch, reflectance, low=0.0)
+    temperature = per_image("temperature_c", temperature_c, batch, reflectance, low=-273.15, high=300.0)
     velocity = torch.as_tensor(velocity_px_s).to(reflectance)
-    displacement = velocity * exposure[:, None] if velocity.ndim < 3 else velocity
+    displacement = blur.displacements(velocity * exposure[:, None] if velocity.ndim < 3 else velocity, image)
+    seeds = rng.item_seeds(generator, batch)
+    given = (reflectance, exposure, lux, velocity, temperature)
+    differentiable = torch.is_grad_enabled() and any(each.requires_grad for each in given)
 
-    moved = lens_and_motion(reflectance, camera, displacement, border=border)
-    return sensor.read_out(
-        moved,
-        camera,
-        white_e=lux * exposure * sensor.electrons_per_lux_s(camera, illuminant),
-        exposure_s=exposure,
-        temperature_c=temperature_c,
-        generator=generator,
-        fixed_pattern=frame_pattern(camera, image, pattern_seed),
-    )
+    def frames(of: list[int], camera: Camera, *, moves: bool, noisy: bool) -> Tensor:
+        every = len(of) == batch
+        scene, motion = (each if every else each[of] for each in (reflectance, displacement))
+        moved = lens_and_motion(scene, camera, motion if moves else (0.0, 0.0), border=border)
+        return sensor.read_out(
+            moved,
+            camera,
+            white_e=(lux * exposure * sensor.electrons_per_lux_s(camera, illuminant))[of],
+            exposure_s=exposure[of],
+            temperature_c=temperature[of],
+            generator=[seeds[item] for item in of],
+            fixed_pattern=frame_pattern(camera, image, pattern_seed),
+            fidelity=fidelity,
+            noise=noise and noisy,
+            quantised=quantised,
+        )
+
+    if fidelity == "full" or differentiable:
+        return frames(list(range(batch)), camera, moves=True, noisy=True)
+    columns = zip(exposure.tolist(), lux.tolist(), displacement.tolist(), temperature.tolist(), strict=True)
+    groups: dict[tuple[Camera, bool, bool], list[int]] = {}
+    for item, (of_exposure, of_lux, moved_px, of_temperature) in enumerate(columns):
+        needs = plan(
+            camera,
+            exposure_s=of_exposure,
+            illuminance_lux=of_lux,
+            displacement_px=(moved_px[0], moved_px[1]),
+            temperature_c=of_temperature,
+            illuminant=illuminant,
+            tolerance_dn=tolerance_dn,
+        )
+        groups.setdefault((needs.camera, needs.moves, needs.noisy), []).append(item)
+    if len(groups) == 1:
+        ((camera, moves, noisy),) = groups
+        return frames(list(range(batch)), camera, moves=moves, noisy=noisy)
+    out = torch.empty_like(reflectance, memory_format=torch.contiguous_format)
+    for (reduced, moves, noisy), of in groups.items():
+        out[of] = frames(of, reduced, moves=moves, noisy=noisy)
+    return out
 
 
 def lens_and_motion(

@@ -25,6 +25,15 @@ def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
     return sinc(fx * dx + fy * dy)
 
 
+def motion_error(length_px: float) -> float:
+    """RMS error, in units of white, of leaving a motion out: a bound for any picture within [0, 1].
+
+    1 - sinc(f . d) is at most (pi f . d)^2 / 6, whose RMS over the band of a sampled picture is at most
+    (pi length)^2 / 6 / sqrt(60); the worst picture, black and white without correlation, has contrast 1/2 RMS.
+    """
+    return min(1.0, (math.pi * length_px) ** 2 / 6 / math.sqrt(60)) / 2
+
+
 def disc(f: Tensor, radius_px: float) -> Tensor:
     """Defocus of a round aperture, 2 J1(2 pi R f) / (2 pi R f). MTF50 at 0.352542 / R, first 0 at 0.609835 / R."""
     x = (2 * math.pi * radius_px * f).abs().clamp_min(1e-20)

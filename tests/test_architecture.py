@@ -15,16 +15,16 @@ PACKAGES = {
 }
 FLOORS = {
     "blurnoise": [
-        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch"},
+        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch", "presets"},
         {"camera", "motion", "psf", "packed"},
         {"fourier", "sensor"},
-        {"blur"},
+        {"blur", "moments", "plan"},
         {"simulate"},
     ],
     "blurnoise_eval": [
         {"records", "contract", "arguments", "conditions", "files"},
         {"formats"},
-        {"onnx_model", "datasets", "scoring", "store", "optimum"},
+        {"onnx_model", "datasets", "scoring", "store", "optimum", "cameras"},
         {"sweep", "pictures", "figures", "findings"},
         {"report"},
         {"results"},
@@ -43,7 +43,7 @@ EXCEPTIONS = {
 SAME_FLOOR = {
     ("charts", "checks"): "guards",
     ("transfer", "checks"): "guards",
-    ("camera", "spectra"): "",
+    ("presets", "spectra"): "quantum efficiencies are curves",
     ("figures", "pictures"): "captions and thumbnails serve the figures",
     ("findings", "figures"): "the page and the figures show the same groups",
     ("findings", "pictures"): "captions",

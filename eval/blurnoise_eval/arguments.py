@@ -31,6 +31,16 @@ Without --model: a built-in matched filter. Without --images or --coco: rendered
 stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was
 when the same command is given again.
 """
+_CAMERAS = """\
+List the camera presets, or show every figure of one camera and its source.
+
+  blurnoise cameras                              the presets, a line each
+  blurnoise cameras imx250 --save mine.yaml      a starting point for your own
+  blurnoise cameras mine.yaml --plot mine.png    variance against mean, and SNR
+  blurnoise sweep --camera mine.yaml -o run      the answer for it
+
+A file may hold 'base: imx250' and only the fields that differ.
+"""
 _LIST_HELP = "as 1,5,10 or start:stop:step (stop included)"
 
 
@@ -91,6 +101,18 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     )
     simulate.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
     simulate.add_argument(
+        "--fidelity",
+        choices=("auto", "full"),
+        default="auto",
+        help="auto: leave out what changes less than the tolerance (default); full: model everything",
+    )
+    simulate.add_argument(
+        "--tolerance-dn", type=float, default=0.1, help="what auto may leave out, DN RMS (default 0.1)"
+    )
+    simulate.add_argument(
+        "--explain", action="store_true", help="print what each stage contributes, and what is done about it"
+    )
+    simulate.add_argument(
         "--bit-depth",
         choices=("8", "native"),
         default="8",
@@ -98,6 +120,12 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     )
     _camera_options(simulate)
     _json_option(simulate)
+
+    cameras = command("cameras", "the cameras there are, their figures and where these come from", _CAMERAS)
+    cameras.add_argument("camera", nargs="?", metavar="NAME|FILE", help="one camera (default: all presets)")
+    cameras.add_argument("--save", type=Path, metavar="FILE.yaml", help="write it, to edit; or FILE.json")
+    cameras.add_argument("--plot", type=Path, metavar="FILE.png", help="draw its photon transfer, measured")
+    _json_option(cameras)
 
     motion = command("motion", "road speed -> px/s and blur length")
     motion.add_argument("--speed-kmh", type=float, required=True, help="across the line of sight, km/h")
@@ -138,18 +166,19 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     bench = command("bench", "measure this machine: speed beside accuracy")
     bench.add_argument(
         "what",
-        choices=("simulate", "sweep", "blur"),
-        help="one picture; a sweep against bare onnxruntime; every way to blur by motion, time beside error",
+        choices=("simulate", "sweep", "blur", "noise"),
+        help="the whole chain and its stages; a sweep against bare onnxruntime; every way to blur by motion, "
+        "time beside error; every way to draw noise, time beside distance from the exact law",
     )
     bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
     bench.add_argument("--contract", metavar="FILE|PRESET")
     bench.add_argument("--images", type=Path, metavar="DIR", help="for sweep (default: rendered signs)")
     bench.add_argument("--threads", type=int, help="default: every core")
     bench.add_argument(
-        "-o", "--output", type=Path, default=Path("bench-blur"), metavar="DIR",
-        help="for blur: table, JSON and chart (default bench-blur)",
+        "-o", "--output", type=Path, metavar="DIR",
+        help="for all but sweep: table, JSON and chart (default bench-simulate, bench-blur, bench-noise)",
     )  # fmt: skip
-    bench.add_argument("--quick", action="store_true", help="for blur: fewer lengths, scenes and repeats")
+    bench.add_argument("--quick", action="store_true", help="for all but sweep: less, in seconds")
     _json_option(bench)
     return parser
 
@@ -196,8 +225,13 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
 
 
 def _camera_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--camera", default="imx250", metavar="NAME", help="a preset (default imx250)")
-    parser.add_argument("--f-number", type=float, metavar="N", help="of the lens, in place of the preset's")
+    parser.add_argument(
+        "--camera",
+        default="imx250",
+        metavar="NAME|FILE",
+        help="a preset or a YAML or JSON file; see 'blurnoise cameras' (default imx250)",
+    )
+    parser.add_argument("--f-number", type=float, metavar="N", help="of the lens, in place of the camera's")
 
 
 def _json_option(parser: argparse.ArgumentParser) -> None:

@@ -13,6 +13,7 @@ from blurnoise_eval.arguments import parse
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
+    from blurnoise.plan import Plan as ScenePlan
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.sweep import Outcome
 
@@ -158,9 +159,12 @@ def _print_assumptions(contract: Any, model: Path | None) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     camera = _camera(options)
+    from dataclasses import asdict
+
     import torch
 
     from blurnoise.checks import non_negative
+    from blurnoise.plan import plan
     from blurnoise.sensor import develop_8bit, photoelectrons
     from blurnoise.simulate import simulate
     from blurnoise_eval.datasets import decode, write_picture
@@ -178,10 +182,20 @@ def _simulate(options: argparse.Namespace) -> int:
         velocity_px_s=(options.dx, options.dy),
         temperature_c=options.temperature_c,
         generator=[options.seed],
+        fidelity=options.fidelity,
+        tolerance_dn=options.tolerance_dn,
     )
     native = options.bit_depth == "native"
     out = dn.to(torch.int32).numpy().astype("uint16") if native else develop_8bit(dn, camera).numpy()
     write_picture(options.output, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
+    needs = plan(
+        camera,
+        exposure_s=exposure_s,
+        illuminance_lux=options.lux,
+        displacement_px=(options.dx * exposure_s, options.dy * exposure_s),
+        temperature_c=options.temperature_c,
+        tolerance_dn=options.tolerance_dn,
+    )
     facts = {
         "output": str(options.output),
         "camera": camera.name,
@@ -192,7 +206,59 @@ def _simulate(options: argparse.Namespace) -> int:
         "full_scale_dn": camera.full_scale_dn,
         "clipped_percent": 100 * float((dn >= dn.new_tensor(camera.clip_dn)).float().mean()),
     }
+    if options.explain and options.json:
+        facts["stages"] = [asdict(stage) for stage in needs.stages]
     _print_facts(facts, options.json)
+    if options.explain and not options.json:
+        _print_stages(needs, options.fidelity)
+    return 0
+
+
+def _print_stages(needs: ScenePlan, fidelity: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("stage", "DN RMS", "modelled", "how", title_justify="left")
+    table.title = "What each stage contributes where the picture is white, in the order of the physics"
+    for stage in needs.stages:
+        kept = stage.kept or (fidelity == "full" and stage.contribution_dn > 0)
+        how = stage.how if stage.kept or not kept else "asked for by --fidelity full"
+        table.add_row(stage.name, f"{stage.contribution_dn:.3g}", "yes" if kept else "no", how)
+    console = Console()
+    console.print(table)
+    if fidelity == "auto":
+        console.print(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
+
+
+def _cameras(options: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from blurnoise.camera import PRESETS
+    from blurnoise_eval import cameras
+
+    if options.camera is None:
+        if options.save or options.plot:
+            raise ValueError("save, plot: need a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
+        found = list(PRESETS.values())
+        if options.json:
+            print(json.dumps([cameras.facts(camera) for camera in found]))
+            return 0
+        Console().print(cameras.overview(found))
+        return 0
+    camera = cameras.find(options.camera)
+    if options.plot:
+        cameras.plot_suffix(options.plot)  # before a file is made
+    if options.save:
+        camera.save(options.save)
+    if options.plot:
+        cameras.write(camera, options.plot)
+    if options.json:
+        print(json.dumps(cameras.facts(camera)))
+        return 0
+    Console().print(cameras.figures(camera))
+    for path in (options.save, options.plot):
+        if path:
+            print(path)
     return 0
 
 
@@ -260,54 +326,54 @@ def _inspect(options: argparse.Namespace) -> int:
 
 def _bench(options: argparse.Namespace) -> int:
     threads = _threads(options)
-    if options.what == "blur":
-        return _bench_blur(options, threads)
-    if options.what == "simulate":
-        from blurnoise_eval.bench.chain import simulate_speed
+    if options.what != "sweep":
+        return _bench_room(options, threads)
+    import tempfile
 
-        facts = simulate_speed(threads)
-    else:
-        import tempfile
+    from blurnoise_eval.bench.sweeps import sweep_speed
+    from blurnoise_eval.datasets import image_folder, rendered_signs
 
-        from blurnoise_eval.bench.sweeps import sweep_speed
-        from blurnoise_eval.datasets import image_folder, rendered_signs
-
-        with tempfile.TemporaryDirectory() as folder:
-            pictures = image_folder(options.images) if options.images else rendered_signs()
-            facts = sweep_speed(_detector(options, Path(folder)), pictures, threads, Path(folder))
+    with tempfile.TemporaryDirectory() as folder:
+        pictures = image_folder(options.images) if options.images else rendered_signs()
+        facts = sweep_speed(_detector(options, Path(folder)), pictures, threads, Path(folder))
     _print_facts(facts, options.json)
     return 0
 
 
-def _bench_blur(options: argparse.Namespace, threads: int) -> int:
+def _bench_room(options: argparse.Namespace, threads: int) -> int:
     from rich.console import Console
 
-    from blurnoise_eval.bench import blur, blur_view
+    from blurnoise_eval.bench import blur, blur_view, chain, chain_view, noise, noise_view
 
-    extent = blur.QUICK if options.quick else blur.FULL
-    options.output.mkdir(parents=True, exist_ok=True)
-    with _Progress("bench", blur.steps(extent)) as advance:
-        bench = blur.measure(extent, threads, advance)
-    blur.write(bench, options.output)
-    blur_view.write(bench, options.output)
+    rooms = {"blur": (blur, blur_view), "noise": (noise, noise_view), "simulate": (chain, chain_view)}
+    room: Any
+    view: Any
+    room, view = rooms[options.what]
+    extent = room.QUICK if options.quick else room.FULL
+    folder = options.output or Path(f"bench-{options.what}")
+    folder.mkdir(parents=True, exist_ok=True)
+    with _Progress("bench", room.steps(extent)) as advance:
+        bench = room.measure(extent, threads, advance)
+    room.write(bench, folder)
+    view.write(bench, folder)
     if options.json:
         print(json.dumps(bench.document()))
         return 0
     console = Console()
-    for table in blur_view.tables(bench):
+    for table in view.tables(bench):
         console.print(table)
     for line in bench.losses():
         print(line)
-    print(f"open {options.output / 'blur.png'}")
+    print(f"open {folder / f'{options.what}.png'}")
     return 0
 
 
 def _camera(options: argparse.Namespace) -> Camera:
     from dataclasses import replace
 
-    from blurnoise.camera import Camera
+    from blurnoise_eval.cameras import find
 
-    camera = Camera.preset(options.camera)
+    camera = find(options.camera)
     if options.f_number is None:
         return camera
     sources = {**camera.sources, "f_number": "given on the command line"}
@@ -390,6 +456,7 @@ COMMANDS = {
     "report": _report,
     "inspect": _inspect,
     "bench": _bench,
+    "cameras": _cameras,
 }
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from blurnoise import rng, sensor
 from blurnoise.camera import Camera
+from blurnoise.plan import plan as needs_of
 from blurnoise.simulate import frame_pattern, lens_and_motion, scene_reflectance
 from blurnoise_eval import datasets
 from blurnoise_eval.conditions import Cell, Conditions, Plan, cell_seed
@@ -252,10 +253,8 @@ def _expose_block(
         path = _keep(scene.image8, folder, cells[0])
         yield _result(cells[0], scene, scene.clean, detector, camera, 0.0, scene.clean_ms, path)
         return
-    started = time.perf_counter()
-    moved = lens_and_motion(scene.sharp, camera, cells[0].conditions.displacement_px)
-    blur_ms = 1e3 * (time.perf_counter() - started) / len(cells)
-    pattern = frame_pattern(camera, scene.sharp, 0)
+    on_sensor: dict[tuple[float, bool], Tensor] = {}  # by defocus, and whether it moves
+    displacement = cells[0].conditions.displacement_px
     per_lux_s = sensor.electrons_per_lux_s(camera)
     for cell in cells:
         at = cell.conditions
@@ -263,20 +262,32 @@ def _expose_block(
             continue
         started = time.perf_counter()
         # As float32 and in this order, as simulate computes it.
-        white_e = np.float32(at.illuminance_lux) * np.float32(at.exposure_s) * np.float32(per_lux_s)
-        seen = sensor.read_out(
-            moved,
+        lux, exposure_s = np.float32(at.illuminance_lux), np.float32(at.exposure_s)
+        needs = needs_of(
             camera,
-            white_e=float(white_e),
+            exposure_s=float(exposure_s),
+            illuminance_lux=float(lux),
+            displacement_px=displacement,
+            temperature_c=float(np.float32(plan.temperature_c)),
+        )
+        through = (needs.camera.defocus_radius_px, needs.moves)
+        if through not in on_sensor:
+            motion = displacement if needs.moves else (0.0, 0.0)
+            on_sensor[through] = lens_and_motion(scene.sharp, needs.camera, motion)
+        seen = sensor.read_out(
+            on_sensor[through],
+            needs.camera,
+            white_e=float(lux * exposure_s * np.float32(per_lux_s)),
             exposure_s=at.exposure_s,
             temperature_c=plan.temperature_c,
             generator=[cell.seed],
-            fixed_pattern=pattern,
+            fixed_pattern=frame_pattern(needs.camera, scene.sharp, 0),
+            noise=needs.noisy,
             normal=scene.normal(cell.seed),
             tones=sensor.tones_8bit(camera),
         )
         image = np.asarray(cv2.merge(list(seen[0].numpy())), np.uint8)
-        simulate_ms = blur_ms + 1e3 * (time.perf_counter() - started)
+        simulate_ms = 1e3 * (time.perf_counter() - started)
         started = time.perf_counter()
         detections = detector.detect(image)
         infer_ms = 1e3 * (time.perf_counter() - started)

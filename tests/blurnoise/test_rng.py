@@ -66,3 +66,43 @@ def test_seed_count_must_match(bad: object) -> None:
 def test_seeds_are_integers(bad: object) -> None:
     with pytest.raises(TypeError, match="generator"):
         rng.item_seeds(bad, 2)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("mean", "distance"), [(0.0, 0.0), (0.1, 1e-5), (3.0, 1e-5), (9.99, 2e-5), (10.0, 0.003), (100.0, 3e-4)]
+)
+def test_counts_of_a_normal_follow_poissons_law(mean: float, distance: float) -> None:
+    """Equally likely z, a million of them: the counts' frequencies against the probabilities themselves."""
+    z = torch.special.ndtri((torch.arange(1_000_000, dtype=torch.float64) + 0.5) / 1_000_000)
+    counts = rng.poisson_of_normal(torch.full_like(z, mean), z).long()
+    k = torch.arange(int(counts.max()) + 30, dtype=torch.float64)
+    chances = torch.exp(k * math.log(mean) - mean - torch.lgamma(k + 1)) if mean else (k == 0).double()
+    frequencies = torch.bincount(counts, minlength=len(k)).double() / len(z)
+    assert float((frequencies - chances).abs().sum() / 2) <= distance
+    if mean:  # a mean 10 % off would be noticed
+        wrong = rng.poisson_of_normal(torch.full_like(z, 1.1 * mean), z).long()
+        off = torch.bincount(wrong, minlength=len(k)).double()[: len(k)] / len(z)
+        assert float((off - chances).abs().sum() / 2) > 3 * distance
+
+
+def test_counts_depend_on_their_own_value_alone() -> None:
+    mean = torch.tensor([0.0, 2.0, 9.999, 10.001, 1e3, 1e9])
+    z = torch.tensor([1.3, -0.4, 2.2, 2.2, -3.0, 5.0])
+    together = rng.poisson_of_normal(mean, z)
+    alone = torch.cat([rng.poisson_of_normal(mean[i : i + 1], z[i : i + 1]) for i in range(6)])
+    assert torch.equal(together, alone)
+    assert torch.equal(together, together.round())
+    assert float(together.min()) >= 0
+
+
+def test_threads_draw_the_same_bits() -> None:
+    like = torch.empty(5, 3, 150, 200)
+    threads = torch.get_num_threads()
+    try:
+        fields = []
+        for count in (1, 4):
+            torch.set_num_threads(count)
+            fields.append(rng.standard_normal([1, 2, 3, 4, 5], like))
+    finally:
+        torch.set_num_threads(threads)
+    assert torch.equal(*fields)

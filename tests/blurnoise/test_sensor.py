@@ -254,6 +254,31 @@ def test_lin2024_counts_a_quantum_as_one_digital_number() -> None:
     assert 30 * 4095 / dn == pytest.approx(21.3, abs=0.1)  # ms to saturation at 50 lux
 
 
+@pytest.mark.parametrize("quanta", [30.0, 500.0, 3000.0])
+def test_lin2024_has_the_tools_statistics(quanta: float) -> None:
+    """The tool's chain written out: counts of quanta / 5.88, read noise, times 5.88, cut to whole numbers.
+
+    n = 160000: means agree to 5 sigma sqrt(2 / n) and its half digital number, deviations to 1.2 %.
+    """
+    random = np.random.default_rng(8)
+    electrons = random.poisson(quanta / 5.88, 160_000) + random.normal(0, 2.44, 160_000)
+    tool = np.trunc(np.maximum(electrons * 5.88, 1))
+    camera = Camera.preset("lin2024")
+    ours = sensor.read_out(
+        torch.full((1, 1, 400, 400), quanta / 5.88),
+        camera,
+        exposure_s=0.03,
+        temperature_c=25.0,
+        generator=[8],
+    ).numpy()
+    spread = 5.88 * math.sqrt(quanta / 5.88 + 2.44**2)
+    floor = 1.5 if quanta < 100 else 0.0  # its lower clip at 1, ours at 0
+    assert ours.mean() == pytest.approx(tool.mean() + 0.5, abs=5 * spread * math.sqrt(2 / 160_000) + floor)
+    assert ours.std() == pytest.approx(tool.std(), rel=0.012 if quanta > 100 else 0.05)
+    # Electrons drawn from the quanta themselves would have 2.4 times its signal-to-noise ratio.
+    assert quanta / tool.std() < 0.5 * quanta / math.sqrt(quanta + 2.44**2)
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [
@@ -278,3 +303,65 @@ def test_unknown_preset_lists_the_names() -> None:
         Camera.preset("hasselblad")
     with pytest.raises(TypeError, match="bit_depth"):
         replace(BASE, bit_depth=12.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+@pytest.mark.parametrize("photons", [0.0, 1e-9, 1e9])
+@pytest.mark.parametrize("read_noise_e", [0.0, 0.3, 3.0])
+def test_extremes_of_light(photons: float, read_noise_e: float, fidelity: str) -> None:
+    camera = replace(BASE, read_noise_e=read_noise_e)
+    dn = sensor.expose(
+        torch.full((1, 1, 50, 50), photons), camera, exposure_s=100.0, generator=[1], fidelity=fidelity
+    )
+    assert torch.isfinite(dn).all()
+    if photons == 1e9:
+        assert torch.equal(dn, torch.full_like(dn, camera.clip_dn))
+    elif read_noise_e == 0:
+        assert torch.equal(dn, torch.full_like(dn, 40.0))
+    else:
+        assert float(dn.mean()) == pytest.approx(40, abs=0.2)
+
+
+@pytest.mark.parametrize("temperature_c", [-273.15, -40.0, 150.0])
+def test_extremes_of_temperature(temperature_c: float) -> None:
+    camera = replace(BASE, dark_current_e_s=1.0, read_noise_e=1.5)
+    photons = torch.zeros(1, 1, 30, 30)
+    dn = sensor.expose(photons, camera, exposure_s=1.0, temperature_c=temperature_c, generator=[1])
+    assert torch.isfinite(dn).all()
+    assert float(dn.max()) <= camera.clip_dn
+    for beyond in (-274.0, 301.0):
+        with pytest.raises(ValueError, match="temperature_c"):
+            sensor.expose(photons, camera, exposure_s=1.0, temperature_c=beyond)
+
+
+@pytest.mark.parametrize(("gain", "clip_dn"), [(0.01, 140.0), (5.0, 4095.0)])
+def test_the_lower_of_well_and_converter_clips(gain: float, clip_dn: float) -> None:
+    camera = replace(BASE, system_gain_dn_per_e=gain)
+    dn = sensor.expose(torch.full((1, 1, 9, 9), 1e6), camera, exposure_s=0.01, generator=[1])
+    assert torch.equal(dn, torch.full_like(dn, clip_dn))
+
+
+def test_rounding_of_little_noise_is_not_white() -> None:
+    """Read noise of 0.1 DN beside a code's centre gives one code; EMVA's 1/12 would be wrong here."""
+    camera = replace(BASE, system_gain_dn_per_e=0.02, read_noise_e=5.0)
+    dn = sensor.expose(torch.zeros(1, 1, 200, 200), camera, exposure_s=0.0, generator=[2])
+    assert float(dn.var()) < 0.001
+
+
+def test_photons_meet_the_quantum_efficiency_before_the_draw() -> None:
+    """Variance over mean is 1 in electrons, not the quantum efficiency: thinned light is Poisson again."""
+    camera = replace(BASE, system_gain_dn_per_e=1.0, read_noise_e=0.0, black_level_dn=0.0)
+    dn = sensor.expose(torch.full((1, 1, 400, 400), 1000.0), camera, exposure_s=0.01, generator=[3]).double()
+    assert float(dn.mean()) == pytest.approx(600, abs=0.4)
+    assert float(dn.var() / dn.mean()) == pytest.approx(1, abs=0.03)
+
+
+def test_bad_photons_are_named() -> None:
+    with pytest.raises(ValueError, match="photons"):
+        sensor.expose(torch.full((1, 1, 2, 2), -1.0), BASE, exposure_s=0.01)
+    with pytest.raises(TypeError, match="half precision"):
+        sensor.expose(torch.zeros(1, 1, 2, 2, dtype=torch.float16), BASE, exposure_s=0.01)
+    with pytest.raises(ValueError, match="fidelity"):
+        sensor.expose(torch.zeros(1, 1, 2, 2), BASE, exposure_s=0.01, fidelity="best")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="black_level_dn"):
+        replace(BASE, black_level_dn=4095.0)

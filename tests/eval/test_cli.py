@@ -307,16 +307,6 @@ def test_interrupt_is_told(
     assert "kept" in err
 
 
-def test_bench_simulate(capsys: Output) -> None:
-    threads = torch.get_num_threads()
-    try:
-        facts = told(capsys, "bench", "simulate", "--threads", 1)
-    finally:
-        torch.set_num_threads(threads)
-    assert facts["median_ms"] > 0
-    assert facts["faster_than_papers_tool"] == pytest.approx(1e3 / facts["median_ms"])
-
-
 def refused(capsys: Output, named: str, *arguments: object) -> None:
     """Exit code 2, nothing on stdout, one line on stderr that names what is wrong."""
     capsys.readouterr()
@@ -442,3 +432,19 @@ def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:
     refused(capsys, "no sweep has begun", "report", tmp_path / "run")
     (tmp_path / "run" / "results.sqlite").write_text("no database " * 100)
     refused(capsys, "damaged", "report", tmp_path / "run")
+
+
+def test_simulate_explains_what_it_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "grey.png"
+    write_picture(picture, np.full((40, 50), 128, np.uint8))
+    command = ["simulate", str(picture), "-o", str(tmp_path / "out.png"), "--dx", "900", "--explain"]
+    assert main(command) == 0
+    shown = capsys.readouterr().out
+    for words in ("motion", "9 px", "shot noise", "read noise", "left out"):
+        assert words in shown
+    assert main([*command, "--json"]) == 0
+    stages = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
+    assert stages["motion"]["kept"]
+    assert not stages["PRNU"]["kept"]
+    assert main([*command, "--tolerance-dn", "0"]) == 2
+    assert "tolerance_dn" in capsys.readouterr().err

@@ -1,0 +1,236 @@
+"""The figures of the camera presets, each with where it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from blurnoise.spectra import Curve, Spectrum
+
+Figures = Mapping[str, Any]
+"""The fields of a camera by name."""
+
+_MVFOX = "manual of the mvBlueFOX3 cameras, EMVA 1288 figures of the model with this sensor"
+_NO_FIGURE = "no public figure found, left at 0"
+_LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
+_OF_SNR = "derived: 10^(SNRmax/10) of the "
+_OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "
+
+
+def _from_emva(
+    name: str,
+    *,
+    pixel_pitch_um: float,
+    snr_max_db: float,
+    dynamic_range_db: float,
+    size_px: tuple[int, int],
+    quantum_efficiency: Spectrum,
+    qe_source: str,
+    source: str,
+) -> Figures:
+    """A camera of the figures an EMVA 1288 data sheet quotes; what it does not quote is assumed and said."""
+    full_well_e = float(round(10 ** (snr_max_db / 10)))
+    read_noise_e = round(full_well_e / 10 ** (dynamic_range_db / 20) - 0.5, 2)
+    snr_dr = f"{source} ({snr_max_db} dB, {dynamic_range_db} dB)"
+    return _with_black_level(
+        name,
+        pixel_pitch_um=pixel_pitch_um,
+        full_well_e=full_well_e,
+        read_noise_e=read_noise_e,
+        size_px=size_px,
+        quantum_efficiency=quantum_efficiency,
+        sources={
+            "pixel_pitch_um": f"quoted: {source}",
+            "full_well_e": _OF_SNR + snr_dr,
+            "read_noise_e": _OF_DR + snr_dr,
+            "quantum_efficiency": qe_source,
+            "bit_depth": f"quoted: {source}",
+            "width_px": f"quoted: {source}",
+            "height_px": f"quoted: {source}",
+        },
+    )
+
+
+def _with_black_level(
+    name: str,
+    *,
+    pixel_pitch_um: float,
+    full_well_e: float,
+    read_noise_e: float,
+    size_px: tuple[int, int],
+    quantum_efficiency: Spectrum,
+    sources: Mapping[str, str],
+    f_number: float = 1.4,
+) -> Figures:
+    """A 12-bit camera whose gain puts the full well at full scale, above a black level of six read noises."""
+    full_scale_dn = 4095
+    per_electron = full_scale_dn / (full_well_e + 6 * read_noise_e)
+    black_level_dn = float(round(6 * read_noise_e * per_electron))
+    width_px, height_px = size_px
+    return {
+        "name": name,
+        "pixel_pitch_um": pixel_pitch_um,
+        "f_number": f_number,
+        "transmission": 1.0,
+        "quantum_efficiency": quantum_efficiency,
+        "full_well_e": full_well_e,
+        "system_gain_dn_per_e": (full_scale_dn - black_level_dn) / full_well_e,
+        "read_noise_e": read_noise_e,
+        "black_level_dn": black_level_dn,
+        "bit_depth": 12,
+        "width_px": width_px,
+        "height_px": height_px,
+        "sources": {
+            "f_number": _LENS,
+            "transmission": _LENS,
+            "system_gain_dn_per_e": "chosen: the full well is full scale",
+            "black_level_dn": "chosen: six times the read noise, so that the dark is not clipped",
+            "dark_current_e_s": _NO_FIGURE,
+            "prnu": _NO_FIGURE,
+            "dsnu_e": _NO_FIGURE,
+            "dark_reference_c": "assumed; without effect while the dark current is 0",
+            "dark_doubling_c": "assumed; without effect while the dark current is 0",
+            "defocus_radius_px": "assumed: in focus",
+            "hfov_deg": "assumed: the lens is the user's choice",
+            **sources,
+        },
+    }
+
+
+_BLACKFLY_QE = Curve((470.0, 525.0, 630.0, 800.0), (0.50, 0.60, 0.48, 0.25))
+_BLACKFLY = "blackfly.json of Kitware's nrtk 1.1.0"
+_QE_ASSUMED = f"assumed: no public figure found; that of the 3.45 um Blackfly in {_BLACKFLY}"
+_MT9M034 = "manual of the mvBlueFOX3-1012d, EMVA 1288 figures"
+_AR0132AT = "onsemi data sheet AR0132AT/D rev. 9, table 1"
+_SAME_ARRAY = "derived from the MT9M034, whose data sheet has the same table 1 (same pixel array)"
+_SMALLER = "assumed: no public figure found; the MT9M034's, the well scaled by the pixel's area"
+_LIN = "Lin et al., Sensors 2024, 24, 5135"
+# The paper's tool counts 5774.616 quanta at 50 lux, 30 ms, f/1.4, 3.45 um (green AR0237 channel behind an
+# IR-cut filter, Planck 5500 K, 400-650 nm); D55 over 400-700 nm and Q = 1 give 24 421.8 here.
+_LIN_QE = 5774.616 / 24421.8
+_LIN_GAIN = 5.88
+
+FIGURES: tuple[Figures, ...] = (
+    _from_emva(
+        "imx250",
+        pixel_pitch_um=3.45,
+        snr_max_db=40.3,
+        dynamic_range_db=71.2,
+        size_px=(2464, 2056),
+        quantum_efficiency=_BLACKFLY_QE,
+        qe_source=_QE_ASSUMED,
+        source=_MVFOX,
+    ),
+    _from_emva(
+        "imx249",
+        pixel_pitch_um=5.86,
+        snr_max_db=45.1,
+        dynamic_range_db=73.0,
+        size_px=(1936, 1216),
+        quantum_efficiency=_BLACKFLY_QE,
+        qe_source=_QE_ASSUMED,
+        source=_MVFOX,
+    ),
+    _from_emva(
+        "mt9m034",
+        pixel_pitch_um=3.75,
+        snr_max_db=37.7,
+        dynamic_range_db=63.4,
+        size_px=(1280, 960),
+        quantum_efficiency=_BLACKFLY_QE,
+        qe_source=_QE_ASSUMED,
+        source=_MT9M034,
+    ),
+    _with_black_level(
+        "blackfly",
+        pixel_pitch_um=3.45,
+        full_well_e=11105.0,
+        read_noise_e=2.45,
+        size_px=(2448, 2048),
+        quantum_efficiency=_BLACKFLY_QE,
+        f_number=2.743,
+        sources={
+            "pixel_pitch_um": f"quoted: {_BLACKFLY}",
+            "full_well_e": f"quoted: {_BLACKFLY} (max_n)",
+            "bit_depth": f"quoted: {_BLACKFLY}",
+            "quantum_efficiency": f"quoted: {_BLACKFLY}; linear between its four wavelengths, 0 outside",
+            "f_number": f"derived: focal length over aperture, {_BLACKFLY}",
+            "read_noise_e": "assumed: no public figure found; that of the IMX250, the same pitch and well",
+            "width_px": "assumed: that of the IMX250",
+            "height_px": "assumed: that of the IMX250",
+        },
+    ),
+    _with_black_level(
+        "ar0132at",
+        pixel_pitch_um=3.75,
+        full_well_e=5890.0,
+        read_noise_e=3.48,
+        size_px=(1280, 960),
+        quantum_efficiency=_BLACKFLY_QE,
+        sources={
+            "pixel_pitch_um": f"quoted: {_AR0132AT}",
+            "bit_depth": f"quoted: {_AR0132AT}",
+            "width_px": f"quoted: {_AR0132AT}",
+            "height_px": f"quoted: {_AR0132AT}",
+            "full_well_e": f"{_SAME_ARRAY}; its own 43.9 dB is no EMVA figure",
+            "read_noise_e": _SAME_ARRAY,
+            "quantum_efficiency": _QE_ASSUMED,
+        },
+    ),
+    _with_black_level(
+        "ar0237",
+        pixel_pitch_um=3.0,
+        full_well_e=3770.0,
+        read_noise_e=3.48,
+        size_px=(1928, 1088),
+        quantum_efficiency=round(_LIN_QE, 4),
+        sources={
+            "pixel_pitch_um": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+            "width_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+            "height_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+            "quantum_efficiency": "derived: mean of its green channel behind an IR-cut filter, " + _LIN,
+            "full_well_e": _SMALLER,
+            "read_noise_e": _SMALLER,
+            "bit_depth": "assumed: 12, linear mode",
+        },
+    ),
+    {
+        "name": "lin2024",
+        "pixel_pitch_um": 3.45,
+        "f_number": 1.4,
+        "transmission": 1.0,
+        "quantum_efficiency": _LIN_QE / _LIN_GAIN,
+        "full_well_e": 11038.0,
+        "system_gain_dn_per_e": _LIN_GAIN,
+        "read_noise_e": 2.44,
+        "bit_depth": 12,
+        "defocus_radius_px": 1.0,
+        "defocus_counts_pixel": True,
+        "width_px": 4096,
+        "height_px": 2160,
+        "hfov_deg": 99.32,
+        "sources": {
+            "quantum_efficiency": "effective: the tool divides its quanta by the sensitivity of 5.88 before "
+            "it draws shot noise and multiplies by it after, so one quantum is one DN and white at 50 lux "
+            "fills 12 bits at 21.3 ms; 5774.616 quanta at 50 lux and 30 ms are 982.1 electrons here",
+            "system_gain_dn_per_e": "quoted: the tool's sensitivity, which its EMVA source gives in e-/DN",
+            "full_well_e": f"quoted: {_LIN}; never reached, since the converter is full at 696 e-",
+            "read_noise_e": f"quoted: {_LIN} (its dark noise)",
+            "black_level_dn": f"quoted: {_LIN} (baseline 0)",
+            "bit_depth": f"quoted: {_LIN}",
+            "pixel_pitch_um": f"quoted: {_LIN}",
+            "f_number": f"quoted: {_LIN}",
+            "transmission": f"quoted: {_LIN}",
+            "defocus_radius_px": f"quoted: {_LIN} (fspecial disk of radius 1)",
+            "width_px": f"quoted: {_LIN}, road scenes",
+            "height_px": "assumed: 4096 x 2160",
+            "hfov_deg": f"quoted: {_LIN}, as its Table 2 needs (printed as 99)",
+            "dark_current_e_s": "the tool has none",
+            "dark_reference_c": "without effect: no dark current",
+            "dark_doubling_c": "without effect: no dark current",
+            "prnu": "the tool has none",
+            "dsnu_e": "the tool has none",
+        },
+    },
+)
+"""The fields of each preset. Every figure's source starts with quoted, derived, chosen, assumed or effective."""

@@ -1,0 +1,89 @@
+"""Analytic moments against frames, step by step, and the frames' limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from blurnoise import Camera, moments, sensor
+from blurnoise.moments import Moments
+
+BASE = Camera(
+    name="bench",
+    pixel_pitch_um=4.0,
+    f_number=2.0,
+    transmission=1.0,
+    quantum_efficiency=0.5,
+    full_well_e=9000.0,
+    system_gain_dn_per_e=0.4,
+    read_noise_e=4.0,
+    dark_current_e_s=300.0,
+    black_level_dn=60.0,
+    bit_depth=12,
+)
+PIXELS = 200_000
+
+
+def frames(camera: Camera, mean_photons: float, **options: object) -> torch.Tensor:
+    photons = torch.full((1, 1, 1, PIXELS), mean_photons, dtype=torch.float64)
+    return sensor.expose(photons, camera, exposure_s=0.1, temperature_c=36.0, generator=[5], **options)  # type: ignore[arg-type]
+
+
+def expected(camera: Camera, mean_photons: float) -> Moments:
+    photo = torch.tensor(mean_photons * 0.5, dtype=torch.float64)
+    return moments.frame(
+        photo, camera, exposure_s=torch.tensor(0.1), temperature_c=torch.tensor(36.0, dtype=torch.float64)
+    )
+
+
+def check(dn: torch.Tensor, law: Moments) -> None:
+    """Mean within 5 s / sqrt(n), variance within 5 s^2 sqrt((kurtosis - 1) / n), measured kurtosis."""
+    n, mean, spread = dn.numel(), float(dn.mean()), float(law.variance.sqrt())
+    kurtosis = float(((dn - mean) ** 4).mean() / dn.var() ** 2)
+    assert mean == pytest.approx(float(law.mean), abs=5 * spread / math.sqrt(n) + 1e-9)
+    tolerance = 5 * spread**2 * math.sqrt(max(kurtosis - 1, 1) / n)
+    assert float(dn.var()) == pytest.approx(float(law.variance), abs=tolerance + 0.005)
+
+
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+@pytest.mark.parametrize("mean_photons", [0.0, 3.0, 60.0, 1000.0, 9000.0])
+@pytest.mark.parametrize("read_noise_e", [4.0, 2.0])
+def test_frame_moments(mean_photons: float, read_noise_e: float, fidelity: str) -> None:
+    camera = replace(BASE, read_noise_e=read_noise_e)
+    check(frames(camera, mean_photons, fidelity=fidelity), expected(camera, mean_photons))
+
+
+def test_a_tenth_off_would_be_noticed() -> None:
+    dn = frames(BASE, 1000.0)
+    for wrong in (replace(BASE, system_gain_dn_per_e=0.44), replace(BASE, dark_current_e_s=330.0)):
+        with pytest.raises(AssertionError):
+            check(dn, expected(wrong, 1000.0))
+    in_dark = frames(BASE, 0.0)
+    with pytest.raises(AssertionError):
+        check(in_dark, expected(replace(BASE, read_noise_e=4.4, dark_current_e_s=300.0), 0.0))
+
+
+@pytest.mark.parametrize("level", [0.98, 0.995, 1.0])
+def test_clipped_moments(level: float) -> None:
+    """Around the full well the censored normal's mean and variance hold; beyond it nothing is left."""
+    photons = level * 9000.0 / 0.5
+    law = moments.clipped(expected(BASE, photons), BASE)
+    dn = frames(BASE, photons)
+    assert float(dn.max()) <= BASE.clip_dn
+    spread = float(expected(BASE, photons).variance.sqrt())
+    assert float(dn.mean()) == pytest.approx(float(law.mean), abs=5 * spread / math.sqrt(PIXELS) + 0.3)
+    assert float(dn.var()) == pytest.approx(float(law.variance), rel=0.04)
+    saturated = moments.clipped(expected(BASE, 1e9), BASE)
+    assert float(saturated.mean) == pytest.approx(BASE.clip_dn)
+    assert float(saturated.variance) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_pattern_moments_over_pixels() -> None:
+    camera = replace(BASE, prnu=0.02, dsnu_e=15.0, dark_current_e_s=0.0)
+    pattern = camera.fixed_pattern((1, 1, PIXELS), seed=3)
+    photo = torch.tensor(4000.0, dtype=torch.float64)
+    steps = moments.pattern(moments.read(moments.shot(photo), camera), camera, photo)
+    check(frames(camera, 8000.0, fixed_pattern=pattern), moments.digital(steps, camera))

@@ -1,0 +1,187 @@
+"""The plan: what it leaves out stays within its tolerance, and it says so."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from blurnoise import Camera, simulate
+from blurnoise.plan import plan
+
+BUSY = Camera(
+    name="busy",
+    pixel_pitch_um=4.0,
+    f_number=2.8,
+    transmission=0.9,
+    quantum_efficiency=0.5,
+    full_well_e=9000.0,
+    system_gain_dn_per_e=0.4,
+    read_noise_e=2.5,
+    dark_current_e_s=30.0,
+    prnu=0.01,
+    dsnu_e=3.0,
+    black_level_dn=60.0,
+    defocus_radius_px=1.2,
+)
+ORDER = [
+    "spectral integration",
+    "defocus",
+    "motion",
+    "PRNU",
+    "dark current",
+    "shot noise",
+    "read noise",
+    "DSNU",
+    "quantisation",
+]
+CAMERAS = st.builds(
+    lambda gain, read, dark, prnu, dsnu, radius: replace(
+        BUSY,
+        system_gain_dn_per_e=gain,
+        read_noise_e=read,
+        dark_current_e_s=dark,
+        prnu=prnu,
+        dsnu_e=dsnu,
+        defocus_radius_px=radius,
+    ),
+    st.sampled_from([0.005, 0.05, 0.4, 3.0]),
+    st.sampled_from([0.0, 0.3, 2.5, 12.0]),
+    st.sampled_from([0.0, 0.1, 10.0, 1000.0]),
+    st.sampled_from([0.0, 1e-5, 0.01]),
+    st.sampled_from([0.0, 0.05, 4.0]),
+    st.sampled_from([0.0, 0.01, 1.5]),
+)
+
+
+def test_the_stages_stand_in_the_order_of_the_physics() -> None:
+    chosen = plan(BUSY, exposure_s=0.02, illuminance_lux=100.0, displacement_px=(12.0, 0.0))
+    assert [stage.name for stage in chosen.stages] == ORDER
+    by_name = {stage.name: stage for stage in chosen.stages}
+    white_e = 100 * 0.02 * 4.0**2 * 0.9 / (4 * 2.8**2) * 0.5 * 10724  # D55 photons per lux s um^2, 400-700 nm
+    assert by_name["shot noise"].contribution_dn == pytest.approx(0.4 * math.sqrt(white_e), rel=2e-3)
+    assert by_name["read noise"].contribution_dn == pytest.approx(1.0)
+    assert by_name["DSNU"].contribution_dn == pytest.approx(1.2)
+    assert by_name["PRNU"].contribution_dn == pytest.approx(0.4 * 0.01 * white_e, rel=2e-3)
+    assert by_name["motion"].kept
+    assert "12 px" in by_name["motion"].how
+    assert by_name["spectral integration"].how == "none here"
+
+
+def test_what_a_dark_or_still_scene_does_not_need() -> None:
+    still = plan(replace(BUSY, defocus_radius_px=0.01), exposure_s=0.001, illuminance_lux=10.0)
+    kept = {stage.name for stage in still.stages if stage.kept}
+    assert kept.isdisjoint({"motion", "defocus", "dark current"})
+    assert {"shot noise", "read noise", "DSNU", "quantisation"} <= kept
+    assert still.camera.dark_current_e_s == 0
+    assert not still.moves
+    night = plan(replace(BUSY, dsnu_e=0.0), exposure_s=0.0, illuminance_lux=0.0, displacement_px=(50.0, 0.0))
+    assert not night.moves
+    assert night.noisy  # read noise
+
+
+def test_a_larger_tolerance_keeps_less() -> None:
+    settings_ = {"exposure_s": 0.01, "illuminance_lux": 50.0, "displacement_px": (3.0, 1.0)}
+    kept = [
+        {stage.name for stage in plan(BUSY, **settings_, tolerance_dn=tolerance).stages if stage.kept}  # type: ignore[arg-type]
+        for tolerance in (0.01, 1.3, 30.0, 1e4)
+    ]
+    for more, less in pairwise(kept):
+        assert less < more
+    assert kept[-1] == {"quantisation"}
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    CAMERAS,
+    st.floats(0, 0.2),
+    st.sampled_from([0.0, 0.1, 30.0, 5000.0]),
+    st.floats(0, 40),
+    st.sampled_from([0.05, 0.5, 4.0]),
+)
+def test_what_is_left_out_is_within_the_tolerance(
+    camera: Camera, exposure_s: float, lux: float, length: float, tolerance: float
+) -> None:
+    """The mean frame of auto is within the tolerance, RMS, of the full one, and so is its noise."""
+    image = (torch.rand(1, 1, 48, 48, generator=torch.Generator().manual_seed(1)) > 0.5).double()
+    common = {
+        "exposure_s": exposure_s,
+        "illuminance_lux": lux,
+        "velocity_px_s": (length / exposure_s if exposure_s > 1e-3 else 0.0, 0.0),
+        "encoding": "linear",
+        "border": "circular",
+        "tolerance_dn": tolerance,
+        "quantised": False,
+    }
+    full = simulate(image, camera, fidelity="full", noise=False, **common)  # type: ignore[arg-type]
+    auto = simulate(image, camera, noise=False, **common)  # type: ignore[arg-type]
+    assert float((full - auto).square().mean().sqrt()) <= 1.1 * tolerance + 1e-6
+    chosen = plan(
+        camera,
+        exposure_s=exposure_s,
+        illuminance_lux=lux,
+        displacement_px=(common["velocity_px_s"][0] * exposure_s, 0.0),  # type: ignore[index]
+        tolerance_dn=tolerance,
+    )
+    assert chosen.left_out_dn <= tolerance
+    left_out = [stage.contribution_dn for stage in chosen.stages if not stage.kept]
+    assert math.hypot(*left_out) == pytest.approx(chosen.left_out_dn)
+
+
+@pytest.mark.parametrize("read_noise_e", [0.3, 3.0])
+@pytest.mark.parametrize("lux", [0.5, 60.0])
+def test_noise_of_auto_and_full_agree(lux: float, read_noise_e: float) -> None:
+    """Standard deviations over pixels agree to the tolerance and the estimate's own error, 5 s / sqrt(2 n)."""
+    camera = replace(BUSY, read_noise_e=read_noise_e, defocus_radius_px=0.0)
+    image = torch.full((1, 1, 200, 250), 0.6, dtype=torch.float64)
+    spreads = [
+        float(
+            simulate(
+                image,
+                camera,
+                exposure_s=0.01,
+                illuminance_lux=lux,
+                encoding="linear",
+                generator=[4],
+                fidelity=fidelity,  # type: ignore[arg-type]
+            ).std()
+        )
+        for fidelity in ("auto", "full")
+    ]
+    assert spreads[0] == pytest.approx(spreads[1], abs=0.1 + 5 * spreads[1] / math.sqrt(2 * image.numel()))
+
+
+def test_items_of_different_regimes_share_a_batch() -> None:
+    """Dark, bright, saturated, still and moving: each is what it would be alone."""
+    images = torch.rand(4, 3, 40, 50, generator=torch.Generator().manual_seed(3))
+    exposure = torch.tensor([0.0, 1e-3, 0.03, 100.0])
+    lux = torch.tensor([50.0, 1e-9, 80.0, 1e5])
+    velocity = torch.tensor([[0.0, 0.0], [5.0, 0.0], [400.0, 300.0], [0.01, 0.0]])
+    together = simulate(
+        images, BUSY, exposure_s=exposure, illuminance_lux=lux, velocity_px_s=velocity, generator=[1, 2, 3, 4]
+    )
+    for index in range(4):
+        alone = simulate(
+            images[index : index + 1],
+            BUSY,
+            exposure_s=float(exposure[index]),
+            illuminance_lux=float(lux[index]),
+            velocity_px_s=velocity[index],
+            generator=[index + 1],
+        )
+        assert torch.equal(alone, together[index : index + 1])
+    assert torch.equal(together[3], torch.full_like(together[3], BUSY.clip_dn))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("tolerance_dn", 0.0), ("exposure_s", -1.0), ("illuminance_lux", math.nan)]
+)
+def test_bad_conditions_are_named(name: str, value: float) -> None:
+    conditions = {"exposure_s": 0.01, "illuminance_lux": 10.0, name: value}
+    with pytest.raises(ValueError, match=name):
+        plan(BUSY, **conditions)  # type: ignore[arg-type]
