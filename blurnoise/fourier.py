@@ -243,9 +243,15 @@ def _plane_factors(
 
         response = _joined(motion, fx, fy, lengths)
         if optics != SHARP:
-            lens = optics.response(*(torch.from_numpy(f.astype(kind)) for f in (fx, fy[:, None])))
-            response *= lens.numpy()
+            response *= _lens(optics, lengths, kind)
         packed.pack(response, out)
+
+
+@lru_cache(maxsize=8)
+def _lens(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> packed.Plane:
+    """A camera keeps its lens: its response on one grid, not to be written to."""
+    fy, fx = (torch.from_numpy(f.astype(kind)) for f in _frequencies(lengths))
+    return np.asarray(optics.response(fx, fy[:, None]).numpy())
 
 
 def _frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:

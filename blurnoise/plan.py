@@ -154,8 +154,7 @@ def _methods(camera: Camera, displacement_px: tuple[float, float], noisy: bool) 
     return {
         "spectral integration": "once per camera and light",
         "defocus": f"areas of a disc, {camera.defocus_radius_px:g} px" if area else "transfer function",
-        "motion": f"transfer function, {length:.3g} px"
-        + ("" if area else ", with the lens in one transform"),
+        "motion": f"transfer function, {length:.3g} px" + (", with the lens's" if together else ""),
         "PRNU": "fixed field of factors",
         "dark current": "in the mean that shot noise is drawn from",
         "shot noise": "one corrected normal draw, with read noise" if merged else counts,
