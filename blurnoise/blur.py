@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, cast
 
@@ -22,11 +21,11 @@ from torch import Tensor
 from blurnoise import fourier, psf, transfer
 from blurnoise.borders import BORDERS, Border, extended
 from blurnoise.checks import image_batch, non_negative, one_of
+from blurnoise.threads import WORTH_IT, side_by_side
 from blurnoise.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kernel", "kornia")
-_WORTH_A_THREAD = 1 << 18  # values
 _FOURIER: tuple[Method, ...] = ("transfer", "tiles")
 NEGLIGIBLE = 1e-4
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a fortieth of an 8-bit step."""
@@ -109,15 +108,14 @@ def exposure_blur(
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
     detached = [(pictures.detach(), by.detach()) for pictures, by in groups]
     jobs = list(zip(detached, choices, torch.split(out, at_once), strict=True))
-    workers = torch.get_num_threads() if image.numel() >= _WORTH_A_THREAD else 1
-    shared = 1 < workers <= len(jobs) and all(choice.plan is not None for choice in choices)
+    threads = torch.get_num_threads() if image.numel() >= WORTH_IT else 1
+    shared = threads <= len(jobs) and all(choice.plan is not None for choice in choices)
 
     def blur(job: tuple[tuple[Tensor, Tensor], Choice, Tensor]) -> None:
         (pictures, by), choice, target = job
-        _blurred(pictures, by, choice, optics, border, target, 1 if shared else workers)
+        _blurred(pictures, by, choice, optics, border, target, 1 if shared else threads)
 
-    with ThreadPoolExecutor(workers if shared else 1) as pool:
-        list(pool.map(blur, jobs) if shared else map(blur, jobs))
+    side_by_side(blur, jobs, threads if shared else 1)
     return out
 
 
@@ -205,11 +203,11 @@ def _blurred(
     optics: Optics,
     border: Border,
     out: Tensor | None = None,
-    workers: int = 1,
+    threads: int = 1,
 ) -> Tensor:
     """A group of pictures, blurred as ``choice`` says, into ``out`` where it is given."""
     if choice.plan is not None:
-        return fourier.multiply(image, motion, optics, choice.plan, border, out, workers)
+        return fourier.multiply(image, motion, optics, choice.plan, border, out, threads)
     if choice.method == "kernel":
         blurred = _correlate(image, psf.line(motion), border)
     else:

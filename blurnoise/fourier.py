@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count, product
@@ -24,6 +23,7 @@ from torch import Tensor
 from blurnoise import packed, transfer
 from blurnoise.borders import Border, continued, extended
 from blurnoise.scratch import borrowed
+from blurnoise.threads import side_by_side
 from blurnoise.transfer import SHARP, Optics
 
 _Array = TypeVar("_Array", Tensor, NDArray[Any])
@@ -134,12 +134,12 @@ def multiply(
     plan: Plan,
     border: Border,
     out: Tensor | None = None,
-    workers: int = 1,
+    threads: int = 1,
 ) -> Tensor:
     """Blur pictures by their motions (B, 2) and one lens, by ``plan``, into ``out`` if it is given.
 
-    Without ``out`` it is differentiable in the pictures and the motions. With it, on the CPU, ``workers``
-    threads share its planes and tiles, which changes no bit. Raises ``ValueError`` where the continued
+    Without ``out`` it is differentiable in the pictures and the motions. With it, on the CPU, ``threads``
+    share its planes and tiles, which changes no bit. Raises ``ValueError`` where the continued
     picture would be too large.
     """
     y, x = plan.y, plan.x
@@ -150,7 +150,7 @@ def multiply(
         )
     if out is not None and image.device.type == "cpu" and plan.packs:
         for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
-            _multiply_planes(picture, motion, optics, plan, border, target, workers)
+            _multiply_planes(picture, motion, optics, plan, border, target, threads)
         return out
     response = _response(displacement_px, optics, plan)
     plane = extended(image, (y.before, x.before), (y.span, x.span), border)
@@ -174,7 +174,7 @@ def _multiply_planes(
     plan: Plan,
     border: Border,
     out: Tensor,
-    workers: int,
+    threads: int,
 ) -> None:
     """One picture (C, H, W) through OpenCV's transform, plane by plane and tile by tile."""
     y, x, (dx, dy) = plan.y, plan.x, motion_px
@@ -188,7 +188,8 @@ def _multiply_planes(
             continued(source, plane, (y.before, x.before), border)
         _plane_factors((dx, dy), optics, lengths, factors)
 
-        def blur(channel: int, top: int, left: int) -> None:
+        def blur(at: tuple[int, int, int]) -> None:
+            channel, top, left = at
             with borrowed([(y.length, x.length)] * 2, planes.dtype) as scratch:
                 tile = planes[channel, top : top + y.length, left : left + x.length]
                 blurred = packed.multiply(tile, factors, scratch)
@@ -196,13 +197,7 @@ def _multiply_planes(
                 rows, columns = target.shape
                 target[:] = blurred[y.before : y.before + rows, x.before : x.before + columns]
 
-        tiles = list(product(range(len(planes)), y.starts, x.starts))
-        if workers == 1 or len(tiles) == 1:
-            for tile in tiles:
-                blur(*tile)
-        else:
-            with ThreadPoolExecutor(min(workers, len(tiles))) as pool:
-                list(pool.map(blur, *zip(*tiles, strict=True)))
+        side_by_side(blur, product(range(len(planes)), y.starts, x.starts), threads)
 
 
 def _response(displacement_px: Tensor, optics: Optics, plan: Plan) -> Tensor:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import torch
 from torch import Tensor
+
+from blurnoise.threads import WORTH_IT, side_by_side
 
 Randomness = torch.Generator | Sequence[int] | int | None
 """A generator to draw one seed per item from, the seeds themselves, one item's seed, or torch's default."""
@@ -19,7 +20,6 @@ Randomness = torch.Generator | Sequence[int] | int | None
 INVERSION_BELOW = 10.0
 """Mean counts below which :func:`poisson_of_normal` inverts the distribution itself."""
 _LARGEST_COUNT = 64  # of a mean below 10: beyond, the chance is below 1e-28
-_WORTH_A_THREAD = 1 << 18  # values
 _SEED_LIMIT = 2**63 - 1
 
 
@@ -48,16 +48,13 @@ def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -
     """
     field = torch.empty_like(like, requires_grad=False, memory_format=torch.contiguous_format)
 
-    def fill(item: Tensor, seed: int) -> None:
+    def fill(job: tuple[Tensor, int]) -> None:
+        item, seed = job
         item.normal_(generator=_generator(seed, stream, like.device))
 
-    threads = torch.get_num_threads() if field.numel() >= _WORTH_A_THREAD and like.device.type == "cpu" else 1
-    if threads == 1 or len(seeds) == 1:
-        for item, seed in zip(field, seeds, strict=True):
-            fill(item, seed)
-    else:  # torch draws on one core; items do not share a generator
-        with ThreadPoolExecutor(min(threads, len(seeds))) as pool:
-            list(pool.map(fill, field, seeds))
+    # torch draws on one core; items do not share a generator
+    on_cpu = like.device.type == "cpu" and field.numel() >= WORTH_IT
+    side_by_side(fill, zip(field, seeds, strict=True), torch.get_num_threads() if on_cpu else 1)
     return field
 
 
@@ -83,9 +80,10 @@ def poisson_of_normal(mean: Tensor, normal: Tensor) -> Tensor:
     spread = torch.sqrt((mean - 5 / 36).clamp_min_(0.0))
     counts = torch.addcmul((mean - 1 / 6).addcmul_(normal, normal, value=1 / 6), spread, normal)
     counts.round_().clamp_min_(0.0)
-    low = mean < INVERSION_BELOW
-    if bool(low.any()):
-        counts[low] = _inverted(mean[low].double(), normal[low].double()).to(counts.dtype)
+    low = (mean < INVERSION_BELOW).reshape(-1).nonzero().flatten()
+    if len(low):
+        inverted = _inverted(mean.reshape(-1)[low], normal.reshape(-1)[low])
+        counts.view(-1)[low] = inverted
     return counts
 
 
@@ -93,13 +91,13 @@ def _inverted(mean: Tensor, normal: Tensor) -> Tensor:
     """The least k at which Poisson's distribution function reaches Phi(z)."""
     level = torch.special.ndtr(normal)
     chance = torch.exp(-mean)
-    reached, counts = chance.clone(), torch.zeros_like(mean)
-    k = 0
-    while bool((beyond := level > reached).any()) and k < _LARGEST_COUNT:
-        k += 1
-        counts += beyond
-        chance *= mean / k
-        reached += chance
+    reached, counts, beyond = chance.clone(), torch.zeros_like(mean), torch.empty_like(mean, dtype=torch.bool)
+    for k in range(1, _LARGEST_COUNT):
+        torch.gt(level, reached, out=beyond)
+        if k % 4 == 1 and not bool(beyond.any()):
+            break
+        counts.add_(beyond)
+        reached.add_(chance.mul_(mean).div_(k))
     return counts
 
 

@@ -7,7 +7,6 @@ dark, where read noise says so; only the converter's limits clip them from below
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Literal, NamedTuple
@@ -21,12 +20,12 @@ from blurnoise.checks import Numbers, image_batch, non_negative, one_of, per_ima
 from blurnoise.encoding import Encoding, srgb_from_linear
 from blurnoise.scratch import borrowed
 from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
+from blurnoise.threads import WORTH_IT, side_by_side
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`noisy_electrons`."""
 _CHUNK = 1 << 17  # values handled at a time: the temporaries stay in a core's cache
 _SHARED_CHUNK = 1 << 19  # where threads run pictures side by side: fewer hand-overs between them
-_WORTH_A_THREAD = 1 << 18  # values
 Fidelity = Literal["auto", "full"]
 Law = Literal["none", "merged", "counts", "exact"]
 FixedPattern = tuple[Tensor, Tensor]
@@ -128,6 +127,7 @@ def read_out(
     quantised: bool = True,
     normal: Tensor | None = None,
     tones: Tensor | None = None,
+    out: Tensor | None = None,
 ) -> Tensor:
     """Digital numbers of a frame with ``white_e`` * ``scene`` mean photo-electrons, scene (B, C, H, W).
 
@@ -146,7 +146,8 @@ def read_out(
 
     For a caller who exposes one picture many times: normal, the N(0, 1) field of ``rng.standard_normal`` for
     these seeds, drawn once; tones, a value per digital number (such as :func:`tones_8bit`), which is returned
-    instead of the digital number itself.
+    instead of the digital number itself. out: where to write, of the result's shape and dtype, contiguous; it
+    may be ``scene``. Gradients leave it unused.
     """
     batch = len(scene)
     one_of("fidelity", fidelity, ("auto", "full"))
@@ -177,26 +178,23 @@ def read_out(
     if differentiable or not quantised:
         dn = _frame(planes(slice(None)), white, dark, law, camera, quantised=quantised)
         return dn if tones is None else _look_up(tones, dn)
-    out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype, device=scene.device)
+    if out is None:
+        dtype = scene.dtype if tones is None else tones.dtype
+        out = torch.empty(scene.shape, dtype=dtype, device=scene.device)
+    frames = out
 
     def expose_item(item: int) -> None:
         light, *rest = planes(slice(item, item + 1))
         flat = (None if plane is None else plane.reshape(-1) for plane in rest)
         dark_of = dark[item, 0, 0] if bool(dark[item]) else None
-        target = out[item].reshape(-1)
+        target = frames[item].view(-1)
         _in_pieces(
             _Planes(light.reshape(-1), *flat), white[item, 0, 0], dark_of, law, camera, tones, target, chunk
         )
 
-    workers = min(batch, torch.get_num_threads()) if out.numel() >= _WORTH_A_THREAD and on_cpu else 1
-    if workers == 1:
-        chunk = _CHUNK if on_cpu else out[0].numel()
-        for item in range(batch):
-            expose_item(item)
-    else:
-        chunk = _SHARED_CHUNK
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(expose_item, range(batch)))
+    threads = torch.get_num_threads() if on_cpu and batch > 1 and out.numel() >= WORTH_IT else 1
+    chunk = out[0].numel() if not on_cpu else _CHUNK if threads == 1 else _SHARED_CHUNK
+    side_by_side(expose_item, range(batch), threads)
     return out
 
 

@@ -77,6 +77,7 @@ def simulate(
             fidelity=fidelity,
             noise=noise and noisy,
             quantised=quantised,
+            out=moved if moved is not scene and moved.is_contiguous() else None,
         )
 
     if fidelity == "full" or differentiable:
@@ -120,7 +121,9 @@ def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
     """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
     image_batch("image", image)
     one_of("encoding", encoding, ("srgb", "linear"))
-    low, high = (float(bound) for bound in image.detach().aminmax())
+    seen = image.detach()  # NumPy's extremes wake no threads, which would spin beside the work that follows
+    bounds = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
+    low, high = (float(bound) for bound in bounds)
     if low < 0.0 or high > 1.0:
         raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
     return linear_from_srgb(image) if encoding == "srgb" else image

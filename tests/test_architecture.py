@@ -15,7 +15,7 @@ PACKAGES = {
 }
 FLOORS = {
     "blurnoise": [
-        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch", "presets"},
+        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch", "threads", "presets"},
         {"camera", "motion", "psf", "packed"},
         {"fourier", "sensor"},
         {"blur", "moments", "plan"},
@@ -43,6 +43,7 @@ EXCEPTIONS = {
 SAME_FLOOR = {
     ("charts", "checks"): "guards",
     ("transfer", "checks"): "guards",
+    ("rng", "threads"): "items side by side",
     ("presets", "spectra"): "quantum efficiencies are curves",
     ("figures", "pictures"): "captions and thumbnails serve the figures",
     ("findings", "figures"): "the page and the figures show the same groups",

@@ -349,9 +349,11 @@ def test_losses_are_told() -> None:
     auto = measured("auto", 4, 2)
     assert bench(auto, measured("opencv", 3.95, 2.1), measured("kernel", 1, 1)).losses() == []
     assert bench(auto, measured("opencv", 1, 3), measured("kornia", 8, 1.8)).losses() == [
-        "6 px: kornia has 2.00 of auto's time, 0.90 of its error",
-        "6 px: opencv has 0.25 of auto's time, 1.50 of its error",
+        "6 px: kornia has 2.00 of auto's time, 0.90 of auto's error",
+        "6 px: opencv has 0.25 of auto's time, 1.50 of auto's error",
     ]
+    unjudged = bench(auto[:1], measured("opencv", 1, 3)[:1])
+    assert unjudged.losses() == ["6 px: opencv has 0.25 of auto's time"]
 
 
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:

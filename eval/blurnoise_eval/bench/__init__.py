@@ -1,5 +1,7 @@
 """How fast and how exact this machine simulates: commands, never tests. One room per bench.
 
-``chain``: one picture through the whole chain. ``sweeps``: a sweep beside bare onnxruntime. ``blur``: every
-way to blur by motion, time beside error; its yardstick is ``truth``, its competitors stand in ``contenders``.
+``chain``: the whole chain and its stages, beside other libraries. ``sweeps``: a sweep beside bare onnxruntime.
+``blur``: every way to blur by motion, time beside error; its yardstick is ``truth``, its competitors stand in
+``contenders``. ``noise``: every way to draw noise, time beside distance; its yardstick is ``laws``, its
+competitors stand in ``samplers``.
 """

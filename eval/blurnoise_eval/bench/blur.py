@@ -127,17 +127,14 @@ class Bench:
         found = []
         others = [method.name for method in self.methods if not method.ours]
         for length, other in product(self.extent.lengths_px, others):
-            time, error = (
-                theirs / own if own and theirs else math.nan
-                for own, theirs in (
-                    (self.median("auto", length), self.median(other, length)),
-                    (self.error_dn("auto", length), self.error_dn(other, length)),
-                )
-            )
-            if time < 0.98 or error < 0.98:
-                found.append(
-                    f"{length:g} px: {other} has {time:.2f} of auto's time, {error:.2f} of its error"
-                )
+            shares = [
+                (theirs / own, what)
+                for value, what in ((self.median, "time"), (self.error_dn, "error"))
+                if (own := value("auto", length)) and (theirs := value(other, length))
+            ]
+            if any(share < 0.98 for share, _ in shares):
+                told = ", ".join(f"{share:.2f} of auto's {what}" for share, what in shares)
+                found.append(f"{length:g} px: {other} has {told}")
         return found
 
     def document(self) -> dict[str, Any]:

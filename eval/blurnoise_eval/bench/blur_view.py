@@ -129,7 +129,7 @@ def _draw_pairs(axes: Axes, bench: Bench, length: float) -> None:
         axes.plot([time.low, time.high], [error, error], color=_look(method.name)["color"], lw=1.2, zorder=2)
         axes.plot(time.median, error, zorder=3, **_look(method.name))
     ratio = bench.ratio("auto", length)
-    compared = "" if ratio is None else f": auto {1 / ratio:.2g} times as fast as {BASELINE}"
+    compared = "" if ratio is None else f": auto {1 / ratio:.2g}× {BASELINE}'s speed"
     axes.set_title(f"{length:g} px{compared}", fontsize=9)
     axes.set_xlabel("Time / (ms per megapixel)", fontsize=9)
 

@@ -1,0 +1,40 @@
+"""Independent jobs side by side on threads that are kept: new threads start with memory of their own to fetch."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+Job = TypeVar("Job")
+WORTH_IT = 1 << 18
+"""Values of a picture from which threads are worth waking."""
+_pools: dict[int, ThreadPoolExecutor] = {}
+_state = threading.local()
+if hasattr(os, "register_at_fork"):  # a forked process has the pools, but not their threads
+    os.register_at_fork(after_in_child=_pools.clear)
+
+
+def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: int) -> None:
+    """``work(job)`` for every job, on up to ``threads`` threads; in turn within a job, or where one is enough.
+
+    The first exception of a job is raised, after all have ended.
+    """
+    todo = list(jobs)
+    if threads <= 1 or len(todo) < 2 or getattr(_state, "working", False):
+        for job in todo:
+            work(job)
+        return
+
+    def marked(job: Job) -> None:
+        _state.working = True
+        work(job)
+
+    pool = _pools.setdefault(threads, ThreadPoolExecutor(threads))
+    futures = [pool.submit(marked, job) for job in todo]
+    errors = [future.exception() for future in futures]
+    for error in errors:
+        if error is not None:
+            raise error
