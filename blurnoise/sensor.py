@@ -6,10 +6,11 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -189,13 +190,27 @@ def read_out(
         dark_of = dark[item, 0, 0] if bool(dark[item]) else None
         target = frames[item].view(-1)
         _in_pieces(
-            _Planes(light.reshape(-1), *flat), white[item, 0, 0], dark_of, law, camera, tones, target, chunk
+            _Planes(light.reshape(-1), *flat),
+            white[item, 0, 0],
+            dark_of,
+            law,
+            camera,
+            tones,
+            target,
+            chunk,
+            threads,
         )
 
-    threads = torch.get_num_threads() if on_cpu and batch > 1 and out.numel() >= WORTH_IT else 1
-    chunk = out[0].numel() if not on_cpu else _CHUNK if threads == 1 else _SHARED_CHUNK
+    pixels = frames[0].numel()
+    threads = torch.get_num_threads() if on_cpu and frames.numel() >= WORTH_IT else 1
+    if not on_cpu:
+        chunk = pixels
+    elif threads == 1:
+        chunk = _CHUNK
+    else:  # a batch shares out its pictures, a single picture its pieces
+        chunk = min(_SHARED_CHUNK, pixels if batch > 1 else math.ceil(pixels / threads))
     side_by_side(expose_item, range(batch), threads)
-    return out
+    return frames
 
 
 def _in_pieces(
@@ -207,17 +222,22 @@ def _in_pieces(
     tones: Tensor | None,
     out: Tensor,
     chunk: int,
+    threads: int,
 ) -> None:
     """One picture, flat, through the chain into ``out``, piece by piece: the temporaries stay in the cache."""
     parts = torch.split(out, chunk)
     pieces = ([None] * len(parts) if plane is None else torch.split(plane, chunk) for plane in planes)
-    with _scratch(min(chunk, len(out)), planes.scene) as scratch:
-        for part, *piece in zip(parts, *pieces, strict=True):
-            first, second, third = scratch[:, : len(part)]
+
+    def expose_piece(job: tuple[Any, ...]) -> None:
+        part, *piece = job
+        with _scratch(len(part), planes.scene) as scratch:
+            first, second, third = scratch
             into = (part if tones is None else first, second, third)
             dn = _frame(_Planes(*piece), white_e, dark_e, law, camera, into)
             if tones is not None:
                 torch.index_select(tones, 0, dn.to(torch.int32), out=part)
+
+    side_by_side(expose_piece, zip(parts, *pieces, strict=True), threads)
 
 
 def _law(camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool) -> Law:
