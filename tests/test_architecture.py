@@ -15,14 +15,25 @@ PACKAGES = {
 }
 FLOORS = {
     "blurnoise": [
-        {"checks", "rng", "spectra", "charts", "encoding", "borders", "transfer", "scratch", "threads", "presets"},
+        {
+            "checks",
+            "rng",
+            "spectra",
+            "charts",
+            "encoding",
+            "borders",
+            "transfer",
+            "scratch",
+            "threads",
+            "presets",
+        },
         {"camera", "motion", "psf", "packed"},
         {"fourier", "sensor"},
         {"blur", "moments", "plan"},
         {"simulate"},
     ],
     "blurnoise_eval": [
-        {"records", "contract", "arguments", "conditions", "files"},
+        {"records", "contract", "arguments", "conditions", "files", "printing"},
         {"formats"},
         {"onnx_model", "datasets", "scoring", "store", "optimum", "cameras"},
         {"sweep", "pictures", "figures", "findings"},

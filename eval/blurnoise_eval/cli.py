@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.arguments import parse
+from blurnoise_eval.printing import ProgressBar, print_answers, print_assumptions, print_facts, print_stages
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
-    from blurnoise.plan import Plan as ScenePlan
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.sweep import Outcome
 
@@ -57,10 +57,10 @@ def _sweep(options: argparse.Namespace) -> int:
         load_contract(options.contract)  # before a folder is made
     with Store(options.output, create=True) as store:
         detector = given or _detector(options, options.output)
-        _print_assumptions(detector.contract, options.model)
+        print_assumptions(detector.contract, options.model)
         facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
         results.open_run(store, detector, camera, pictures, plan, facts)
-        with _Progress("sweep", sweep.count_cells(pictures, plan)) as advance:
+        with ProgressBar("sweep", sweep.count_cells(pictures, plan)) as advance:
             outcome = sweep.run(detector, camera, pictures, plan, store, threads=threads, progress=advance)
         if outcome.skipped and len(outcome.skipped) == len(pictures):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
@@ -102,59 +102,11 @@ def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) ->
     if options.json:
         print(json.dumps(summary))
         return 0
-    _print_answers(data.answers, options.threshold)
+    print_answers(data.answers, options.threshold)
     took = f" in {outcome.wall_s:.1f} s" if outcome is not None else ""
     print(f"{len(data.cells)} cells{took}, pictures skipped: {len(data.skipped)}")
     print(f"open {summary['report']}")
     return 0
-
-
-def _print_answers(found: list[dict[str, Any]], threshold: float) -> None:
-    """One row per target and light, one column per velocity: the recommended exposure and the window."""
-    from rich.console import Console
-    from rich.table import Table
-
-    velocities = list(dict.fromkeys((a["velocity_x_px_s"], a["velocity_y_px_s"]) for a in found))
-    table = Table(
-        title=f"Exposure to use, ms, and (range that keeps mean confidence >= {threshold:g}; < > reach the "
-        "shortest or longest tested)",
-        title_justify="left",
-    )
-    table.add_column("target")
-    table.add_column("lux", justify="right")
-    for x, y in velocities:
-        table.add_column(f"{x:g} px/s" if y == 0 else f"({x:g}, {y:g}) px/s")
-    rows: dict[tuple[str, float], dict[tuple[float, float], str]] = {}
-    for answer in found:
-        row = rows.setdefault((answer["group"], answer["illuminance_lux"]), {})
-        row[answer["velocity_x_px_s"], answer["velocity_y_px_s"]] = _answer_text(answer)
-    for (group, lux), row in rows.items():
-        table.add_row(group, f"{lux:g}", *(row.get(velocity, "") for velocity in velocities))
-    Console().print(table)
-
-
-def _answer_text(answer: dict[str, Any]) -> str:
-    if answer["recommended_s"] is None:
-        return "none works"
-    ends = [[f"{1e3 * low:.3g}", f"{1e3 * high:.3g}"] for low, high in answer["windows_s"]]
-    ends[0][0] = ("<" if answer["open_low"] else "") + ends[0][0]
-    ends[-1][1] = (">" if answer["open_high"] else "") + ends[-1][1]
-    return f"{1e3 * answer['recommended_s']:g} ({', '.join('-'.join(pair) for pair in ends)})"
-
-
-def _print_assumptions(contract: Any, model: Path | None) -> None:
-    assumed = [name for name, source in contract.sources.items() if source.startswith("assumed")]
-    if not assumed or model is None:
-        return
-    values = {name: getattr(contract, name) for name in assumed}
-    values["classes"] = f"the {len(contract.classes)} of COCO"
-    print(
-        f"assumed, since nothing in {model.name} says it: "
-        + ", ".join(f"{name} {values[name]}" for name in assumed)
-        + f".\nState these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
-        f"--contract {contract.family}.",
-        file=sys.stderr,
-    )
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -208,26 +160,10 @@ def _simulate(options: argparse.Namespace) -> int:
     }
     if options.explain and options.json:
         facts["stages"] = [asdict(stage) for stage in needs.stages]
-    _print_facts(facts, options.json)
+    print_facts(facts, options.json)
     if options.explain and not options.json:
-        _print_stages(needs, options.fidelity)
+        print_stages(needs, options.fidelity)
     return 0
-
-
-def _print_stages(needs: ScenePlan, fidelity: str) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("stage", "DN RMS", "modelled", "how", title_justify="left")
-    table.title = "What each stage contributes where the picture is white, in the order of the physics"
-    for stage in needs.stages:
-        kept = stage.kept or (fidelity == "full" and stage.contribution_dn > 0)
-        how = stage.how if stage.kept or not kept else "asked for by --fidelity full"
-        table.add_row(stage.name, f"{stage.contribution_dn:.3g}", "yes" if kept else "no", how)
-    console = Console()
-    console.print(table)
-    if fidelity == "auto":
-        console.print(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
 
 
 def _cameras(options: argparse.Namespace) -> int:
@@ -270,7 +206,7 @@ def _motion(options: argparse.Namespace) -> int:
     target = {"target_width_m": options.target_width_m}
     velocity = velocity_px_s(speed_m_s, options.distance_m, **target, **camera)
     length = blur_pixels(speed_m_s, options.distance_m, options.exposure_ms / 1e3, **target, **camera)
-    _print_facts({"lens": options.lens, "velocity_px_s": velocity, "blur_px": length}, options.json)
+    print_facts({"lens": options.lens, "velocity_px_s": velocity, "blur_px": length}, options.json)
     return 0
 
 
@@ -313,14 +249,14 @@ def _inspect(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps({**facts, "contract": contract.to_dict(), "assumed": contract.assumptions}))
         return 0
-    _print_facts(facts, False)
+    print_facts(facts, False)
     print("contract")
     for name, source in contract.sources.items():
         value = getattr(contract, name)
         if name == "classes":
             value = f"{len(value)}: {', '.join(value[:4])}{', ...' if len(value) > 4 else ''}"
         print(f"  {name:15s} {value!s:28s} {source}")
-    _print_assumptions(contract, options.model)
+    print_assumptions(contract, options.model)
     return 0
 
 
@@ -336,7 +272,7 @@ def _bench(options: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory() as folder:
         pictures = image_folder(options.images) if options.images else rendered_signs()
         facts = sweep_speed(_detector(options, Path(folder)), pictures, threads, Path(folder))
-    _print_facts(facts, options.json)
+    print_facts(facts, options.json)
     return 0
 
 
@@ -352,7 +288,7 @@ def _bench_room(options: argparse.Namespace, threads: int) -> int:
     extent = room.QUICK if options.quick else room.FULL
     folder = options.output or Path(f"bench-{options.what}")
     folder.mkdir(parents=True, exist_ok=True)
-    with _Progress("bench", room.steps(extent)) as advance:
+    with ProgressBar("bench", room.steps(extent)) as advance:
         bench = room.measure(extent, threads, advance)
     room.write(bench, folder)
     view.write(bench, folder)
@@ -415,37 +351,6 @@ def _threads(options: argparse.Namespace) -> int:
     if threads < 1:
         raise ValueError(f"threads = {threads}: must be >= 1")
     return int(threads)
-
-
-def _print_facts(facts: dict[str, Any], as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(facts))
-        return
-    width = max(map(len, facts))
-    for name, value in facts.items():
-        for line in value if isinstance(value, list) else [value]:
-            print(f"{name:{width}s}  {f'{line:.6g}' if isinstance(line, float) else line}")
-            name = ""
-
-
-class _Progress:
-    """A progress bar on the terminal's error stream, silent where there is none."""
-
-    def __init__(self, label: str, total: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-        columns = ("[bold]{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        console = Console(stderr=True)
-        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._task = self._progress.add_task(label, total=total)
-
-    def __enter__(self) -> Any:
-        self._progress.start()
-        return lambda cells: self._progress.advance(self._task, cells)
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
 
 
 COMMANDS = {

@@ -97,7 +97,7 @@ def test_help_is_light() -> None:
         "print(sorted(heavy & set(sys.modules)), file=sys.__stdout__)\n"
         "print(len(texts), min(map(len, texts)), file=sys.__stdout__)\n"
     )
-    commands = ("sweep", "simulate", "motion", "chart", "report", "inspect", "bench")
+    commands = ("sweep", "simulate", "motion", "chart", "report", "inspect", "bench", "cameras")
     done = subprocess.run([sys.executable, "-c", code, *commands], capture_output=True, text=True, check=True)
     imported, counted = done.stdout.splitlines()
     assert imported == "[]"

@@ -1,0 +1,109 @@
+"""What the commands print: facts, tables, assumptions and progress, on a terminal or as JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from blurnoise.plan import Plan
+
+
+def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
+    """One row per target and light, one column per velocity: the recommended exposure and the window."""
+    from rich.console import Console
+    from rich.table import Table
+
+    velocities = list(dict.fromkeys((a["velocity_x_px_s"], a["velocity_y_px_s"]) for a in found))
+    table = Table(
+        title=f"Exposure to use, ms, and (range that keeps mean confidence >= {threshold:g}; < > reach the "
+        "shortest or longest tested)",
+        title_justify="left",
+    )
+    table.add_column("target")
+    table.add_column("lux", justify="right")
+    for x, y in velocities:
+        table.add_column(f"{x:g} px/s" if y == 0 else f"({x:g}, {y:g}) px/s")
+    rows: dict[tuple[str, float], dict[tuple[float, float], str]] = {}
+    for answer in found:
+        row = rows.setdefault((answer["group"], answer["illuminance_lux"]), {})
+        row[answer["velocity_x_px_s"], answer["velocity_y_px_s"]] = _answer_text(answer)
+    for (group, lux), row in rows.items():
+        table.add_row(group, f"{lux:g}", *(row.get(velocity, "") for velocity in velocities))
+    Console().print(table)
+
+
+def _answer_text(answer: dict[str, Any]) -> str:
+    if answer["recommended_s"] is None:
+        return "none works"
+    ends = [[f"{1e3 * low:.3g}", f"{1e3 * high:.3g}"] for low, high in answer["windows_s"]]
+    ends[0][0] = ("<" if answer["open_low"] else "") + ends[0][0]
+    ends[-1][1] = (">" if answer["open_high"] else "") + ends[-1][1]
+    return f"{1e3 * answer['recommended_s']:g} ({', '.join('-'.join(pair) for pair in ends)})"
+
+
+def print_assumptions(contract: Any, model: Path | None) -> None:
+    """What a contract assumes for want of a word in the model file, on standard error."""
+    assumed = [name for name, source in contract.sources.items() if source.startswith("assumed")]
+    if not assumed or model is None:
+        return
+    values = {name: getattr(contract, name) for name in assumed}
+    values["classes"] = f"the {len(contract.classes)} of COCO"
+    print(
+        f"assumed, since nothing in {model.name} says it: "
+        + ", ".join(f"{name} {values[name]}" for name in assumed)
+        + f".\nState these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
+        f"--contract {contract.family}.",
+        file=sys.stderr,
+    )
+
+
+def print_stages(needs: Plan, fidelity: str) -> None:
+    """A scene's plan: a row per stage."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("stage", "DN RMS", "modelled", "how", title_justify="left")
+    table.title = "What each stage contributes where the picture is white, in the order of the physics"
+    for stage in needs.stages:
+        kept = stage.kept or (fidelity == "full" and stage.contribution_dn > 0)
+        how = stage.how if stage.kept or not kept else "asked for by --fidelity full"
+        table.add_row(stage.name, f"{stage.contribution_dn:.3g}", "yes" if kept else "no", how)
+    console = Console()
+    console.print(table)
+    if fidelity == "auto":
+        console.print(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
+
+
+def print_facts(facts: dict[str, Any], as_json: bool) -> None:
+    """Names and values, a line each, or one line of JSON."""
+    if as_json:
+        print(json.dumps(facts))
+        return
+    width = max(map(len, facts))
+    for name, value in facts.items():
+        for line in value if isinstance(value, list) else [value]:
+            print(f"{name:{width}s}  {f'{line:.6g}' if isinstance(line, float) else line}")
+            name = ""
+
+
+class ProgressBar:
+    """A progress bar on the terminal's error stream, silent where there is none."""
+
+    def __init__(self, label: str, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+        columns = ("[bold]{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        console = Console(stderr=True)
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._task = self._progress.add_task(label, total=total)
+
+    def __enter__(self) -> Any:
+        self._progress.start()
+        return lambda cells: self._progress.advance(self._task, cells)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
