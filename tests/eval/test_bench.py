@@ -372,3 +372,13 @@ def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 def test_quick_is_a_part_of_the_whole() -> None:
     for name in ("timed_px", "judged_px", "angles_deg", "scenes"):
         assert set(getattr(blur.QUICK, name)) < set(getattr(blur.FULL, name)), name
+
+
+def test_a_peer_that_does_not_start_is_said_and_left_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "albumentations.py").write_text("raise KeyError('numpy.uint32')", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "albumentations", raising=False)
+    assert "does not start here: KeyError" in contenders.albumentations_state()
+    assert "albumentations" not in [method.name for method in contenders.contenders()]

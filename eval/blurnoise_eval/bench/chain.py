@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +25,7 @@ from blurnoise import sensor
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.simulate import lens_and_motion, scene_reflectance, simulate
-from blurnoise_eval.bench.contenders import displacements, nearest_odd
+from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
 from blurnoise_eval.files import write_whole
 
@@ -136,9 +135,7 @@ class Bench:
         return {
             **self._one_picture(),
             "machine": self.machine,
-            "albumentations": "measured"
-            if _albumentations_works()
-            else "not installed, or without ShotNoise",
+            "albumentations": _albumentations_fault() or "measured",
             "cases": [
                 {**asdict(case), "camera": case.camera.to_dict(), "angles_deg": case.angles_deg}
                 for case in self.extent.cases
@@ -225,7 +222,7 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
         **{name: ("stage", partial(noise, fidelity=fidelity)) for fidelity, name in NOISE.items()},
         KORNIA: ("other", partial(_kornia(nearest_odd(case.length_px)), image)),
     }
-    if _albumentations_works():
+    if _albumentations_fault() is None:
         calls[ALBUMENTATIONS] = ("other", partial(_albumentations, image, nearest_odd(case.length_px)))
     calls[YARDSTICK] = ("yardstick", partial(torch.randn, case.shape))
     return calls
@@ -236,8 +233,11 @@ def _kornia(taps: int) -> torch.nn.Sequential:
     return torch.nn.Sequential(turned, augmentation.RandomGaussianNoise(0.0, 0.05, p=1.0))
 
 
-def _albumentations_works() -> bool:
-    return find_spec("albumentations") is not None and hasattr(import_module("albumentations"), "ShotNoise")
+def _albumentations_fault() -> str | None:
+    fault = import_fault("albumentations")
+    if fault is None and not hasattr(import_module("albumentations"), "ShotNoise"):
+        return "without ShotNoise"
+    return fault
 
 
 def _albumentations(image: Tensor, taps: int) -> list[Any]:

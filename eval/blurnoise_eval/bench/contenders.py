@@ -60,10 +60,22 @@ def contenders() -> list[Contender]:
 
 def albumentations_state() -> str:
     """Why albumentations is or is not measured."""
-    if find_spec("albumentations") is None:
-        return "not installed"
+    fault = import_fault("albumentations")
+    if fault is not None:
+        return fault
     fixed = hasattr(_transform(3, 0.0), "angle_range")
     return f"{version('albumentations')}, " + ("measured" if fixed else "left out: its angle is random")
+
+
+def import_fault(library: str) -> str | None:
+    """Why a peer cannot be measured, or None: one that is installed may still not start beside our versions."""
+    if find_spec(library) is None:
+        return "not installed"
+    try:
+        import_module(library)
+    except Exception as error:
+        return f"installed, but does not start here: {error!r}"
+    return None
 
 
 def displacements(length_px: float, angles_deg: Sequence[float]) -> Tensor:
