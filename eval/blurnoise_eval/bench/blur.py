@@ -6,9 +6,6 @@ relative error, lengths in px, angles in degrees from x (right) towards y (down)
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -23,7 +20,7 @@ import torch
 from blurnoise_eval.bench import truth
 from blurnoise_eval.bench.contenders import BASELINE, Contender, albumentations_state, contenders
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.bench.written import write_bench
 
 Progress = Callable[[float], object]
 NO_BLUR, EXACT = "no blur", "exact response"
@@ -185,13 +182,7 @@ def measure(extent: Extent = FULL, threads: int = 2, progress: Progress = lambda
 
 def write(bench: Bench, folder: Path) -> None:
     """Write blur.csv, a row per measurement, and blur.json with all else; raises ``OSError``."""
-    table = io.StringIO()
-    records = [row.record() for row in bench.rows]
-    writer = csv.DictWriter(table, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_whole(folder / "blur.csv", table.getvalue().encode())
-    write_whole(folder / "blur.json", json.dumps(bench.document(), indent=1, allow_nan=False).encode())
+    write_bench("blur", [row.record() for row in bench.rows], bench.document(), folder)
 
 
 def _timed(methods: Sequence[Contender], extent: Extent, progress: Progress) -> Iterator[Row]:

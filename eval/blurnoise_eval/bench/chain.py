@@ -6,9 +6,6 @@ value of the pictures, taken in the same turns.
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -27,7 +24,7 @@ from blurnoise.encoding import Encoding
 from blurnoise.simulate import lens_and_motion, scene_reflectance, simulate
 from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.bench.written import write_bench
 
 Progress = Callable[[float], object]
 Kind = Literal["whole", "stage", "other", "yardstick"]
@@ -194,13 +191,7 @@ def measure(extent: Extent = FULL, threads: int = 2, progress: Progress = lambda
 
 def write(bench: Bench, folder: Path) -> None:
     """Write simulate.csv, a row per measurement, and simulate.json; raises ``OSError``."""
-    table = io.StringIO()
-    records = [row.record() for row in bench.rows]
-    writer = csv.DictWriter(table, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_whole(folder / "simulate.csv", table.getvalue().encode())
-    write_whole(folder / "simulate.json", json.dumps(bench.document(), indent=1, allow_nan=False).encode())
+    write_bench("simulate", [row.record() for row in bench.rows], bench.document(), folder)
 
 
 def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:

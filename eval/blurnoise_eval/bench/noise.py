@@ -6,9 +6,6 @@ the final digital numbers at 1 DN/e-, where nothing hides between two of them.
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -23,7 +20,7 @@ from blurnoise_eval.bench import laws
 from blurnoise_eval.bench.laws import Converter
 from blurnoise_eval.bench.samplers import Sampler, equal_chances, samplers
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.bench.written import write_bench
 
 Progress = Callable[[float], object]
 YARDSTICK = "torch.randn"
@@ -163,13 +160,7 @@ def measure(extent: Extent = FULL, threads: int = 2, progress: Progress = lambda
 
 def write(bench: Bench, folder: Path) -> None:
     """Write noise.csv, a row per sampler, mean and read noise, and noise.json; raises ``OSError``."""
-    table = io.StringIO()
-    records = [row.record() for row in bench.rows]
-    writer = csv.DictWriter(table, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_whole(folder / "noise.csv", table.getvalue().encode())
-    write_whole(folder / "noise.json", json.dumps(bench.document(), indent=1, allow_nan=False).encode())
+    write_bench("noise", [row.record() for row in bench.rows], bench.document(), folder)
 
 
 def _at(mean_e: float, normal: torch.Tensor, extent: Extent, progress: Progress) -> Iterator[Row]:
