@@ -1,0 +1,306 @@
+"""Labelled pictures of stop signs among everything else, each from its seed and index alone.
+
+Domain: sRGB-coded RGB, uint8. Boxes are px, x right and y down, in a picture that spans [0, W] x [0, H]. All
+light is mixed linearly and averaged over pixels. Exposure, motion and sensor noise are left to
+:mod:`blurnoise.simulate`: a scene is what a still, well-lit camera would have stored.
+
+Convention: a box bounds the octagon as projected, whatever stands before it, cut off at the picture's edge.
+Every octagon in red with a legend is labelled, and nothing else is.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import count as numbers
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.random import Generator, default_rng
+from numpy.typing import NDArray
+
+from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
+from blurnoise_models.scenes.grounds import ground
+from blurnoise_models.scenes.paint import (
+    WORDS,
+    between,
+    chance,
+    colours,
+    dark,
+    pale,
+    pick,
+    ramp,
+    texture,
+)
+from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
+from blurnoise_models.scenes.things import thing
+
+LABEL = "stop sign"
+SMALLEST_PX, LARGEST_PX = 16.0, 200.0  # larger side of a sign's box, in a picture of 320 px
+_DESIGN_PX = 320
+_SIGNS = (0.35, 0.8, 0.94, 1.0)  # cumulative shares of scenes with no, one, two, three signs
+_LEVELS = 4096  # linear levels between which the tone curve is looked up
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A picture and its stop signs.
+
+    picture: (H, W, 3) sRGB-coded RGB.
+    boxes_xyxy: (n, 4) px, clipped to the picture; n may be 0.
+    """
+
+    picture: NDArray[np.uint8]
+    boxes_xyxy: NDArray[np.float32]
+
+
+def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
+    """Scene ``index`` of the stream ``seed``, size_px x size_px: a function of these three alone.
+
+    Raises ``TypeError`` for numbers that are not integers, ``ValueError`` for a negative seed or index or
+    fewer than 64 px.
+    """
+    rng = default_rng([_integer("seed", seed, 0), _integer("index", index, 0)])
+    n = _integer("size_px", size_px, 64)
+    canvas = ground(rng, n)
+    wanted = int(np.searchsorted(_SIGNS, rng.random()))
+    crowded = 1.6 if wanted == 0 else 1.0
+    for _ in range(int(rng.exponential(3.0 * crowded))):
+        _scatter(rng, canvas, [])
+    boxes: list[Points] = []
+    for _ in range(wanted):
+        placed = _place(rng, n, boxes)
+        if placed is not None:
+            plane, box, size = placed
+            _erect(rng, canvas, plane, size)
+            boxes.append(box)
+    for _ in range(int(rng.exponential(1.0))):
+        _scatter(rng, canvas, boxes)
+    picture = _developed(rng, _lit(rng, canvas))
+    return Scene(picture, np.array(boxes, np.float32).reshape(-1, 4))
+
+
+def scenes(seed: int, *, size_px: int = 320, start: int = 0) -> Iterator[Scene]:
+    """Scenes ``start``, ``start`` + 1, ... of the stream ``seed``, without end. Raises as :func:`scene`."""
+    for index in numbers(_integer("start", start, 0)):
+        yield scene(seed, index, size_px=size_px)
+
+
+def write_coco(
+    folder: Path,
+    seed: int,
+    count: int,
+    *,
+    size_px: int = 320,
+    progress: Callable[[int], None] = lambda n: None,
+) -> Path:
+    """Write scenes 0 to count - 1 as PNG files with a COCO ``instances.json``, whose path is returned.
+
+    The JSON file comes last, and whole: where it stands, all its pictures do. ``progress`` is told how many
+    scenes were added. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    listing = folder / "instances.json"
+    listing.unlink(missing_ok=True)  # an older one would lie about the new pictures
+    images: list[dict[str, object]] = []
+    annotations: list[dict[str, object]] = []
+    for index in range(_integer("count", count, 1)):
+        one = scene(seed, index, size_px=size_px)
+        name = f"{index:06d}.png"
+        data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
+        (folder / name).write_bytes(data.tobytes())
+        images.append({"id": index + 1, "file_name": name, "width": size_px, "height": size_px})
+        for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": index + 1,
+                    "category_id": 1,
+                    "bbox": [x0, y0, x1 - x0, y1 - y0],
+                    "area": (x1 - x0) * (y1 - y0),
+                    "iscrowd": 0,
+                }
+            )
+        progress(1)
+    document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
+    unfinished = listing.with_suffix(".partial")
+    unfinished.write_text(json.dumps(document), encoding="utf-8")
+    unfinished.replace(listing)
+    return listing
+
+
+def _place(rng: Generator, n: int, taken: list[Points]) -> tuple[Plane, Points, float] | None:
+    """A view of a sign that is at least half in the picture and hides no other; None if none fits."""
+    for _ in range(8):
+        plane, size = _view(rng, n)
+        corners = plane.project(octagon())
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        box = np.concatenate([np.clip(low, 0, n), np.clip(high, 0, n)])
+        reach = low[1] - high[1], 2 * (high[1] - low[1])  # plates and signs above, plates and the pole below
+        column = box + np.array([0, reach[0], 0, reach[1]])
+        if _shown(corners, n) >= 0.55 and all(_overlap(column, other) == 0 for other in taken):
+            return plane, box, size
+    return None
+
+
+def _view(rng: Generator, n: int) -> tuple[Plane, float]:
+    """Where a sign stands and how it is turned; and its larger side, px."""
+    small = chance(rng, 0.35)
+    low, high = (SMALLEST_PX, 34.0) if small else (22.0, LARGEST_PX)
+    size = math.exp(between(rng, math.log(low), math.log(high))) * n / _DESIGN_PX
+    yaw = float(np.clip(rng.normal(0, 20), -50, 50))
+    pitch = float(np.clip(rng.normal(0, 7), -20, 20))
+    roll = float(np.clip(rng.normal(0, 12 if chance(rng, 0.12) else 4), -28, 28))
+    plane = Plane.seen(yaw, pitch, roll, between(rng, 2.5, 12.0))
+    margin = -0.25 * size if chance(rng, 0.15) else 0.5 * size
+    x, y = rng.uniform(margin, n - margin, 2).tolist() if margin < n / 2 else (n / 2, n / 2)
+    return plane.placed(octagon(), size, (x, y)), size
+
+
+def _shown(corners: Points, n: int) -> float:
+    """Share of a convex polygon's area that lies in the picture."""
+    frame = np.array([[0, 0], [n, 0], [n, n], [0, n]], np.float32)
+    area, _ = cv2.intersectConvexConvex(np.asarray(corners, np.float32), frame)
+    return float(area) / float(cv2.contourArea(np.asarray(corners, np.float32)))
+
+
+def _overlap(box: Points, other: Points) -> float:
+    """Share of ``other`` that ``box`` covers."""
+    sides = np.minimum(box[2:], other[2:]) - np.maximum(box[:2], other[:2])
+    return float(np.prod(np.maximum(sides, 0)) / np.prod(other[2:] - other[:2]))
+
+
+def _erect(rng: Generator, canvas: Floats, plane: Plane, size: float) -> None:
+    """Pole, sign, plates and what hides them, all in the sign's plane."""
+    n = int(np.clip(2 * size, 48, 256))
+    if chance(rng, 0.7):
+        _pole(rng, canvas, plane)
+    plane.paste(canvas, stop_sign(rng, n), BOX)
+    if chance(rng, 0.18):
+        _plate(rng, canvas, plane, between(rng, 0.53, 0.6), n)
+    if chance(rng, 0.1):
+        _plate(rng, canvas, plane, -between(rng, 0.8, 0.95), n)
+    if chance(rng, 0.06):
+        above = thing(rng, n)
+        wide = above.shape[1] / above.shape[0] * 0.8
+        plane.paste(canvas, above, (-wide / 2, -1.45, wide / 2, -0.62))
+    if chance(rng, 0.22):
+        plane.paste(canvas, occluder(rng, n), BOX)
+
+
+def _pole(rng: Generator, canvas: Floats, plane: Plane) -> None:
+    half = between(rng, 0.02, 0.06)
+    easel = Easel.blank(64, 8)
+    tint = colours(rng, 1)[0] if chance(rng, 0.6) else (150, 152, 154)
+    easel.rectangle(0, 0, 1, 1, tint)
+    top = -between(rng, 0.45, 0.75)
+    foot = between(rng, 1.0, 2.4)
+    plane.paste(canvas, weathered(rng, easel.sprite()), (-half, top, half, foot))
+
+
+def _plate(rng: Generator, canvas: Floats, plane: Plane, top: float, n: int) -> None:
+    """A supplementary plate in red or white, or a street's name."""
+    tall, wide = between(rng, 0.14, 0.24), between(rng, 0.5, 1.1)
+    height = max(16, int(n * tall))
+    easel = Easel.blank(height, int(height * wide / tall))
+    w = easel.width
+    signal = (int(between(rng, 120, 200)), 24, 30)
+    faces = [(signal, pale(rng)), (pale(rng), dark(rng)), (pale(rng), signal), ((20, 100, 60), pale(rng))]
+    face, ink = pick(rng, faces)
+    easel.rectangle(0, 0, w, 1, ink)
+    easel.rectangle(0.06, 0.06, w - 0.06, 0.94, face)
+    legend = pick(
+        rng, ("ALL WAY", "4-WAY", "3-WAY", "2-WAY", "ALL-WAY", "EXCEPT RIGHT TURN", pick(rng, WORDS))
+    )
+    easel.text(legend, (0.08 * w, 0.2, 0.92 * w, 0.8), ink, weight=between(rng, 0, 0.03), stretch=1.2)
+    plane.paste(canvas, weathered(rng, easel.sprite()), (-wide / 2, top, wide / 2, top + tall))
+
+
+def _scatter(rng: Generator, canvas: Floats, spare: list[Points]) -> None:
+    """Put a thing somewhere, but hide no more than an eighth of any box in ``spare``."""
+    n = canvas.shape[0]
+    size = math.exp(between(rng, math.log(10), math.log(250))) * n / _DESIGN_PX
+    x, y = rng.uniform(0, n, 2)
+    reach = 0.5 * size * np.array([-1.6, -1.1, 1.6, 1.1])  # most things are no wider than this
+    if any(_overlap(np.array([x, y, x, y]) + reach, box) > 0.12 for box in spare):
+        return
+    sprite = thing(rng, int(np.clip(1.3 * size, 32, 192)))
+    ratio = sprite.shape[1] / sprite.shape[0]
+    if ratio > 1.4:  # wide things keep their area, not their height
+        size *= math.sqrt(1.4 / ratio) if not spare else 1.4 / ratio
+    turn = rng.normal(0, 60 if chance(rng, 0.1) else 7)
+    plane = Plane.seen(rng.normal(0, 20), rng.normal(0, 8), turn, between(rng, 2.5, 10.0))
+    frame = np.array([[-ratio / 2, -0.5], [ratio / 2, -0.5], [ratio / 2, 0.5], [-ratio / 2, 0.5]])
+    span = max(1.0, ratio)
+    plane.placed(frame, size * span, (x, y)).paste(canvas, sprite, (-ratio / 2, -0.5, ratio / 2, 0.5))
+
+
+def _lit(rng: Generator, canvas: Floats) -> Floats:
+    """The scene's light: its colour, its fall-off, shadows across, haze; and the lens's softness."""
+    n = canvas.shape[0]
+    if chance(rng, 0.2):
+        dim(canvas, ramp(rng, n, n, between(rng, 0.15, 0.8)))
+    if chance(rng, 0.12):  # sun through leaves, a wall's shadow
+        depth, edge = between(rng, 0.3, 0.75), between(rng, 0.3, 0.6)
+        table = 1 - depth + depth * np.clip((np.linspace(0, 1, 256) - edge) * 8 + 0.5, 0, 1)
+        dim(canvas, np.asarray(cv2.LUT(texture(rng, n, n), table.astype(np.float32))))
+    warmth = rng.normal(0, 0.16 if chance(rng, 0.25) else 0.05)
+    tint = np.array([math.exp(warmth), math.exp(rng.normal(0, 0.03)), math.exp(-warmth)])
+    level = cv2.mean(canvas)[1]
+    key = between(rng, 0.08, 0.4) / max(level, 1e-3)  # a camera meters the scene, not always well
+    tint *= np.clip(key, 0.6, 2.2) ** between(rng, 0.0, 1.0)
+    haze = between(rng, 0.03, 0.25) if chance(rng, 0.08) else 0.0
+    veil = np.full((3, 1), 0.7 * haze)
+    canvas = np.asarray(cv2.transform(canvas, np.hstack([np.diag(tint * (1 - haze)), veil])))
+    if chance(rng, 0.5):
+        canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), between(rng, 0.3, 1.0) * n / _DESIGN_PX))
+    return canvas
+
+
+def _developed(rng: Generator, canvas: Floats) -> Bytes:
+    """The coded picture: tone curve, colourfulness, resampling, sharpening and JPEG of a stored photograph."""
+    n = canvas.shape[0]
+    table = _tone_curve(between(rng, -0.1, 0.5))
+    canvas *= np.float32(_LEVELS - 1)
+    picture = np.take(table, canvas.astype(np.int32), mode="clip")
+    if chance(rng, 0.03):
+        picture = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
+    elif chance(rng, 0.4):  # more or less colourful
+        grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+        colourful = between(rng, 0.4, 1.3)
+        picture = np.asarray(cv2.addWeighted(picture, colourful, grey, 1 - colourful, 0), np.uint8)
+    if chance(rng, 0.35):
+        side = int(n * between(rng, 0.65, 1.0))
+        between_sizes = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
+        way = cv2.INTER_CUBIC if chance(rng, 0.5) else cv2.INTER_LINEAR
+        picture = np.asarray(cv2.resize(between_sizes, (n, n), interpolation=way), np.uint8)
+    if chance(rng, 0.35):
+        soft = cv2.GaussianBlur(picture, (0, 0), between(rng, 0.6, 1.2))
+        amount = between(rng, 0.15, 0.9)
+        picture = np.asarray(cv2.addWeighted(picture, 1 + amount, soft, -amount, 0), np.uint8)
+    if chance(rng, 0.5):
+        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(40, 96))]
+        coded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)[1]
+        picture = np.asarray(cv2.cvtColor(cv2.imdecode(coded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8)
+    return picture
+
+
+def _tone_curve(contrast: float) -> Bytes:
+    """sRGB coding of linear levels, then an S of the given strength about the middle."""
+    linear = np.linspace(0, 1, _LEVELS)
+    coded = np.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-4) ** (1 / 2.4) - 0.055
+    )
+    coded += contrast * (coded * coded * (3 - 2 * coded) - coded)
+    return np.asarray(np.rint(coded * 255), np.uint8)
+
+
+def _integer(name: str, value: int, low: int) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise TypeError(f"{name} = {value!r}: must be an integer")
+    if value < low:
+        raise ValueError(f"{name} = {value!r}: must be >= {low}")
+    return value
