@@ -15,11 +15,11 @@ LOOKALIKES = ""
 
 
 def class_count(signature: Signature) -> int | None:
-    """Classes of [batch, 4 + nc, A], with strides up to 32 or 64."""
+    """Classes of [batch, 4 + nc, A], with stride 8 alone, or strides up to 32 or 64."""
     shape = signature.outputs[0].shape
     if signature.size_px is None or len(shape) != 3 or not isinstance(shape[1], int) or shape[1] < 5:
         return None
-    counts = (cells(signature.size_px), cells(signature.size_px, (8, 16, 32, 64)))
+    counts = [cells(signature.size_px, strides) for strides in ((8,), (8, 16, 32), (8, 16, 32, 64))]
     return shape[1] - 4 if len(signature.outputs) == 1 and shape[2] in counts else None
 
 

@@ -1,0 +1,84 @@
+"""Write a trained network as an ONNX file that says how it wants to be fed."""
+
+from __future__ import annotations
+
+import json
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+from onnx import helper
+
+from blurnoise_models.network import Decoded, SignNet
+
+OPSET = 18
+
+
+def contract(input_px: int) -> dict[str, Any]:
+    """What pictures the file expects and what its outputs mean, as ``blurnoise inspect`` prints it."""
+    return {
+        "family": "yolov8",
+        "classes": ["stop sign"],
+        "colour": "rgb",
+        "value_range": "0-1",
+        "resize": "letterbox",
+        "pad_value": 114,
+        "input_size_px": [input_px, input_px],
+        "nms_iou": 0.5,
+    }
+
+
+def write_onnx(
+    network: SignNet, path: Path, *, input_px: int = 320, facts: dict[str, Any] | None = None
+) -> Path:
+    """Write ``network`` for pictures of ``input_px`` squared, and return ``path``.
+
+    Input "images" (1, 3, input_px, input_px): RGB, sRGB-coded, [0, 1], letterboxed. Output "output0"
+    (1, 5, A) as YOLOv8's: boxes (centre x, centre y, width, height) in px of the input, then the score in
+    [0, 1], which was trained to be the IoU to be expected; A = (input_px / 8)² cells, without suppression of
+    double answers. The contract, and ``facts`` about the training, travel in the metadata. The file appears
+    whole or not at all. Raises ``ValueError`` for a suffix other than .onnx.
+    """
+    if path.suffix != ".onnx":
+        raise ValueError(f"path = {str(path)!r}: must end in .onnx")
+    with _quiet():
+        program = torch.onnx.export(
+            Decoded(network).eval(),
+            (torch.zeros(1, 3, input_px, input_px),),
+            input_names=["images"],
+            output_names=["output0"],
+            opset_version=OPSET,
+            dynamo=True,
+            verbose=False,
+        )
+    if program is None:
+        raise RuntimeError("torch.onnx.export returned nothing")
+    model = program.model_proto
+    properties = {"blurnoise.contract": json.dumps(contract(input_px))}
+    if facts:
+        properties["blurnoise.training"] = json.dumps(facts)
+    helper.set_model_props(model, properties)
+    onnx.checker.check_model(model)
+    partial = path.with_suffix(".onnx.part")
+    partial.write_bytes(model.SerializeToString())
+    partial.replace(path)
+    return path
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the exporter's remarks about its own insides."""
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FutureWarning)
+            yield
+    finally:
+        log.setLevel(level)

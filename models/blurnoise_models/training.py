@@ -1,0 +1,209 @@
+"""Train the sign detector on rendered scenes, under one of the augmentations to be compared.
+
+The clean scenes are drawn once into a pool, one file, that every training reads; what differs between two
+trainings is the arm (what happens to the pictures on their way in) and the seed (weights, order, augmentation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
+from torch.optim.swa_utils import AveragedModel
+
+from blurnoise import checks
+from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
+from blurnoise_models.scenes import scene
+
+Arm = Literal["none", "kornia", "exposure"]
+ARMS: tuple[Arm, ...] = ("none", "kornia", "exposure")
+POOL_SEED = 1
+"""Seed of the training scenes; held-out scenes have another."""
+SHARE = 0.8
+"""Of the training pictures that an augmentation changes."""
+_BATCH = 16
+FEWEST_PICTURES = 20 * _BATCH
+"""In fewer, the learning rate has no time to rise and fall."""
+_PEAK_RATE = 3e-3
+_WEIGHT_DECAY = 0.01
+_STEEPEST = 10.0  # gradient norm; a rare batch of odd boxes shall not throw the weights away
+_MEMORY = 0.998  # of the moving average of the weights, per step
+_CHUNK = 64  # scenes that a worker draws at a time
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Rendered scenes: pictures (N, H, W, 3) 8-bit sRGB RGB, boxes (N, M, 4) xyxy px, padded with zeros."""
+
+    pictures: NDArray[np.uint8]
+    boxes_xyxy: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a training: how many pictures it has seen, and the loss of this step."""
+
+    pictures: int
+    loss: float
+
+
+def pool(
+    folder: Path, count: int, *, size_px: int = 320, progress: Callable[[int], None] = lambda n: None
+) -> Pool:
+    """The first ``count`` training scenes of ``size_px``, drawn on all cores into ``folder``, once.
+
+    Takes 3 size_px² bytes per scene on disk (0.3 MB at 320 px). ``progress`` is told how many scenes are
+    ready. Raises ``ValueError`` for a count or size that is not positive or a size no multiple of 32 px.
+    """
+    _whole("count", count)
+    if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
+        raise ValueError(f"size_px = {size_px!r}: must be a multiple of {SIDE_MULTIPLE_PX}")
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures, boxes = (folder / f"{what}-{count}x{size_px}.npy" for what in ("pictures", "boxes"))
+    if boxes.is_file():  # written last
+        progress(count)
+        return Pool(np.load(pictures, mmap_mode="r"), np.load(boxes))
+    drawn = np.lib.format.open_memmap(pictures, mode="w+", dtype=np.uint8, shape=(count, size_px, size_px, 3))
+    found: list[Tensor] = []
+    starts = range(0, count, _CHUNK)
+    with ProcessPoolExecutor(None, get_context("spawn"), cv2.setNumThreads, (1,)) as workers:
+        drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
+        for start, (part, of_part) in zip(starts, drawing, strict=True):
+            drawn[start : start + len(part)] = part
+            found += [torch.from_numpy(each) for each in of_part]
+            progress(len(part))
+    drawn.flush()
+    partial_file = boxes.with_suffix(".part.npy")
+    padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
+    np.save(partial_file, padded.numpy())
+    partial_file.replace(boxes)
+    return pool(folder, count, size_px=size_px)
+
+
+def _draw(start: int, *, count: int, size_px: int) -> tuple[NDArray[np.uint8], list[NDArray[np.float32]]]:
+    scenes = [scene(POOL_SEED, index, size_px=size_px) for index in range(start, min(start + _CHUNK, count))]
+    return np.stack([each.picture for each in scenes]), [each.boxes_xyxy for each in scenes]
+
+
+def augmentation(arm: Arm) -> nn.Module:
+    """What an arm does to a batch of pictures (B, 3, H, W) in [0, 1]: nothing, Kornia's blur and noise, ours.
+
+    Kornia's motion blur has the lengths that RandomExposure's longest exposure gives at its highest speed.
+    Each changes four pictures in five.
+    """
+    checks.one_of("arm", arm, ARMS)
+    if arm == "none":
+        return nn.Identity()
+    if arm == "kornia":
+        import kornia.augmentation as kornia
+
+        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=SHARE)
+        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=SHARE), nn.Hardtanh(0.0, 1.0))
+    from blurnoise.augment import RandomExposure
+
+    ours: nn.Module = RandomExposure(
+        "imx250", exposure_s=(1e-3, 60e-3), illuminance_lux=(5.0, 500.0), speed_px_s=(0.0, 1000.0), p=SHARE
+    )
+    return ours
+
+
+def train(
+    scenes: Pool,
+    arm: Arm = "exposure",
+    *,
+    pictures: int,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Callable[[Step], None] = lambda step: None,
+) -> SignNet:
+    """Train a network on ``pictures`` pictures drawn from ``scenes`` under ``arm``; returns it in eval mode.
+
+    AdamW with one cycle of the learning rate, batches of 16; the result holds the moving average of the
+    weights. On processors with bfloat16 arithmetic the convolutions use it, which halves the time. The same
+    arguments, machine and number of threads give the same network. The global generator, which Kornia draws
+    from, is seeded inside and left as it was.
+    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, or a negative seed.
+    """
+    checks.non_negative("seed", seed)
+    if pictures < FEWEST_PICTURES:
+        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES}")
+    change = augmentation(arm)
+    before = torch.get_num_threads()
+    if threads is not None:
+        torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng(devices=[]):
+            torch.default_generator.manual_seed(seed)
+            return _train(scenes, change, pictures // _BATCH, seed, progress)
+    finally:
+        torch.set_num_threads(before)
+
+
+def _train(
+    scenes: Pool, change: nn.Module, steps: int, seed: int, progress: Callable[[Step], None]
+) -> SignNet:
+    network = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    average = AveragedModel(network, avg_fn=_follow, use_buffers=True)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1)
+    for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), steps), start=1):
+        seen, boxes = batch(scenes, chosen)
+        seen = change(seen).contiguous(memory_format=torch.channels_last)
+        with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
+            answers = network(seen)
+        value = loss(answers, boxes)
+        optimiser.zero_grad()
+        value.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(network.parameters(), _STEEPEST)
+        optimiser.step()
+        cycle.step()
+        average.update_parameters(network)
+        progress(Step(step * _BATCH, float(value.detach())))
+    return average.module.eval()  # type: ignore[return-value]
+
+
+def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
+    """The moving average's next value; a young one forgets faster, so that the first weights do not stay."""
+    if not average.is_floating_point():  # counters
+        return current
+    return torch.lerp(average, current, max(1.0 - _MEMORY, 10.0 / (10.0 + int(updates))))
+
+
+def batch(scenes: Pool, chosen: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
+    """Pictures (B, 3, H, W) in [0, 1] and boxes (B, M, 4) of the ``chosen`` scenes."""
+    pictures = torch.from_numpy(scenes.pictures[chosen]).permute(0, 3, 1, 2).contiguous()
+    return pictures.float() / 255.0, torch.from_numpy(scenes.boxes_xyxy[chosen])
+
+
+def _batches(count: int, seed: int) -> Iterator[NDArray[np.int64]]:
+    """Indices of batches: every scene once, in an order of the seed's, and again in another."""
+    order = np.random.default_rng(seed)
+    waiting = np.empty(0, np.int64)
+    while True:
+        while len(waiting) < _BATCH:
+            waiting = np.concatenate([waiting, order.permutation(count)])
+        yield np.sort(waiting[:_BATCH])  # sorted: the file is read in one direction
+        waiting = waiting[_BATCH:]
+
+
+def has_bfloat16() -> bool:
+    """Whether this processor computes in bfloat16 (elsewhere torch emulates it, slowly)."""
+    capabilities: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()
+    return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
+
+
+def _whole(name: str, value: int) -> None:
+    if not isinstance(value, int) or value < 1:
+        raise ValueError(f"{name} = {value!r}: must be an integer >= 1")
