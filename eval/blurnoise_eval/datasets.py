@@ -134,12 +134,14 @@ def image_folder(folder: Path) -> PictureSet:
     )
 
 
-def coco(file: Path, *, images: Path | None = None, labels: Sequence[str] = ()) -> PictureSet:
+def coco(
+    file: Path, *, images: Path | None = None, labels: Sequence[str] = (), keep_empty: bool = False
+) -> PictureSet:
     """The pictures of a COCO instances file, with its boxes as targets; crowds and empty boxes do not count.
 
     images: their folder, by default the file's own. labels: category names to keep; pictures without any of
-    them are left out. Raises ``ValueError`` that names the file for anything that is not COCO, and for a
-    file name that leaves the folder.
+    them are left out, unless ``keep_empty``: what is found there is wrong. Raises ``ValueError`` that names
+    the file for anything that is not COCO, and for a file name that leaves the folder.
     """
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
@@ -171,7 +173,7 @@ def coco(file: Path, *, images: Path | None = None, labels: Sequence[str] = ()) 
         if path.as_posix() in pictures:
             raise ValueError(f"coco = {str(file)!r}: lists {name!r} twice")
         targets = tuple(boxes.get(image_id, ()))
-        if targets or not labels:
+        if targets or keep_empty or not labels:
             pictures[path.as_posix()] = _from_file(folder / path, _printable(path.as_posix()), targets)
     if not pictures:
         raise ValueError(

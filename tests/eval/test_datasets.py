@@ -263,6 +263,15 @@ def test_coco_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
     ]
 
 
+def test_coco_pictures_without_the_label_may_stay(tmp_path: Path) -> None:
+    file = write(tmp_path / "instances.json", instances())
+    found = coco(file, labels=["stop sign"], keep_empty=True)
+    assert [(picture.name, len(picture.targets or ())) for picture in found] == [
+        ("a.png", 1), ("b.png", 0), ("sub/c.png", 1),
+    ]  # fmt: skip
+    assert found.pictures[1].targets == ()  # None would make targets of whatever is found there
+
+
 def test_coco_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
     (tmp_path / "pictures" / "sub").mkdir(parents=True)
     write_picture(tmp_path / "real.png", pixels((4, 4)))
