@@ -7,11 +7,27 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from blurnoise.threads import in_pieces
+
 Encoding = Literal["srgb", "linear"]
 
 
 def linear_from_srgb(coded: Tensor) -> Tensor:
     """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
+    if coded.device.type != "cpu" or (coded.requires_grad and torch.is_grad_enabled()):
+        return _linear(coded)
+    flat = coded.reshape(-1)
+    out = torch.empty_like(flat)
+
+    def decode(piece: slice) -> None:
+        out[piece] = _linear(flat[piece])
+
+    with torch.no_grad():
+        in_pieces(decode, len(flat), torch.get_num_threads())
+    return out.view(coded.shape)
+
+
+def _linear(coded: Tensor) -> Tensor:
     coded = coded.clamp(0.0, 1.0)
     # torch's power rounds by a number's place in memory, its exp and log do not, and take half the time.
     power = torch.exp(2.4 * torch.log((coded + 0.055) / 1.055))

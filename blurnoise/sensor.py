@@ -21,7 +21,7 @@ from blurnoise.checks import Numbers, image_batch, non_negative, one_of, per_ima
 from blurnoise.encoding import Encoding, srgb_from_linear
 from blurnoise.scratch import borrowed
 from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
-from blurnoise.threads import WORTH_IT, side_by_side
+from blurnoise.threads import WORTH_IT, in_pieces, side_by_side
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`noisy_electrons`."""
@@ -367,5 +367,16 @@ def _tones(camera: Camera, encoding: Encoding) -> Tensor:
 
 
 def _look_up(table: Tensor, dn: Tensor) -> Tensor:
-    index = dn.reshape(-1).clamp(0, len(table) - 1).to(torch.int32)
-    return table.index_select(0, index).view(dn.shape)
+    def developed(values: Tensor) -> Tensor:
+        return table.index_select(0, values.clamp(0, len(table) - 1).to(torch.int32))
+
+    flat = dn.detach().reshape(-1)
+    if flat.device.type != "cpu":
+        return developed(flat).view(dn.shape)
+    out = torch.empty_like(flat, dtype=table.dtype)
+
+    def develop_piece(piece: slice) -> None:
+        out[piece] = developed(flat[piece])
+
+    in_pieces(develop_piece, len(flat), torch.get_num_threads())
+    return out.view(dn.shape)

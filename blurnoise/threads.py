@@ -11,6 +11,7 @@ from typing import TypeVar
 Job = TypeVar("Job")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
+_PIECE = 1 << 15  # values: small enough for a core's cache, and for torch to start no threads of its own
 _pools: dict[int, ThreadPoolExecutor] = {}
 _state = threading.local()
 if hasattr(os, "register_at_fork"):  # a forked process has the pools, but not their threads
@@ -38,3 +39,9 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
     for error in errors:
         if error is not None:
             raise error
+
+
+def in_pieces(work: Callable[[slice], object], values: int, threads: int) -> None:
+    """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache."""
+    starts = range(0, values, _PIECE)
+    side_by_side(work, [slice(start, start + _PIECE) for start in starts], threads if values >= WORTH_IT else 1)

@@ -1,0 +1,126 @@
+"""The augmentation of :mod:`blurnoise.augment` as a torchvision v2 transform; needs torchvision.
+
+Domain: images and videos (..., C, H, W), uint8 or float in [0, 1], and PIL images; each comes back as it came,
+uint8 rounded. Convention: as in v2, all images of one call get the same conditions; each frame has its own noise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import PIL.Image
+import torch
+from torch import Tensor
+from torchvision import tv_tensors
+from torchvision.transforms import v2
+
+from blurnoise import rng
+from blurnoise.augment import (
+    Cameras,
+    ExposureGenerator,
+    ExposureRanges,
+    Range,
+    expose_pictures,
+    swept_half_px,
+    within_picture,
+)
+from blurnoise.checks import in_range, one_of
+from blurnoise.encoding import Encoding
+from blurnoise.sensor import Fidelity
+
+
+class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
+    """:class:`blurnoise.augment.RandomExposure` for torchvision's v2, with the same ranges, ``p`` and defaults.
+
+    Boxes stay, or with ``grow_boxes`` cover what the motion sweeps, whole pixels if they are integers; masks and
+    keypoints stay. ``make_params`` draws everything, the noise seed included, from torch's global generator:
+    ``transform`` with the same parameters gives the same bits.
+
+    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
+    pictures that are neither uint8 nor float, and for rotated boxes that were to grow.
+    """
+
+    def __init__(
+        self,
+        camera: Cameras = ExposureRanges.camera,
+        exposure_s: Range = ExposureRanges.exposure_s,
+        illuminance_lux: Range = ExposureRanges.illuminance_lux,
+        speed_px_s: Range = ExposureRanges.speed_px_s,
+        direction_deg: Range = ExposureRanges.direction_deg,
+        temperature_c: Range = ExposureRanges.temperature_c,
+        encoding: Encoding = "srgb",
+        fidelity: Fidelity = "auto",
+        grow_boxes: bool = False,
+        p: float = 0.5,
+    ) -> None:
+        super().__init__()
+        self.ranges = ExposureRanges(
+            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c
+        )
+        one_of("encoding", encoding, ("srgb", "linear"))
+        one_of("fidelity", fidelity, ("auto", "full"))
+        self.encoding: Encoding = encoding
+        self.fidelity: Fidelity = fidelity
+        self.grow_boxes = grow_boxes
+        self.p = in_range("p", p, 0.0, 1.0)
+        self._generator = ExposureGenerator(self.ranges)
+
+    def extra_repr(self) -> str:
+        """The ranges, then the rest."""
+        return f"{self.ranges}, {super().extra_repr()}"
+
+    def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
+        """Conditions and noise seed, (1,) each, and whether they apply."""
+        return {**self._generator((1,)), "applies": bool(torch.rand(()) < self.p)}
+
+    def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
+        """One input under ``params``: an image or video exposed, boxes grown if asked for, all else as it is."""
+        if not params["applies"]:
+            return inpt
+        if isinstance(inpt, tv_tensors.BoundingBoxes):
+            return self._grown(inpt, params) if self.grow_boxes else inpt
+        if isinstance(inpt, PIL.Image.Image):
+            one_of("image: PIL mode", inpt.mode, ("L", "RGB"))
+            picture = v2.functional.pil_to_tensor(inpt)
+            return v2.functional.to_pil_image(self._exposed(picture, params), mode=inpt.mode)
+        if isinstance(inpt, tv_tensors.TVTensor) and not isinstance(
+            inpt, (tv_tensors.Image, tv_tensors.Video)
+        ):
+            return inpt
+        exposed = self._exposed(inpt.as_subclass(Tensor), params)
+        return tv_tensors.wrap(exposed, like=inpt) if isinstance(inpt, tv_tensors.TVTensor) else exposed
+
+    def _exposed(self, picture: Tensor, params: dict[str, Any]) -> Tensor:
+        if picture.dtype != torch.uint8 and not picture.is_floating_point():
+            raise TypeError(f"image: must be uint8 or float in [0, 1], got {picture.dtype}")
+        scene = picture.float() / 255 if picture.dtype == torch.uint8 else picture
+        frames = scene.reshape(-1, *scene.shape[-3:])
+        noise = torch.Generator().manual_seed(int(params["noise_seed"]))
+        exposed = expose_pictures(
+            frames,
+            self.ranges.cameras[int(params["camera_index"])],
+            exposure_s=params["exposure_s"],
+            illuminance_lux=params["illuminance_lux"],
+            speed_px_s=params["speed_px_s"],
+            direction_deg=params["direction_deg"],
+            temperature_c=params["temperature_c"],
+            generator=rng.item_seeds(noise, len(frames)),
+            encoding=self.encoding,
+            fidelity=self.fidelity,
+        ).reshape(picture.shape)
+        return exposed.mul(255).round().to(torch.uint8) if picture.dtype == torch.uint8 else exposed
+
+    def _grown(self, boxes: Any, params: dict[str, Any]) -> Any:
+        if boxes.format.value not in ("XYXY", "XYWH", "CXCYWH"):
+            raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
+        upright = tv_tensors.BoundingBoxFormat.XYXY
+        corners = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
+        half_x, half_y = swept_half_px(params)[0].tolist()
+        if not corners.is_floating_point():
+            half_x, half_y = math.ceil(half_x), math.ceil(half_y)
+        height, width = boxes.canvas_size
+        by = corners.new_tensor([[-half_x, -half_y], [half_x, half_y]])
+        grown = within_picture(corners.reshape(-1, 2, 2), by, (width, height)).reshape(corners.shape)
+        back = v2.functional.convert_bounding_box_format(grown, old_format=upright, new_format=boxes.format)
+        return tv_tensors.wrap(back, like=boxes)

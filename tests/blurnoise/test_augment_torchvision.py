@@ -1,0 +1,201 @@
+"""The torchvision transform: the same pictures as the Kornia class, every type back as it came."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+import inspect
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from blurnoise.augment import RandomExposure, expose_pictures
+
+pytest.importorskip("PIL")
+if importlib.util.find_spec("torchvision") is None:
+    pytest.skip("torchvision is not installed", allow_module_level=True)
+# Where torchvision's compiled operators do not fit the installed torch, declaring two lets its Python load.
+_declared = torch.library.Library("torchvision", "FRAGMENT")
+for _operator in ("nms", "qnms"):
+    if not hasattr(torch.ops.torchvision, _operator):
+        _declared.define(f"{_operator}(Tensor boxes, Tensor scores, float iou_threshold) -> Tensor")
+
+import PIL.Image  # noqa: E402
+from torchvision import tv_tensors  # noqa: E402
+from torchvision.transforms import v2  # noqa: E402
+
+from blurnoise.augment_torchvision import RandomExposureV2  # noqa: E402
+
+STRAIGHT: dict[str, Any] = {
+    "exposure_s": 0.02,
+    "illuminance_lux": 50.0,
+    "speed_px_s": 500.0,  # 10 px, so 5 px to each side
+    "direction_deg": 0.0,
+    "p": 1.0,
+}
+SIZE = (48, 80)
+
+
+def picture(*shape: int) -> Tensor:
+    return torch.rand(*(shape or (3, *SIZE)), generator=torch.Generator().manual_seed(2))
+
+
+def boxes(values: list[float], form: str = "XYXY", dtype: torch.dtype = torch.float32) -> Any:
+    return tv_tensors.BoundingBoxes(torch.tensor([values], dtype=dtype), format=form, canvas_size=SIZE)
+
+
+def test_has_the_arguments_of_the_kornia_class() -> None:
+    own = inspect.signature(RandomExposureV2).parameters
+    for name, parameter in inspect.signature(RandomExposure).parameters.items():
+        if name not in ("same_on_batch", "keepdim"):
+            assert own[name].default == parameter.default, name
+
+
+def test_exposes_as_the_functional_twin_does() -> None:
+    transform = RandomExposureV2(
+        ("imx250", "ar0237"), temperature_c=(0, 60), encoding="linear", fidelity="full", p=1
+    )
+    params = transform.make_params([])
+    frame_seed = torch.randint(
+        2**63 - 1, (1,), generator=torch.Generator().manual_seed(int(params["noise_seed"]))
+    )
+    expected = expose_pictures(
+        picture()[None],
+        ("imx250", "ar0237")[int(params["camera_index"])],
+        **{name: value for name, value in params.items() if name.endswith(("_s", "_lux", "_deg", "_c"))},
+        generator=frame_seed.tolist(),
+        encoding="linear",
+        fidelity="full",
+    )
+    assert torch.equal(transform.transform(picture(), params), expected[0])
+
+
+def test_parameters_replay_and_follow_torchs_seed() -> None:
+    transform = RandomExposureV2(p=1.0)
+    outs = []
+    for seed in (1, 1, 2):
+        torch.manual_seed(seed)
+        outs.append(transform(picture()))
+    assert torch.equal(outs[0], outs[1])
+    assert not torch.equal(outs[0], outs[2])
+    params = transform.make_params([])
+    assert torch.equal(transform.transform(picture(), params), transform.transform(picture(), params))
+
+
+def test_all_types_come_back_as_they_came() -> None:
+    """8 bits are float's values, rounded: no scale and no bias between them."""
+    transform = RandomExposureV2(**STRAIGHT)
+    params = transform.make_params([])
+    eight = picture().mul(255).round().to(torch.uint8)
+    expected = transform.transform(eight.float() / 255, params)
+    out = transform.transform(eight, params)
+    assert out.dtype == torch.uint8
+    assert torch.equal(out, (expected * 255).round().byte())
+    image = transform.transform(tv_tensors.Image(eight), params)
+    assert isinstance(image, tv_tensors.Image)
+    assert torch.equal(image, out)
+    pil = transform.transform(PIL.Image.fromarray(eight.permute(1, 2, 0).numpy()), params)
+    assert isinstance(pil, PIL.Image.Image)
+    assert np.array_equal(np.asarray(pil), out.permute(1, 2, 0).numpy())
+    grey = transform.transform(PIL.Image.fromarray(eight[0].numpy()), params)
+    assert (grey.mode, grey.size) == ("L", (80, 48))
+    half = transform.transform(picture().half(), params)
+    assert half.dtype == torch.float16
+
+
+@pytest.mark.parametrize("shape", [(5, 3, *SIZE), (2, 3, 1, *SIZE)])
+def test_frames_share_conditions_but_not_noise(shape: tuple[int, ...]) -> None:
+    still = picture(*shape[-3:]).expand(shape)
+    transform = RandomExposureV2(**STRAIGHT)
+    video = transform(tv_tensors.Video(still))
+    assert isinstance(video, tv_tensors.Video)
+    assert video.shape == shape
+    frames = video.reshape(-1, *shape[-3:])
+    assert not torch.equal(frames[0], frames[1])
+    assert float((frames[0].mean() - frames[1].mean()).abs()) < 0.01
+
+
+def test_probability_gates_the_whole_call() -> None:
+    torch.manual_seed(0)
+    transform = RandomExposureV2(**{**STRAIGHT, "p": 0.3}, grow_boxes=True)
+    box, applied = boxes([20, 12, 40, 30]), 0
+    for _ in range(300):
+        image, grown = transform(picture(3, 4, 5), box)
+        changed = not torch.equal(image, picture(3, 4, 5))
+        assert changed != torch.equal(grown, box)
+        applied += changed
+    assert abs(applied - 90) < 5 * (300 * 0.3 * 0.7) ** 0.5
+
+
+@pytest.mark.parametrize(
+    ("form", "before", "after"),
+    [
+        ("XYXY", [20, 12, 40, 30], [15, 12, 45, 30]),
+        ("XYWH", [20, 12, 20, 18], [15, 12, 30, 18]),
+        ("CXCYWH", [30, 21, 20, 18], [30, 21, 30, 18]),
+        ("XYXY", [2, 12, 78, 30], [0, 12, 80, 30]),
+        ("XYXY", [-3, 12, 85, 30], [-3, 12, 85, 30]),
+    ],
+)
+def test_boxes_grow_to_what_is_swept(form: str, before: list[float], after: list[float]) -> None:
+    transform = RandomExposureV2(**STRAIGHT, grow_boxes=True)
+    _, grown = transform(tv_tensors.Image(picture()), boxes(before, form))
+    assert isinstance(grown, tv_tensors.BoundingBoxes)
+    assert (grown.format.value, grown.canvas_size) == (form, SIZE)
+    torch.testing.assert_close(grown.as_subclass(Tensor), torch.tensor([after]).float())
+    _, kept = RandomExposureV2(**STRAIGHT)(tv_tensors.Image(picture()), boxes(before, form))
+    assert torch.equal(kept, boxes(before, form))
+
+
+def test_whole_boxes_grow_by_whole_pixels() -> None:
+    """4.2 px to each side."""
+    transform = RandomExposureV2(**{**STRAIGHT, "speed_px_s": 420.0}, grow_boxes=True)
+    _, grown = transform(picture(), boxes([20, 12, 40, 30], dtype=torch.int64))
+    assert grown.dtype == torch.int64
+    assert grown.tolist() == [[15, 12, 45, 30]]
+
+
+def test_all_else_of_a_sample_stays() -> None:
+    transform = v2.Compose([v2.RandomHorizontalFlip(p=0.0), RandomExposureV2(**STRAIGHT, grow_boxes=True)])
+    sample = {
+        "image": tv_tensors.Image(picture()),
+        "mask": tv_tensors.Mask(torch.ones(1, *SIZE, dtype=torch.uint8)),
+        "points": tv_tensors.KeyPoints(torch.tensor([[3.0, 4.0]]), canvas_size=SIZE),
+        "label": torch.tensor(7),
+        "name": "road",
+    }
+    out = transform(sample)
+    assert not torch.equal(out["image"], sample["image"])
+    for name in ("mask", "points", "label"):
+        assert torch.equal(out[name], sample[name])
+        assert type(out[name]) is type(sample[name])
+    assert out["name"] == "road"
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda each: pickle.loads(pickle.dumps(each))])
+def test_copies_draw_and_expose_alike(copied: Any) -> None:
+    transform = RandomExposureV2(("imx250", "ar0237"), p=0.8)
+    outs = []
+    for each in (transform, copied(transform)):
+        torch.manual_seed(6)
+        outs.append(each(picture()))
+    assert torch.equal(*outs)
+    assert "imx250, ar0237" in repr(transform)
+
+
+def test_wrong_arguments_and_pictures_are_named() -> None:
+    with pytest.raises(ValueError, match=r"exposure_s.*log-uniform"):
+        RandomExposureV2(exposure_s=(0, 1))
+    with pytest.raises(ValueError, match="p = 2"):
+        RandomExposureV2(p=2)
+    transform = RandomExposureV2(**STRAIGHT, grow_boxes=True)
+    with pytest.raises(TypeError, match=r"image.*uint8 or float.*int32"):
+        transform(torch.zeros(3, 4, 5, dtype=torch.int32))
+    with pytest.raises(ValueError, match=r"image.*RGBA"):
+        transform(PIL.Image.new("RGBA", (5, 4)))
+    with pytest.raises(TypeError, match="XYWHR"):
+        transform(picture(), boxes([20, 12, 40, 30, 10], "XYWHR"))
