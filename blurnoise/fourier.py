@@ -70,13 +70,17 @@ class Plan:
         return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
 
-@lru_cache(maxsize=512)
 def plan(size: tuple[int, int], reach_px: tuple[float, float], border: Border, *, tiled: bool) -> Plan:
     """The fastest plan for pictures (H, W) = ``size`` and a blur that reaches ``reach_px`` (down, across).
 
     A reach of 0 leaves its axis alone. Without ``tiled``, one transform; otherwise the best of several cuts.
     """
-    margins = [8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in reach_px]
+    down, across = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in reach_px)
+    return _fastest(size, (down, across), border, tiled)
+
+
+@lru_cache(maxsize=1024)
+def _fastest(size: tuple[int, int], margins: tuple[int, int], border: Border, tiled: bool) -> Plan:
     plans = []
     for counts in product(_CUTS, _CUTS) if tiled else [(1, 1)]:
         y, x = (_axis(*each, border) for each in zip(size, margins, counts, strict=True))

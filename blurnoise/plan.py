@@ -9,12 +9,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 from blurnoise import sensor, transfer
 from blurnoise.camera import Camera
 from blurnoise.checks import non_negative, positive
 from blurnoise.spectra import Curve
 
+_FIELDS = {
+    "defocus": "defocus_radius_px",
+    "PRNU": "prnu",
+    "DSNU": "dsnu_e",
+    "dark current": "dark_current_e_s",
+    "read noise": "read_noise_e",
+}
+"""The camera's field without which a stage does nothing."""
 TOLERANCE_DN = 0.1
 """Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
 
@@ -78,14 +87,7 @@ def plan(
         left_out.add(name)
     if "shot noise" not in left_out and camera.read_noise_e >= sensor.MERGE_READ_NOISE_E:
         left_out.discard("read noise")  # it shares shot noise's draw and costs nothing
-    reduced = replace(
-        camera,
-        defocus_radius_px=0.0 if "defocus" in left_out else camera.defocus_radius_px,
-        prnu=0.0 if "PRNU" in left_out else camera.prnu,
-        dsnu_e=0.0 if "DSNU" in left_out else camera.dsnu_e,
-        dark_current_e_s=0.0 if "dark current" in left_out else camera.dark_current_e_s,
-        read_noise_e=0.0 if "read noise" in left_out else camera.read_noise_e,
-    )
+    reduced = _without(camera, frozenset(left_out & set(_FIELDS)))
     noisy = "shot noise" not in left_out or reduced.read_noise_e > 0
     how = _methods(reduced, displacement_px, noisy)
     stages = tuple(
@@ -94,6 +96,13 @@ def plan(
     )
     total = math.sqrt(sum(stage.contribution_dn**2 for stage in stages if not stage.kept))
     return Plan(stages, reduced, "motion" not in left_out, noisy, total, tolerance_dn)
+
+
+@lru_cache(maxsize=64)
+def _without(camera: Camera, stages: frozenset[str]) -> Camera:
+    """The camera whose ``stages`` do nothing."""
+    nothing: dict[str, Any] = {_FIELDS[stage]: 0.0 for stage in stages}
+    return replace(camera, **nothing)
 
 
 def _contributions(

@@ -44,4 +44,6 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
 def in_pieces(work: Callable[[slice], object], values: int, threads: int) -> None:
     """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache."""
     starts = range(0, values, _PIECE)
-    side_by_side(work, [slice(start, start + _PIECE) for start in starts], threads if values >= WORTH_IT else 1)
+    side_by_side(
+        work, [slice(start, start + _PIECE) for start in starts], threads if values >= WORTH_IT else 1
+    )

@@ -27,8 +27,8 @@ _SWEEP = """\
 Run a detector over exposures x lights x speeds x pictures; write curves,
 pictures, tables and a page that answers with the exposure to use.
 
-Without --model: a built-in matched filter. Without --images or --coco: rendered
-stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was
+Without --model: the built-in stop-sign detector, a small trained network. Without
+--images or --coco: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was
 when the same command is given again.
 """
 _CAMERAS = """\
@@ -40,6 +40,47 @@ List the camera presets, or show every figure of one camera and its source.
   blurnoise sweep --camera mine.yaml -o run      the answer for it
 
 A file may hold 'base: imx250' and only the fields that differ.
+"""
+_BENCH = """\
+Measure on this machine.
+
+  simulate   the whole chain and its stages, beside other libraries
+  blur       every way to blur by motion, time beside error
+  noise      every way to draw noise, time beside distance from the exact law
+  sweep      a sweep against bare onnxruntime
+  augment    what the augmentations cost beside a training step
+  training   whether training with the exposure augmentation helps
+
+  blurnoise bench training -o proof --quick      the whole of it in a few minutes, too small to tell anything
+  blurnoise bench training -o proof              hours: train 3 arms x 3 seeds, judge them on held-out scenes
+  blurnoise bench training -o proof --coco instances.json --images photos     ... and on photographs
+
+training: one small stop-sign network is trained without photometric augmentation (none), with Kornia's motion
+blur and noise (kornia), and with blurnoise's RandomExposure (exposure). All see the same scenes, clean and
+under a grid of exposures, lights and speeds. Open DIR/training.md and DIR/training.png; the networks stay as
+DIR/models/ARM-SEED.onnx. The same command goes on where it was stopped.
+"""
+_TRAIN = """\
+Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside.
+
+  blurnoise train -o trained                       as the built-in detector was made: under an hour on two cores
+  blurnoise train -o trained --arm none            without the exposure augmentation, to compare
+  blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
+
+The scenes are drawn once and stay in DIR/pool. Progress: DIR/training.csv.
+"""
+_GALLERY = """\
+Show what ranges of exposure, light and speed do to a picture, before a network
+is trained on them: draws as the augmentation blurnoise.augment.RandomExposure
+makes them, one tile each, brightest first.
+
+  blurnoise gallery photo.jpg -o gallery.png
+  blurnoise gallery photo.jpg -o gallery.png --exposure-ms 1:60 --lux 5:500 \\
+      --speed 0:1000 --camera imx250,ar0237 --count 14 --seed 1
+
+A range is low:high, or a number that stays. Exposure and light are drawn
+log-uniformly: each doubling is as likely as the next. Speeds are px/s of the
+picture as shown, in any direction.
 """
 _LIST_HELP = "as 1,5,10 or start:stop:step (stop included)"
 
@@ -72,6 +113,15 @@ def numbers(text: str) -> list[float]:
         return [start + step * index for index in range(count)]
     except (ValueError, ZeroDivisionError, OverflowError):
         raise argparse.ArgumentTypeError(f"{text!r}: must be numbers {_LIST_HELP}") from None
+
+
+def bounds(text: str) -> tuple[float, float]:
+    """Parse "low:high", or one number for both. Raises ``ArgumentTypeError``."""
+    try:
+        low, high = (float(part) for part in (text if ":" in text else f"{text}:{text}").split(":"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be low:high or a number") from None
+    return low, high
 
 
 def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
@@ -121,6 +171,33 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     _camera_options(simulate)
     _json_option(simulate)
 
+    gallery = command("gallery", "what ranges of conditions do to a picture, as tiles", _GALLERY)
+    gallery.add_argument("image", type=Path, metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")
+    gallery.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.png", help="or .pdf, .svg")
+    for name, usual, about in (
+        ("--exposure-ms", "1:60", "exposure time, ms"),
+        ("--lux", "5:500", "light on the scene, lux"),
+        ("--speed", "0:1000", "motion, px/s"),
+    ):
+        gallery.add_argument(
+            name, type=bounds, default=bounds(usual), metavar="RANGE", help=f"{about} (default {usual})"
+        )
+    gallery.add_argument(
+        "--camera",
+        default="imx250",
+        metavar="NAME|FILE,...",
+        help="one is drawn for each tile; see 'blurnoise cameras' (default imx250)",
+    )
+    gallery.add_argument("--count", type=int, default=11, help="tiles beside the picture itself (default 11)")
+    gallery.add_argument("--seed", type=int, default=0, help="of the draws and the noise (default 0)")
+    gallery.add_argument(
+        "--size",
+        type=int,
+        default=480,
+        help="a larger picture is shrunk to this longer side, px (default 480)",
+    )
+    _json_option(gallery)
+
     cameras = command("cameras", "the cameras there are, their figures and where these come from", _CAMERAS)
     cameras.add_argument("camera", nargs="?", metavar="NAME|FILE", help="one camera (default: all presets)")
     cameras.add_argument("--save", type=Path, metavar="FILE.yaml", help="write it, to edit; or FILE.json")
@@ -151,6 +228,30 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     chart.add_argument("--angle", type=float, help="degrees, counter-clockwise (default: edge 5, others 0)")
     chart.add_argument("--bit-depth", choices=("8", "16"), default="8", help="of the sRGB PNG (default 8)")
 
+    train = command("train", "train the stop-sign detector, and write it as ONNX", _TRAIN)
+    train.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    train.add_argument(
+        "--arm",
+        choices=("none", "kornia", "exposure"),
+        default="exposure",
+        help="what happens to the pictures: nothing; Kornia's motion blur and noise; RandomExposure (default)",
+    )
+    train.add_argument("--pictures", type=int, default=80_000, metavar="N", help="seen (default 80000)")
+    train.add_argument(
+        "--scenes", type=int, default=16_000, metavar="N", help="to see (default 16000; 0.3 MB each)"
+    )
+    train.add_argument("--seed", type=int, default=0, help="of weights, order and augmentation (default 0)")
+    train.add_argument("--threads", type=int, help="default: every core")
+    _json_option(train)
+
+    scenes = command("scenes", "render labelled road-sign scenes, as COCO")
+    scenes.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    scenes.add_argument("--count", type=int, default=100, metavar="N", help="default 100")
+    scenes.add_argument("--size", type=int, default=320, metavar="PX", help="width and height (default 320)")
+    scenes.add_argument(
+        "--seed", type=int, default=2, help="which scenes (default 2; trainings use 1, so these are unseen)"
+    )
+
     report = command("report", "write a run's figures, tables and page again")
     report.add_argument("run", type=Path, metavar="RUN")
     report.add_argument(
@@ -163,23 +264,38 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     inspect.add_argument("--contract", metavar="FILE|PRESET", help="how to read it; see 'sweep --help'")
     _json_option(inspect)
 
-    bench = command("bench", "measure this machine: speed beside accuracy")
+    bench = command("bench", "measure: speed beside accuracy; what a training gains", _BENCH)
     bench.add_argument(
-        "what",
-        choices=("simulate", "sweep", "blur", "noise"),
-        help="the whole chain and its stages; a sweep against bare onnxruntime; every way to blur by motion, "
-        "time beside error; every way to draw noise, time beside distance from the exact law",
+        "what", choices=("simulate", "sweep", "blur", "noise", "augment", "training"), help="see above"
     )
     bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
     bench.add_argument("--contract", metavar="FILE|PRESET")
-    bench.add_argument("--images", type=Path, metavar="DIR", help="for sweep (default: rendered signs)")
+    bench.add_argument(
+        "--images", type=Path, metavar="DIR",
+        help="for sweep (default: rendered signs); for training: the folder of --coco's photographs",
+    )  # fmt: skip
     bench.add_argument("--threads", type=int, help="default: every core")
     bench.add_argument(
         "-o", "--output", type=Path, metavar="DIR",
-        help="for all but sweep: table, JSON and chart (default bench-simulate, bench-blur, bench-noise)",
+        help="for all but sweep: tables, JSON and charts (default bench-simulate, bench-blur, ...)",
     )  # fmt: skip
-    bench.add_argument("--quick", action="store_true", help="for all but sweep: less, in seconds")
+    bench.add_argument("--quick", action="store_true", help="for all but sweep: less, in seconds or minutes")
     _json_option(bench)
+    training = bench.add_argument_group("for training")
+    for name, full, quick, about in (
+        ("pictures", 18_000, 480, "pictures that each network sees in its training"),
+        ("scenes", 9_000, 96, "rendered scenes that these are drawn from, 0.3 MB each on disk"),
+        ("seeds", 3, 2, "networks per arm; with one, intervals say nothing about other trainings"),
+        ("held-out", 120, 8, "rendered scenes to judge by, which no network has seen"),
+    ):
+        training.add_argument(
+            f"--{name}", type=int, metavar="N", help=f"{about} (default {full}; {quick} with --quick)"
+        )
+    training.add_argument(
+        "--coco", type=Path, metavar="FILE",
+        help="photographs to judge by, too: COCO instances with the category 'stop sign'; all pictures count, "
+        "those without a sign by what is found in them",
+    )  # fmt: skip
     return parser
 
 

@@ -84,9 +84,15 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
         return
     width = max(map(len, facts))
     for name, value in facts.items():
+        if isinstance(value, dict):
+            value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
         for line in value if isinstance(value, list) else [value]:
-            print(f"{name:{width}s}  {f'{line:.6g}' if isinstance(line, float) else line}")
+            print(f"{name:{width}s}  {_number(line)}")
             name = ""
+
+
+def _number(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class ProgressBar:

@@ -33,8 +33,8 @@ POOL_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
 SHARE = 0.8
 """Of the training pictures that an augmentation changes."""
-_BATCH = 16
-FEWEST_PICTURES = 20 * _BATCH
+BATCH = 16
+FEWEST_PICTURES = 20 * BATCH
 """In fewer, the learning rate has no time to rise and fall."""
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
@@ -97,11 +97,11 @@ def _draw(start: int, *, count: int, size_px: int) -> tuple[NDArray[np.uint8], l
     return np.stack([each.picture for each in scenes]), [each.boxes_xyxy for each in scenes]
 
 
-def augmentation(arm: Arm) -> nn.Module:
+def augmentation(arm: Arm, share: float = SHARE) -> nn.Module:
     """What an arm does to a batch of pictures (B, 3, H, W) in [0, 1]: nothing, Kornia's blur and noise, ours.
 
-    Kornia's motion blur has the lengths that RandomExposure's longest exposure gives at its highest speed.
-    Each changes four pictures in five.
+    Kornia's motion blur has the lengths up to what RandomExposure's longest exposure gives at its highest
+    speed. share: of the pictures that each of them changes.
     """
     checks.one_of("arm", arm, ARMS)
     if arm == "none":
@@ -109,12 +109,12 @@ def augmentation(arm: Arm) -> nn.Module:
     if arm == "kornia":
         import kornia.augmentation as kornia
 
-        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=SHARE)
-        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=SHARE), nn.Hardtanh(0.0, 1.0))
+        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=share)
+        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=share), nn.Hardtanh(0.0, 1.0))
     from blurnoise.augment import RandomExposure
 
     ours: nn.Module = RandomExposure(
-        "imx250", exposure_s=(1e-3, 60e-3), illuminance_lux=(5.0, 500.0), speed_px_s=(0.0, 1000.0), p=SHARE
+        "imx250", exposure_s=(1e-3, 60e-3), illuminance_lux=(5.0, 500.0), speed_px_s=(0.0, 1000.0), p=share
     )
     return ours
 
@@ -146,7 +146,7 @@ def train(
     try:
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(seed)
-            return _train(scenes, change, pictures // _BATCH, seed, progress)
+            return _train(scenes, change, pictures // BATCH, seed, progress)
     finally:
         torch.set_num_threads(before)
 
@@ -154,23 +154,15 @@ def train(
 def _train(
     scenes: Pool, change: nn.Module, steps: int, seed: int, progress: Callable[[Step], None]
 ) -> SignNet:
-    network = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    network, optimiser = beginner()
     average = AveragedModel(network, avg_fn=_follow, use_buffers=True)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY)
     cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1)
     for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), steps), start=1):
         seen, boxes = batch(scenes, chosen)
-        seen = change(seen).contiguous(memory_format=torch.channels_last)
-        with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
-            answers = network(seen)
-        value = loss(answers, boxes)
-        optimiser.zero_grad()
-        value.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(network.parameters(), _STEEPEST)
-        optimiser.step()
+        value = learn(network, optimiser, change(seen), boxes, bfloat16=has_bfloat16())
         cycle.step()
         average.update_parameters(network)
-        progress(Step(step * _BATCH, float(value.detach())))
+        progress(Step(step * BATCH, value))
     return average.module.eval()  # type: ignore[return-value]
 
 
@@ -179,6 +171,26 @@ def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
     if not average.is_floating_point():  # counters
         return current
     return torch.lerp(average, current, max(1.0 - _MEMORY, 10.0 / (10.0 + int(updates))))
+
+
+def beginner() -> tuple[SignNet, torch.optim.Optimizer]:
+    """A network that has learnt nothing, and its optimiser."""
+    network: SignNet = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return network, torch.optim.AdamW(network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY)
+
+
+def learn(
+    network: SignNet, optimiser: torch.optim.Optimizer, seen: Tensor, boxes: Tensor, *, bfloat16: bool
+) -> float:
+    """One step on pictures (B, 3, H, W) and their boxes (B, M, 4); returns the loss before it."""
+    with torch.autocast("cpu", torch.bfloat16, enabled=bfloat16):
+        answers = network(seen.contiguous(memory_format=torch.channels_last))
+    value = loss(answers, boxes)
+    optimiser.zero_grad()
+    value.backward()  # type: ignore[no-untyped-call]
+    nn.utils.clip_grad_norm_(network.parameters(), _STEEPEST)
+    optimiser.step()
+    return float(value.detach())
 
 
 def batch(scenes: Pool, chosen: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
@@ -192,10 +204,10 @@ def _batches(count: int, seed: int) -> Iterator[NDArray[np.int64]]:
     order = np.random.default_rng(seed)
     waiting = np.empty(0, np.int64)
     while True:
-        while len(waiting) < _BATCH:
+        while len(waiting) < BATCH:
             waiting = np.concatenate([waiting, order.permutation(count)])
-        yield np.sort(waiting[:_BATCH])  # sorted: the file is read in one direction
-        waiting = waiting[_BATCH:]
+        yield np.sort(waiting[:BATCH])  # sorted: the file is read in one direction
+        waiting = waiting[BATCH:]
 
 
 def has_bfloat16() -> bool:

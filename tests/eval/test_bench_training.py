@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from blurnoise_eval import cli
 from blurnoise_eval.bench import compared, training, training_view
 from blurnoise_eval.bench.compared import (
     Interval,
@@ -24,7 +23,7 @@ from blurnoise_eval.bench.compared import (
     resting_log_s,
 )
 from blurnoise_eval.bench.training import QUICK, Bench, Difference, Model, Part
-from blurnoise_eval.cli import main
+from blurnoise_eval.cli import benches, main
 from blurnoise_eval.conditions import Plan
 from blurnoise_eval.datasets import Picture, PictureSet, Target, write_picture
 from blurnoise_eval.store import Store, StoreError
@@ -429,4 +428,4 @@ def test_bad_options_cost_no_training(
 def test_held_out_scenes_are_not_those_of_training() -> None:
     from blurnoise_models.training import POOL_SEED
 
-    assert cli.HELD_OUT_SEED != POOL_SEED
+    assert benches.HELD_OUT_SEED != POOL_SEED

@@ -1,47 +1,30 @@
-"""The ``blurnoise`` command. Heavy imports happen inside the commands, so that ``--help`` is immediate."""
+"""The commands that look at pictures, cameras and detectors."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.arguments import parse
+from blurnoise_eval.cli import given
 from blurnoise_eval.printing import ProgressBar, print_answers, print_assumptions, print_facts, print_stages
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
-    from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.sweep import Outcome
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted."""
-    options = parse(COMMANDS, sys.argv[1:] if arguments is None else arguments)
-    try:
-        return int(options.command(options))
-    except (ValueError, TypeError, OSError) as error:
-        print(f"blurnoise: error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("blurnoise: interrupted; what was finished is kept", file=sys.stderr)
-        return 130
-
-
-def _sweep(options: argparse.Namespace) -> int:
-    camera = _camera(options)
+def sweep(options: argparse.Namespace) -> int:
+    """Detector x exposures x lights x speeds x pictures, then the report."""
+    camera = given.camera(options)
     from blurnoise.checks import in_range
     from blurnoise_eval import results, sweep
     from blurnoise_eval.conditions import Plan
-    from blurnoise_eval.contract import load_contract
     from blurnoise_eval.store import Store
 
     in_range("threshold", options.threshold, 0.0, 1.0)
-    threads = _threads(options)
-    pictures = _pictures(options)
+    threads = given.threads(options)
+    pictures = given.pictures(options)
     repeats = options.repeats if options.repeats is not None else (3 if pictures.kind == "rendered" else 1)
     plan = Plan(
         exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
@@ -52,11 +35,8 @@ def _sweep(options: argparse.Namespace) -> int:
         seed=options.seed,
         temperature_c=options.temperature_c,
     )
-    given = None if options.model is None else _detector(options, options.output)
-    if options.contract is not None:
-        load_contract(options.contract)  # before a folder is made
+    detector = given.detector(options)  # before a folder is made
     with Store(options.output, create=True) as store:
-        detector = given or _detector(options, options.output)
         print_assumptions(detector.contract, options.model)
         facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
         results.open_run(store, detector, camera, pictures, plan, facts)
@@ -69,7 +49,8 @@ def _sweep(options: argparse.Namespace) -> int:
         return _finish(store, options, outcome)
 
 
-def _report(options: argparse.Namespace) -> int:
+def report(options: argparse.Namespace) -> int:
+    """Tables, figures and page of a run again."""
     from blurnoise.checks import in_range
     from blurnoise_eval.store import Store
 
@@ -109,8 +90,9 @@ def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) ->
     return 0
 
 
-def _simulate(options: argparse.Namespace) -> int:
-    camera = _camera(options)
+def simulate(options: argparse.Namespace) -> int:
+    """One picture as a camera would take it."""
+    camera = given.camera(options)
     from dataclasses import asdict
 
     import torch
@@ -166,7 +148,35 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _cameras(options: argparse.Namespace) -> int:
+def gallery(options: argparse.Namespace) -> int:
+    """What ranges of conditions do to a picture."""
+    from blurnoise.augment import ExposureRanges
+    from blurnoise.checks import in_range
+    from blurnoise_eval import gallery
+    from blurnoise_eval.cameras import find, plot_suffix
+    from blurnoise_eval.datasets import decode
+
+    plot_suffix(options.output)
+    in_range("size", options.size, 16, 1 << 14)
+    low_ms, high_ms = options.exposure_ms
+    ranges = ExposureRanges(
+        [find(name) for name in options.camera.split(",")],
+        exposure_s=(low_ms / 1e3, high_ms / 1e3),
+        illuminance_lux=options.lux,
+        speed_px_s=options.speed,
+    )
+    scene = gallery.scene(decode(options.image), options.size)
+    tiles = gallery.tiles(scene, ranges, options.count, options.seed)
+    gallery.write(gallery.draw(scene, tiles), options.output)
+    if options.json:
+        print(json.dumps({"output": str(options.output), "tiles": [tile.facts() for tile in tiles]}))
+    else:
+        print(options.output)
+    return 0
+
+
+def cameras(options: argparse.Namespace) -> int:
+    """The presets, or one camera's figures."""
     from rich.console import Console
 
     from blurnoise.camera import PRESETS
@@ -198,7 +208,8 @@ def _cameras(options: argparse.Namespace) -> int:
     return 0
 
 
-def _motion(options: argparse.Namespace) -> int:
+def motion(options: argparse.Namespace) -> int:
+    """Road speed to px/s and blur length."""
     from blurnoise.motion import blur_pixels, velocity_px_s
 
     speed_m_s = options.speed_kmh / 3.6
@@ -210,7 +221,8 @@ def _motion(options: argparse.Namespace) -> int:
     return 0
 
 
-def _chart(options: argparse.Namespace) -> int:
+def chart(options: argparse.Namespace) -> int:
+    """A rendered test target."""
     from blurnoise import charts
     from blurnoise.encoding import srgb_from_linear
     from blurnoise_eval.datasets import write_picture
@@ -234,7 +246,8 @@ def _chart(options: argparse.Namespace) -> int:
     return 0
 
 
-def _inspect(options: argparse.Namespace) -> int:
+def inspect(options: argparse.Namespace) -> int:
+    """What a model takes and gives."""
     from blurnoise_eval.onnx_model import Detector
 
     detector = Detector(options.model, contract=options.contract)
@@ -258,111 +271,3 @@ def _inspect(options: argparse.Namespace) -> int:
         print(f"  {name:15s} {value!s:28s} {source}")
     print_assumptions(contract, options.model)
     return 0
-
-
-def _bench(options: argparse.Namespace) -> int:
-    threads = _threads(options)
-    if options.what != "sweep":
-        return _bench_room(options, threads)
-    import tempfile
-
-    from blurnoise_eval.bench.sweeps import sweep_speed
-    from blurnoise_eval.datasets import image_folder, rendered_signs
-
-    with tempfile.TemporaryDirectory() as folder:
-        pictures = image_folder(options.images) if options.images else rendered_signs()
-        facts = sweep_speed(_detector(options, Path(folder)), pictures, threads, Path(folder))
-    print_facts(facts, options.json)
-    return 0
-
-
-def _bench_room(options: argparse.Namespace, threads: int) -> int:
-    from rich.console import Console
-
-    from blurnoise_eval.bench import blur, blur_view, chain, chain_view, noise, noise_view
-
-    rooms = {"blur": (blur, blur_view), "noise": (noise, noise_view), "simulate": (chain, chain_view)}
-    room: Any
-    view: Any
-    room, view = rooms[options.what]
-    extent = room.QUICK if options.quick else room.FULL
-    folder = options.output or Path(f"bench-{options.what}")
-    folder.mkdir(parents=True, exist_ok=True)
-    with ProgressBar("bench", room.steps(extent)) as advance:
-        bench = room.measure(extent, threads, advance)
-    room.write(bench, folder)
-    view.write(bench, folder)
-    if options.json:
-        print(json.dumps(bench.document()))
-        return 0
-    console = Console()
-    for table in view.tables(bench):
-        console.print(table)
-    for line in bench.losses():
-        print(line)
-    print(f"open {folder / f'{options.what}.png'}")
-    return 0
-
-
-def _camera(options: argparse.Namespace) -> Camera:
-    from dataclasses import replace
-
-    from blurnoise_eval.cameras import find
-
-    camera = find(options.camera)
-    if options.f_number is None:
-        return camera
-    sources = {**camera.sources, "f_number": "given on the command line"}
-    return replace(camera, f_number=options.f_number, sources=sources)
-
-
-def _detector(options: argparse.Namespace, folder: Path) -> Any:
-    from blurnoise_eval.onnx_model import Detector
-
-    if options.model is not None:
-        return Detector(options.model, contract=options.contract)
-    from blurnoise_models import matched_filter
-
-    return Detector(matched_filter.build(folder / "matched_filter.onnx"), contract=options.contract)
-
-
-def _pictures(options: argparse.Namespace) -> PictureSet:
-    from blurnoise_eval import datasets
-
-    if options.target and not options.coco:
-        raise ValueError("target: goes with --coco, whose categories it names")
-    if options.coco:
-        pictures = datasets.coco(options.coco, images=options.images, labels=options.target)
-    elif options.images:
-        pictures = datasets.image_folder(options.images)
-    else:
-        pictures = datasets.rendered_signs()
-    if options.limit is None:
-        return pictures
-    if options.limit < 1:
-        raise ValueError(f"limit = {options.limit}: must be >= 1")
-    return datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[: options.limit])
-
-
-def _threads(options: argparse.Namespace) -> int:
-    from blurnoise_eval.results import usable_cores
-
-    threads = options.threads if options.threads is not None else usable_cores()
-    if threads < 1:
-        raise ValueError(f"threads = {threads}: must be >= 1")
-    return int(threads)
-
-
-COMMANDS = {
-    "sweep": _sweep,
-    "simulate": _simulate,
-    "motion": _motion,
-    "chart": _chart,
-    "report": _report,
-    "inspect": _inspect,
-    "bench": _bench,
-    "cameras": _cameras,
-}
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,37 @@
+"""The ``blurnoise`` command. Heavy imports happen inside the commands, so that ``--help`` is immediate."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from blurnoise_eval.arguments import parse
+from blurnoise_eval.cli import benches, commands, networks
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted."""
+    options = parse(COMMANDS, sys.argv[1:] if arguments is None else arguments)
+    try:
+        return int(options.command(options))
+    except (ValueError, TypeError, OSError) as error:
+        print(f"blurnoise: error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("blurnoise: interrupted; what was finished is kept", file=sys.stderr)
+        return 130
+
+
+COMMANDS = {
+    "sweep": commands.sweep,
+    "simulate": commands.simulate,
+    "gallery": commands.gallery,
+    "motion": commands.motion,
+    "chart": commands.chart,
+    "report": commands.report,
+    "inspect": commands.inspect,
+    "bench": benches.bench,
+    "train": networks.train,
+    "scenes": networks.scenes,
+    "cameras": commands.cameras,
+}

@@ -1,0 +1,128 @@
+"""The built-in detector, as shipped: what it finds when clean, and how blur, dark and saturation take it away.
+
+Measured on the shipped file, with the tolerances that the project promises; nothing here is random.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from blurnoise_eval.datasets import coco, read_picture, rendered_signs
+from blurnoise_eval.onnx_model import Detector
+from blurnoise_eval.records import Detections
+from blurnoise_eval.scoring import average_precision, hits, target_confidence
+from blurnoise_models.detector import STOP_SIGN, THRESHOLD
+from blurnoise_models.scenes import scene
+
+from blurnoise import Camera, simulate
+from blurnoise.sensor import develop_8bit
+
+SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "real" / "photos"
+HELD_OUT_SEED = 2
+SIZES_PX = (100, 50, 32)
+CAMERA = Camera.preset("imx250")
+
+
+@cache
+def detector() -> Detector:
+    return Detector(STOP_SIGN)
+
+
+def found(detections: Detections) -> int:
+    return int((detections.scores >= THRESHOLD).sum())
+
+
+def confidence(size_px: int, *, exposure_s: float, lux: float, blur_px: float = 0.0) -> float:
+    """Of the drawn sign on grey, mean over three noise fields."""
+    (picture,) = rendered_signs((size_px,))
+    scenes = torch.from_numpy(picture.load()).permute(2, 0, 1).float().div(255).expand(3, -1, -1, -1)
+    dn = simulate(
+        scenes.contiguous(),
+        CAMERA,
+        exposure_s=exposure_s,
+        illuminance_lux=lux,
+        velocity_px_s=(blur_px / exposure_s, 0.0),
+        generator=[1, 2, 3],
+    )
+    seen = develop_8bit(dn, CAMERA).permute(0, 2, 3, 1).contiguous().numpy()
+    assert picture.targets is not None
+    box = picture.targets[0].box_xyxy
+    return float(np.mean([target_confidence(detector().detect(each), box, 0) for each in seen]))
+
+
+def first_below(values: Sequence[float], confidences: Sequence[float]) -> float:
+    return next((value for value, at in zip(values, confidences, strict=True) if at < THRESHOLD), math.inf)
+
+
+def test_states_its_contract_and_how_it_was_trained() -> None:
+    contract = detector().contract
+    assert contract.classes == ("stop sign",)
+    assert not contract.assumptions
+    properties = {entry.key: entry.value for entry in onnx.load(STOP_SIGN).metadata_props}
+    assert json.loads(properties["blurnoise.training"])["arm"] == "exposure"
+    weights = sum(math.prod(tensor.dims) for tensor in onnx.load(STOP_SIGN).graph.initializer)
+    assert weights < 1_000_000
+    assert detector().input_size_px == (320, 320)
+
+
+def test_finds_the_signs_of_scenes_it_has_not_seen() -> None:
+    scenes = [scene(HELD_OUT_SEED, index) for index in range(240)]
+    answers = [detector().detect(each.picture) for each in scenes]
+    assert average_precision(answers, [each.boxes_xyxy for each in scenes], 0).ap50 >= 0.95
+    false = sum(
+        int((~hits(answer, each.boxes_xyxy, 0) & (answer.scores >= THRESHOLD)).sum())
+        for answer, each in zip(answers, scenes, strict=True)
+    )
+    assert false <= 0.1 * len(scenes)
+
+
+def test_a_longer_blur_takes_larger_signs() -> None:
+    """Signs of 100, 50 and 32 px fail in the order of their sizes, and do not come back."""
+    blurs = [0, 2, 4, 6, 8, 11, 15, 20, 27, 36, 48, 64, 85]
+    curves = {
+        size: [confidence(size, exposure_s=0.02, lux=50, blur_px=blur) for blur in blurs] for size in SIZES_PX
+    }
+    fails = [first_below(blurs, curves[size]) for size in SIZES_PX]
+    assert all(curves[size][0] > 0.7 for size in SIZES_PX)
+    assert blurs[-1] >= fails[0] > fails[1] > fails[2] > 2
+    for size in SIZES_PX:
+        assert max(curves[size][blurs.index(int(first_below(blurs, curves[size]))) :]) < 0.6
+
+
+def test_small_signs_need_more_light() -> None:
+    lights = [0.05 * 1.5**step for step in range(20)]
+    needed = [
+        next(lux for lux in lights if confidence(size, exposure_s=0.01, lux=lux) >= THRESHOLD)
+        for size in SIZES_PX
+    ]
+    assert needed[0] <= needed[1] <= needed[2]
+    assert needed[0] < needed[2]
+
+
+@pytest.mark.parametrize("size_px", SIZES_PX)
+def test_saturation_takes_every_size(size_px: int) -> None:
+    at = {lux: confidence(size_px, exposure_s=0.02, lux=lux) for lux in (50, 100_000)}
+    assert at[50] > 0.7
+    assert at[100_000] < 0.1
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared photographs")
+def test_real_photographs() -> None:
+    pictures = coco(SHARED / "instances.json", labels=["stop sign"], keep_empty=True)
+    false = 0
+    for picture in pictures:
+        detections = detector().detect(read_picture(SHARED / picture.name))
+        boxes = [target.box_xyxy for target in picture.targets or ()]
+        false += int((~hits(detections, boxes, 0) & (detections.scores >= THRESHOLD)).sum())
+        for x0, y0, x1, y1 in boxes:
+            if min(x1 - x0, y1 - y0) >= 40:
+                assert target_confidence(detections, (x0, y0, x1, y1), 0) >= THRESHOLD
+    assert false <= 0.1 * len(pictures)
