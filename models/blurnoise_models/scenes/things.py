@@ -13,9 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.random import Generator
 
-from blurnoise_models.scenes.drawing import Colour, Easel, Points, Sprite, cut, dim, joined
+from blurnoise_models.scenes.boards import board, letters
+from blurnoise_models.scenes.drawing import Colour, Easel, Sprite, cut, dim, joined
+from blurnoise_models.scenes.forms import blob, rounded, shaded, sheet
 from blurnoise_models.scenes.paint import (
-    axis,
     between,
     chance,
     colour,
@@ -25,12 +26,10 @@ from blurnoise_models.scenes.paint import (
     gain,
     material,
     pale,
-    pick,
-    ramp,
     red,
     words,
 )
-from blurnoise_models.scenes.signs import octagon, weathered
+from blurnoise_models.scenes.signs import weathered
 
 
 def thing(rng: Generator, size_px: int) -> Sprite:
@@ -101,12 +100,12 @@ def person(rng: Generator, n: int) -> Sprite:
         if chance(rng, 0.5):
             x, y = at(lean[5] - 0.03, 0.03)
             easel.text(words(rng)[:4], (x, y, x + 0.06 * close, y + 0.025 * close), pale(rng), font=font(rng))
-    return _shaded(rng, easel.sprite(), 0.5)
+    return shaded(rng, easel.sprite(), 0.5)
 
 
 def car(rng: Generator, n: int) -> Sprite:
     """A car from the side, or from behind or before."""
-    easel = _sheet(n, 1.7)
+    easel = sheet(n, 1.7)
     paint = red(rng) if chance(rng, 0.35) else pale(rng) if chance(rng, 0.3) else colour(rng)
     glass, tyre = colours(rng, 1)[0] if chance(rng, 0.3) else dark(rng), dark(rng)
     w = 1.7
@@ -142,7 +141,7 @@ def car(rng: Generator, n: int) -> Sprite:
             easel.rectangle(x + 0.03, 0.84, x + 0.2, 0.98, tyre)
         easel.rectangle(w / 2 - 0.17, 0.62, w / 2 + 0.17, 0.72, pale(rng))
         easel.text(words(rng), (w / 2 - 0.15, 0.635, w / 2 + 0.15, 0.705), dark(rng))
-    return _shaded(rng, easel.sprite(), 0.5)
+    return shaded(rng, easel.sprite(), 0.5)
 
 
 def tree(rng: Generator, n: int) -> Sprite:
@@ -159,7 +158,7 @@ def tree(rng: Generator, n: int) -> Sprite:
         shade = low + (high - low) * t
         tint = bloom if u < blooming else (int(shade[0]), int(shade[1]), int(shade[2]))
         easel.ellipse(x, y, 0.025 + 0.06 * v, 0.025 + 0.035 * u, tint, 180 * t)
-    return _shaded(rng, easel.sprite(), 0.4)
+    return shaded(rng, easel.sprite(), 0.4)
 
 
 def body(rng: Generator, n: int) -> Sprite:
@@ -169,142 +168,13 @@ def body(rng: Generator, n: int) -> Sprite:
     sprite = easel.sprite()
     if chance(rng, 0.6):
         dim(sprite, gain(rng, n, n, between(rng, 0.1, 0.7)))
-    return _round(rng, sprite)
-
-
-def _board(rng: Generator, n: int) -> Sprite:
-    """A traffic sign, shop sign, poster, label or logo: a shape, a border, words or a pictogram."""
-    kind = rng.random()
-    if kind < 0.42:
-        return _traffic(rng, n)
-    w = between(rng, 0.6, 3.0)
-    easel = _sheet(n, w)
-    reddish = chance(rng, 0.6)
-    face = red(rng) if reddish else colour(rng)
-    ink = pale(rng) if reddish and chance(rng, 0.8) else colour(rng)
-    if kind < 0.55:
-        easel.ellipse(w / 2, 0.5, w / 2 - 0.01, 0.48, face)
-        if chance(rng, 0.5):
-            easel.ellipse(w / 2, 0.5, w / 2 - 0.05, 0.44, ink)
-            easel.ellipse(w / 2, 0.5, w / 2 - 0.09, 0.4, face)
-    elif kind < 0.65:
-        easel.polygon(_blob(rng, int(rng.integers(4, 8)), w), face)  # never eight corners
-    else:
-        edge = between(rng, 0.02, 0.06)
-        easel.rectangle(0, 0, w, 1, ink if chance(rng, 0.4) else face)
-        easel.rectangle(edge, edge, w - edge, 1 - edge, face)
-    lines = 1 if chance(rng, 0.6) else int(rng.integers(2, 5))
-    rows = [words(rng) if chance(rng, 0.93) else "STOP" for _ in range(lines)]
-    margin = 0.22 if kind < 0.65 else 0.1
-    if chance(rng, 0.88):
-        _rows(rng, easel, rows, (margin * w, margin, (1 - margin) * w, 1 - margin), ink)
-    else:
-        _pictogram(rng, easel, w / 2, 0.5, 0.28, ink)
-    return weathered(rng, easel.sprite())
-
-
-def _traffic(rng: Generator, n: int) -> Sprite:
-    """Signs of traffic that are no stop signs."""
-    easel = Easel.blank(n, n)
-    kind = int(rng.integers(11))
-    signal = red(rng)
-    white, ink = pale(rng), dark(rng)
-    if kind == 0:  # no entry
-        easel.ellipse(0.5, 0.5, 0.49, 0.49, white)
-        easel.ellipse(0.5, 0.5, 0.465, 0.465, signal)
-        if chance(rng, 0.75):
-            easel.rectangle(0.15, between(rng, 0.38, 0.43), 0.85, between(rng, 0.57, 0.62), white)
-            if chance(rng, 0.35):
-                easel.text("DO NOT", (0.25, 0.2, 0.75, 0.34), white)
-                easel.text("ENTER", (0.25, 0.66, 0.75, 0.8), white)
-        else:
-            easel.text(words(rng), (0.15, 0.35, 0.85, 0.65), white, font=font(rng), stretch=1)
-    elif kind in (1, 2):  # limits and prohibitions
-        easel.ellipse(0.5, 0.5, 0.49, 0.49, signal)
-        easel.ellipse(0.5, 0.5, between(rng, 0.36, 0.41), 0.38, white)
-        if chance(rng, 0.5):
-            easel.text(str(10 * int(rng.integers(1, 13))), (0.22, 0.33, 0.78, 0.67), ink, stretch=0.9)
-        else:
-            _pictogram(rng, easel, 0.5, 0.5, 0.22, ink)
-            if chance(rng, 0.6):
-                easel.line([(0.2, 0.2), (0.8, 0.8)], signal, 0.08)
-    elif kind in (3, 4):  # yield, or a warning the other way up
-        flip = kind == 4
-        corners = np.array([(0.02, 0.08), (0.98, 0.08), (0.5, 0.92)])
-        middle = np.array([0.5, 0.36])
-        inner = middle + (corners - middle) * between(rng, 0.5, 0.75)
-        if flip:
-            corners[:, 1], inner[:, 1] = 1 - corners[:, 1], 1 - inner[:, 1]
-        easel.polygon(corners, signal)
-        easel.polygon(inner, white if chance(rng, 0.8) else (240, 200, 40))
-        if flip:
-            _pictogram(rng, easel, 0.5, 0.66, 0.15, ink)
-        elif chance(rng, 0.4):
-            easel.text("YIELD", (0.32, 0.22, 0.68, 0.36), signal)
-    elif kind in (5, 6):  # an octagon of another colour
-        faces: list[Colour] = [
-            (30, 60, 140),
-            (40, 110, 60),
-            (128, 128, 128),
-            (225, 225, 222),
-            (150, 105, 60),
-            (225, 190, 40),
-            (20, 20, 22),
-        ]
-        face = pick(rng, faces)
-        rim = white if chance(rng, 0.6) else face
-        easel.polygon(octagon(0.49) + 0.5, rim)
-        easel.polygon(octagon(0.45) + 0.5, face)
-        if chance(rng, 0.7):
-            light = sum(face) < 450
-            easel.text(
-                words(rng), (0.12, 0.34, 0.88, 0.66), white if light else ink, font=font(rng), stretch=1.2
-            )
-    elif kind == 7:  # diamond
-        half = between(rng, 0.44, 0.49)
-        for size, tint in (
-            (half, ink),
-            (half - 0.025, pick(rng, [(236, 180, 30), (240, 130, 20), (230, 220, 60), signal])),
-        ):
-            easel.polygon(
-                np.array([(0.5, 0.5 - size), (0.5 + size, 0.5), (0.5, 0.5 + size), (0.5 - size, 0.5)]), tint
-            )
-        if chance(rng, 0.5):
-            _pictogram(rng, easel, 0.5, 0.5, 0.2, ink)
-        else:
-            _rows(
-                rng,
-                easel,
-                [pick(rng, ("STOP", "SLOW", "ROAD", "BUMP", "DIP")), "AHEAD"],
-                (0.25, 0.33, 0.75, 0.67),
-                ink,
-            )
-    elif kind == 8:  # a blue or green disc
-        easel.ellipse(0.5, 0.5, 0.49, 0.49, white)
-        easel.ellipse(0.5, 0.5, 0.46, 0.46, pick(rng, [(20, 70, 160), (40, 110, 190), (20, 120, 70)]))
-        _pictogram(rng, easel, 0.5, 0.5, 0.3, white)
-    elif kind == 9:  # a plate
-        face, text = pick(
-            rng,
-            [(white, ink), (white, signal), ((20, 90, 50), white), ((20, 60, 140), white), (signal, white)],
-        )
-        easel.rectangle(0.08, 0, 0.92, 1, text)
-        easel.rectangle(0.11, 0.03, 0.89, 0.97, face)
-        _rows(rng, easel, [words(rng) for _ in range(int(rng.integers(1, 5)))], (0.16, 0.1, 0.84, 0.9), text)
-    else:  # hexagons, shields, houses, pentagons
-        sides = pick(rng, (5, 6))
-        turns = (np.arange(sides) / sides + between(rng, 0, 1)) * 2 * math.pi
-        shape = np.column_stack([np.cos(turns), np.sin(turns)])
-        easel.polygon(shape * 0.49 + 0.5, white)
-        easel.polygon(shape * 0.45 + 0.5, signal if sides == 5 else colour(rng))
-        easel.text(words(rng), (0.2, 0.38, 0.8, 0.62), white, font=font(rng), stretch=1)
-    return weathered(rng, easel.sprite())
+    return rounded(rng, sprite)
 
 
 def _ball(rng: Generator, n: int) -> Sprite:
     """Balls, fruit, tomatoes, balloons, buttons, lamps: round and shaded, some with words or stripes."""
     h = between(rng, 0.75, 1.3)
-    easel = _sheet(n, h)
+    easel = sheet(n, h)
     tint = red(rng) if chance(rng, 0.6) else colour(rng)
     easel.ellipse(h / 2, 0.5, h / 2 - 0.02, 0.46, tint)
     kind = rng.random()
@@ -323,7 +193,7 @@ def _ball(rng: Generator, n: int) -> Sprite:
         )
     elif kind < 0.75:
         easel.ellipse(h / 2, 0.08, 0.15, 0.05, (60, 110, 40), between(rng, -30, 30))
-    return _round(rng, easel.sprite())
+    return rounded(rng, easel.sprite())
 
 
 def _flower(rng: Generator, n: int) -> Sprite:
@@ -351,13 +221,13 @@ def _flower(rng: Generator, n: int) -> Sprite:
             x, y = 0.5 + 0.26 * math.cos(turn), 0.5 + 0.26 * math.sin(turn)
             easel.ellipse(x, y, 0.22, min(0.2, 0.8 / petals), tint, math.degrees(turn))
         easel.ellipse(0.5, 0.5, 0.12, 0.12, heart)
-    return _round(rng, easel.sprite())
+    return rounded(rng, easel.sprite())
 
 
 def _stripes(rng: Generator, n: int) -> Sprite:
     """Awnings, flags, barriers, umbrellas: red and white, or any two colours, side by side."""
     w = between(rng, 0.4, 3.0)
-    easel = _sheet(n, w)
+    easel = sheet(n, w)
     first, second = (red(rng), pale(rng)) if chance(rng, 0.65) else (colour(rng), colour(rng))
     easel.rectangle(0, 0, w, 1, first)
     count = int(rng.integers(2, 12))
@@ -392,16 +262,16 @@ def _stripes(rng: Generator, n: int) -> Sprite:
             easel.rectangle(w / 2 - t / 2, 0, w / 2 + t / 2, 1, second)
     sprite = easel.sprite()
     if chance(rng, 0.4):
-        mask = _sheet(n, w)
+        mask = sheet(n, w)
         mask.ellipse(w / 2, 0.5, w / 2, 0.5, (255, 255, 255))
         cut(sprite, np.ascontiguousarray(mask.sprite()[..., 3]))
-    return _shaded(rng, sprite, 0.5)
+    return shaded(rng, sprite, 0.5)
 
 
 def _scrap(rng: Generator, n: int) -> Sprite:
     """A red shape of no meaning with pale marks on it: crumpled, torn, smeared."""
     easel = Easel.blank(n, n)
-    easel.polygon(_blob(rng, int(rng.integers(4, 30)), 1.0), red(rng) if chance(rng, 0.8) else colour(rng))
+    easel.polygon(blob(rng, int(rng.integers(4, 30)), 1.0), red(rng) if chance(rng, 0.8) else colour(rng))
     for _ in range(int(rng.integers(0, 7))):
         x, y = rng.uniform(0.2, 0.8, 2)
         tint = pale(rng) if chance(rng, 0.7) else colour(rng)
@@ -411,7 +281,7 @@ def _scrap(rng: Generator, n: int) -> Sprite:
         else:
             rx, ry = rng.uniform(0.01, 0.12, 2).tolist()
             easel.ellipse(x, y, rx, ry, tint, between(rng, 0, 180))
-    return _shaded(rng, easel.sprite(), 0.6)
+    return shaded(rng, easel.sprite(), 0.6)
 
 
 def _hydrant(rng: Generator, n: int) -> Sprite:
@@ -444,7 +314,7 @@ def _hydrant(rng: Generator, n: int) -> Sprite:
     easel.ellipse(0.3, y + 0.02, between(rng, 0.05, 0.15), 0.03, tint)
     if chance(rng, 0.5):
         easel.rectangle(0.06, 0.3, 0.54, 0.4, tint)
-    return _round(rng, easel.sprite())
+    return rounded(rng, easel.sprite())
 
 
 def _lights(rng: Generator, n: int) -> Sprite:
@@ -456,7 +326,7 @@ def _lights(rng: Generator, n: int) -> Sprite:
     for k, tint in enumerate([(255, 50, 30), (255, 190, 40), (60, 240, 150)]):
         shown = tint if k == lit else (tint[0] // 5, tint[1] // 5, tint[2] // 5)
         easel.ellipse(0.225, 0.18 + 0.32 * k, 0.13, 0.13, shown)
-    return _shaded(rng, easel.sprite(), 0.3)
+    return shaded(rng, easel.sprite(), 0.3)
 
 
 def _clock(rng: Generator, n: int) -> Sprite:
@@ -480,7 +350,7 @@ def _clock(rng: Generator, n: int) -> Sprite:
 def _bus(rng: Generator, n: int) -> Sprite:
     """A bus, a van, a tram, a lorry: a long box with windows, words and wheels."""
     w = between(rng, 1.2, 3.0)
-    easel = _sheet(n, w)
+    easel = sheet(n, w)
     paint = red(rng) if chance(rng, 0.6) else colour(rng)
     easel.rectangle(0, 0, w, 0.88, paint)
     if chance(rng, 0.5):
@@ -496,24 +366,12 @@ def _bus(rng: Generator, n: int) -> Sprite:
         easel.text(words(rng), (0.2 * w, 0.6, 0.8 * w, 0.75), pale(rng), font=font(rng), stretch=1)
     for x in (0.2 * w, 0.8 * w):
         easel.ellipse(x, 0.86, 0.12, 0.12, dark(rng))
-    return _shaded(rng, easel.sprite(), 0.5)
-
-
-def _letters(rng: Generator, n: int) -> Sprite:
-    """Words without a board, STOP painted on a road among them."""
-    w = between(rng, 1.0, 4.0)
-    easel = _sheet(n, w)
-    tint = pale(rng) if chance(rng, 0.45) else red(rng) if chance(rng, 0.5) else colour(rng)
-    text = "STOP" if chance(rng, 0.25) else words(rng)
-    easel.text(
-        text, (0.02, 0.05, w - 0.02, 0.95), tint, font=font(rng), weight=between(rng, 0, 0.03), stretch=1.5
-    )
-    return _shaded(rng, easel.sprite(), 0.6)
+    return shaded(rng, easel.sprite(), 0.5)
 
 
 def _animal(rng: Generator, n: int) -> Sprite:
     """A body, legs, neck and head in fur."""
-    easel = _sheet(n, 1.4)
+    easel = sheet(n, 1.4)
     coat = colours(rng, 1)[0]
     for x in rng.uniform(0.35, 1.05, 4):
         easel.line([(x, 0.55), (x + rng.normal(0, 0.05), 0.97)], coat, between(rng, 0.05, 0.11))
@@ -526,13 +384,13 @@ def _animal(rng: Generator, n: int) -> Sprite:
     fur = material(rng, *sprite.shape[:2])
     dim(fur, sprite[..., 3] * np.float32(between(rng, 0.2, 1.0)))
     sprite[..., :3] = 0.5 * sprite[..., :3] + fur
-    return _shaded(rng, sprite, 0.5)
+    return shaded(rng, sprite, 0.5)
 
 
 def _shelf(rng: Generator, n: int) -> Sprite:
     """Books, boxes, goods in a row or in rows: coloured spines with words."""
     w = between(rng, 0.8, 2.5)
-    easel = _sheet(n, w)
+    easel = sheet(n, w)
     easel.rectangle(0, 0, w, 1, dark(rng))
     rows = int(rng.integers(1, 4))
     for row in range(rows):
@@ -551,77 +409,22 @@ def _shelf(rng: Generator, n: int) -> Sprite:
                     font=font(rng),
                 )
             x += wide + 0.006
-    return _shaded(rng, easel.sprite(), 0.5)
+    return shaded(rng, easel.sprite(), 0.5)
 
 
 def _plain(rng: Generator, n: int) -> Sprite:
     """A textured shape: furniture, stones, cushions, clouds, whatever."""
     w = between(rng, 0.4, 2.2)
-    easel = _sheet(n, w)
+    easel = sheet(n, w)
     if chance(rng, 0.5):
-        easel.polygon(_blob(rng, int(rng.integers(3, 24)), w), (1, 1, 1))
+        easel.polygon(blob(rng, int(rng.integers(3, 24)), w), (1, 1, 1))
     else:
         easel.rectangle(0, 0, w, 1, (1, 1, 1))
     coverage = np.ascontiguousarray(easel.sprite()[..., 3])
     tints = (red(rng), red(rng), pale(rng)) if chance(rng, 0.25) else ()
     body = material(rng, coverage.shape[0], coverage.shape[1], tints)
     dim(body, coverage)
-    return _shaded(rng, joined(body, coverage), 0.5)
-
-
-def _sheet(n: int, width: float) -> Easel:
-    """A sheet ``width`` heights wide, with no more points than n x n."""
-    height = n / math.sqrt(max(1.0, width))
-    return Easel.blank(max(8, int(height)), max(8, int(height * width)))
-
-
-def _rows(
-    rng: Generator, easel: Easel, rows: list[str], box: tuple[float, float, float, float], ink: Colour
-) -> None:
-    """Write rows of words, one below the other, in one font."""
-    x0, y0, x1, y1 = box
-    face, step = font(rng), (y1 - y0) / len(rows)
-    weight = between(rng, 0, 0.02) / len(rows)
-    for k, row in enumerate(rows):
-        easel.text(
-            row,
-            (x0, y0 + (k + 0.1) * step, x1, y0 + (k + 0.9) * step),
-            ink,
-            font=face,
-            weight=weight,
-            stretch=1.3,
-        )
-
-
-def _pictogram(rng: Generator, easel: Easel, x: float, y: float, r: float, ink: Colour) -> None:
-    """An arrow, a walker, an exclamation mark, a cross or a few bars."""
-    kind = int(rng.integers(5))
-    if kind == 0:
-        turn = between(rng, 0, 2 * math.pi)
-        ux, uy = math.cos(turn) * r, math.sin(turn) * r
-        easel.line([(x - ux, y - uy), (x + ux * 0.5, y + uy * 0.5)], ink, r * 0.3)
-        easel.polygon([(x + ux, y + uy), (x - uy * 0.6, y + ux * 0.6), (x + uy * 0.6, y - ux * 0.6)], ink)
-    elif kind == 1:
-        easel.ellipse(x, y - 0.8 * r, 0.2 * r, 0.2 * r, ink)
-        easel.line([(x, y - 0.5 * r), (x, y + 0.2 * r), (x - 0.4 * r, y + r)], ink, 0.25 * r)
-        easel.line([(x, y + 0.2 * r), (x + 0.4 * r, y + r)], ink, 0.2 * r)
-        easel.line([(x - 0.5 * r, y), (x, y - 0.4 * r), (x + 0.5 * r, y)], ink, 0.15 * r)
-    elif kind == 2:
-        easel.rectangle(x - 0.12 * r, y - r, x + 0.12 * r, y + 0.4 * r, ink)
-        easel.ellipse(x, y + 0.8 * r, 0.16 * r, 0.16 * r, ink)
-    elif kind == 3:
-        easel.line([(x - r, y - r), (x + r, y + r)], ink, 0.25 * r)
-        easel.line([(x - r, y + r), (x + r, y - r)], ink, 0.25 * r)
-    else:
-        for k in range(3):
-            easel.rectangle(x - r, y + (0.7 * k - 0.9) * r, x + r, y + (0.7 * k - 0.5) * r, ink)
-
-
-def _blob(rng: Generator, corners: int, width: float) -> Points:
-    """A star-shaped polygon about the sheet's middle, rough or smooth."""
-    turns = np.sort(rng.random(corners) if corners < 8 else np.arange(corners) / corners) * 2 * math.pi
-    radii = np.clip(1 + rng.normal(0, between(rng, 0.1, 0.35), corners), 0.3, 1.5) / 1.5
-    return np.column_stack([width / 2 * (1 + radii * np.cos(turns)), 0.5 * (1 + radii * np.sin(turns))])
+    return shaded(rng, joined(body, coverage), 0.5)
 
 
 def _skin(rng: Generator) -> Colour:
@@ -629,33 +432,9 @@ def _skin(rng: Generator) -> Colour:
     return (int(70 + 170 * tone), int(42 + 145 * tone), int(30 + 130 * tone))
 
 
-def _shaded(rng: Generator, sprite: Sprite, depth: float) -> Sprite:
-    """The sprite with texture and a fall of light."""
-    n, m = sprite.shape[:2]
-    dim(sprite, gain(rng, n, m, between(rng, 0, depth)))
-    if chance(rng, 0.7):
-        dim(sprite, ramp(rng, n, m, between(rng, 0.2, 0.9)) * np.float32(between(rng, 0.6, 1.2)))
-    return sprite
-
-
-def _round(rng: Generator, sprite: Sprite) -> Sprite:
-    """The sprite shaded as a ball, with a highlight."""
-    n, m = sprite.shape[:2]
-    y, x = axis(n)[:, None], axis(m)
-    across = (x - np.float32(between(rng, -0.5, 0.5))) ** 2
-    down = (y - np.float32(between(rng, -0.6, 0.2))) ** 2
-    steep = between(rng, 0.15, 0.5)
-    dim(sprite, np.clip((1.1 - steep * across) - steep * down, 0.1, 1.1))
-    if chance(rng, 0.6):
-        sharp = between(rng, 8, 80)
-        glint = (between(rng, 0.1, 0.8) * np.exp(-sharp * across)) * np.exp(-sharp * down) * sprite[..., 3]
-        sprite[..., :3] += glint[..., None]
-    return sprite
-
-
 _DRAWN: list[tuple[float, Callable[[Generator, int], Sprite]]] = [
-    (6, _board), (1, person), (0.8, car), (0.6, tree), (1.3, _ball), (0.8, _flower), (1.0, _stripes),
-    (1.2, _scrap), (0.8, _hydrant), (0.4, _lights), (0.5, _clock), (0.8, _bus), (0.9, _letters),
+    (6, board), (1, person), (0.8, car), (0.6, tree), (1.3, _ball), (0.8, _flower), (1.0, _stripes),
+    (1.2, _scrap), (0.8, _hydrant), (0.4, _lights), (0.5, _clock), (0.8, _bus), (0.9, letters),
     (0.5, _animal), (0.4, _shelf), (1.2, _plain),
 ]  # fmt: skip
 _KINDS = [draw for _, draw in _DRAWN]
