@@ -136,9 +136,7 @@ def train(
     from, is seeded inside and left as it was.
     Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, or a negative seed.
     """
-    checks.non_negative("seed", seed)
-    if pictures < FEWEST_PICTURES:
-        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES}")
+    check(pictures, seed)
     change = augmentation(arm)
     before = torch.get_num_threads()
     if threads is not None:
@@ -149,6 +147,13 @@ def train(
             return _train(scenes, change, pictures // BATCH, seed, progress)
     finally:
         torch.set_num_threads(before)
+
+
+def check(pictures: int, seed: int) -> None:
+    """Raise ``ValueError`` for a training of fewer than 320 pictures or with a negative seed."""
+    checks.non_negative("seed", seed)
+    if pictures < FEWEST_PICTURES:
+        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES}")
 
 
 def _train(

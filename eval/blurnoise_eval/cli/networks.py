@@ -15,7 +15,8 @@ def train(options: argparse.Namespace) -> int:
 
     from blurnoise_eval.files import write_whole
 
-    folder = options.output
+    folder, threads = options.output, given.threads(options)
+    training.check(options.pictures, options.seed)  # before the scenes are drawn
     with ProgressBar("draw scenes", options.scenes) as advance:
         scenes = training.pool(folder / "pool", options.scenes, progress=advance)
     steps: list[training.Step] = []
@@ -30,7 +31,7 @@ def train(options: argparse.Namespace) -> int:
             options.arm,
             pictures=options.pictures,
             seed=options.seed,
-            threads=given.threads(options),
+            threads=threads,
             progress=progress,
         )
     facts = {name: getattr(options, name) for name in ("arm", "seed", "scenes", "pictures")}
