@@ -27,8 +27,8 @@ from blurnoise.transfer import SHARP, Optics
 Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kernel", "kornia")
 _FOURIER: tuple[Method, ...] = ("transfer", "tiles")
-NEGLIGIBLE = 1e-4
-"""RMS error, in units of white, below which ``auto`` leaves a blur out: a fortieth of an 8-bit step."""
+NEGLIGIBLE = 1e-5
+"""RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
 
 
 @dataclass(frozen=True)

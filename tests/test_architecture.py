@@ -51,7 +51,10 @@ ALLOWED_ACROSS = {
     "blurnoise_models": {"blurnoise"},
 }
 EXCEPTIONS = {
-    ("blurnoise_eval.cli", "blurnoise_models"): "the command offers the built-in detector and makes such ones",
+    (
+        "blurnoise_eval.cli",
+        "blurnoise_models",
+    ): "the command offers the built-in detector and makes such ones",
 }
 SAME_FLOOR = {
     ("charts", "checks"): "guards",

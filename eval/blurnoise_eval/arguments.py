@@ -240,6 +240,13 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     train.add_argument(
         "--scenes", type=int, default=16_000, metavar="N", help="to see (default 16000; 0.3 MB each)"
     )
+    train.add_argument(
+        "--size",
+        type=int,
+        default=320,
+        metavar="PX",
+        help="of scenes and input, a multiple of 32 (default 320)",
+    )
     train.add_argument("--seed", type=int, default=0, help="of weights, order and augmentation (default 0)")
     train.add_argument("--threads", type=int, help="default: every core")
     _json_option(train)

@@ -304,7 +304,7 @@ def test_lens_and_motion_in_one_pass_equal_one_after_the_other() -> None:
 
 
 def test_auto_says_what_it_does_and_does_it() -> None:
-    motions = torch.tensor([[0.02, 0.0], [14.0, 3.0]], dtype=torch.float64)
+    motions = torch.tensor([[0.005, 0.0], [14.0, 3.0]], dtype=torch.float64)
     nothing, something = choose(motions, (480, 640))
     assert nothing.method == "none"
     assert nothing.error is not None

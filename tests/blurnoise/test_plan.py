@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blurnoise import Camera, simulate
@@ -103,6 +103,9 @@ def test_a_larger_tolerance_keeps_less() -> None:
     st.sampled_from([0.0, 0.1, 30.0, 5000.0]),
     st.floats(0, 40),
     st.sampled_from([0.05, 0.5, 4.0]),
+)
+@example(
+    replace(BUSY, read_noise_e=0.0, prnu=0.0, dsnu_e=0.0, defocus_radius_px=0.01), 0.03125, 30.0, 0.0234, 0.05
 )
 def test_what_is_left_out_is_within_the_tolerance(
     camera: Camera, exposure_s: float, lux: float, length: float, tolerance: float

@@ -28,6 +28,7 @@ from blurnoise_eval.scoring import target_confidence
 from blurnoise_eval.store import Store, StoreError
 from blurnoise_eval.sweep import count_cells
 from blurnoise_models import matched_filter
+from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
 
 from blurnoise import Camera, charts, sensor, simulate
@@ -284,8 +285,7 @@ def test_killed_sweep_goes_on_with_the_same_command(
     assert cli.main(command) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["resumed"], summary["computed"]) == (kept, count_cells(one, plan) - kept)
-    stub = Detector(matched_filter.build(tmp_path / "matched_filter.onnx"))
-    expected = rows_of(tmp_path / "uninterrupted", stub, CAMERA, one, plan)
+    expected = rows_of(tmp_path / "uninterrupted", Detector(STOP_SIGN), CAMERA, one, plan)
     with Store(folder) as store:
         assert everything(store) == expected
 

@@ -18,7 +18,7 @@ def train(options: argparse.Namespace) -> int:
     folder, threads = options.output, given.threads(options)
     training.check(options.pictures, options.seed)  # before the scenes are drawn
     with ProgressBar("draw scenes", options.scenes) as advance:
-        scenes = training.pool(folder / "pool", options.scenes, progress=advance)
+        scenes = training.pool(folder / "pool", options.scenes, size_px=options.size, progress=advance)
     steps: list[training.Step] = []
     with ProgressBar("train", options.pictures) as advance:
 
@@ -35,7 +35,7 @@ def train(options: argparse.Namespace) -> int:
             progress=progress,
         )
     facts = {name: getattr(options, name) for name in ("arm", "seed", "scenes", "pictures")}
-    path = write_onnx(network, folder / "stop_sign.onnx", facts=facts)
+    path = write_onnx(network, folder / "stop_sign.onnx", input_px=options.size, facts=facts)
     rows = "".join(f"{step.pictures},{step.loss:.6g}\n" for step in steps)
     write_whole(folder / "training.csv", f"pictures,loss\n{rows}".encode())
     print_facts({"model": str(path), **facts, "loss": steps[-1].loss}, options.json)
