@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -367,16 +368,13 @@ def _tones(camera: Camera, encoding: Encoding) -> Tensor:
 
 
 def _look_up(table: Tensor, dn: Tensor) -> Tensor:
-    def developed(values: Tensor) -> Tensor:
-        return table.index_select(0, values.clamp(0, len(table) - 1).to(torch.int32))
+    if dn.device.type != "cpu":
+        return table[dn.detach().clamp(0, len(table) - 1).int()]
+    numbers, values = dn.detach().reshape(-1).numpy(), table.numpy()
+    out = np.empty(len(numbers), values.dtype)
 
-    flat = dn.detach().reshape(-1)
-    if flat.device.type != "cpu":
-        return developed(flat).view(dn.shape)
-    out = torch.empty_like(flat, dtype=table.dtype)
+    def look_up(piece: slice) -> None:
+        np.take(values, numbers[piece].astype(np.int32), mode="clip", out=out[piece])
 
-    def develop_piece(piece: slice) -> None:
-        out[piece] = developed(flat[piece])
-
-    in_pieces(develop_piece, len(flat), torch.get_num_threads())
-    return out.view(dn.shape)
+    in_pieces(look_up, len(numbers), torch.get_num_threads())
+    return torch.from_numpy(out).view(dn.shape)

@@ -10,7 +10,7 @@ from pathlib import Path
 Command = Callable[[argparse.Namespace], int]
 
 EXPOSURES_MS = "1,2,5,10,15,20,30,45,60,90"
-ILLUMINANCES_LUX = "1,10,100"
+ILLUMINANCES_LUX = "0.5,50,5000"
 VELOCITIES_PX_S = "0,200,500,1000"
 _LISTS = ("--exposure-ms", "--lux", "--dx", "--dy")
 CHARTS = ("slanted-edge", "siemens-star", "stop-sign", "flat-patch")
