@@ -34,6 +34,10 @@ COCO80 = (
     "teddy bear", "hair drier", "toothbrush",
 )
 # fmt: on
+# Some families number the same classes by COCO's own ids, which skip these.
+_UNUSED_IDS = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
+_names = iter(COCO80)
+COCO91 = tuple(f"unused {number}" if number in _UNUSED_IDS else next(_names) for number in range(91))
 
 EXAMPLE = (
     '{"family": "yolox", "classes": ["stop sign", "yield"], "colour": "bgr", "value_range": "0-255", '
@@ -46,8 +50,8 @@ class ModelError(ValueError):
 
 
 def _class_names(value: object) -> tuple[str, ...]:
-    if value == "coco80":
-        return COCO80
+    if value in ("coco80", "coco91"):
+        return COCO80 if value == "coco80" else COCO91
     if isinstance(value, Mapping):
         by_id = {int(class_id): name for class_id, name in value.items()}
         if sorted(by_id) != list(range(len(value))):
@@ -55,7 +59,7 @@ def _class_names(value: object) -> tuple[str, ...]:
         value = [by_id[class_id] for class_id in sorted(by_id)]
     if isinstance(value, (list, tuple)) and value and all(isinstance(name, str) for name in value):
         return tuple(value)
-    raise ValueError(f"classes = {_shown(value)}: must be a list of names, names by id, or 'coco80'")
+    raise ValueError(f"classes = {_shown(value)}: must be a list of names, names by id, 'coco80' or 'coco91'")
 
 
 def _three(name: str, value: object) -> tuple[float, ...]:
@@ -84,7 +88,8 @@ class Contract:
     mean, std: per channel in the network's channel order and in that range; the input is (x - mean) / std.
     resize: "letterbox" (aspect kept, centred), "letterbox-top-left" or "stretch". pad_value: grey around a
     letterboxed picture, 0 to 255. classes: names by class id. input_size_px: (height, width), or None where
-    the graph says. nms_iou: overlap above which the weaker box of a class is dropped. sources: for each field
+    the graph says. nms_iou: overlap above which the weaker box of a class is dropped,
+    None where the graph has dropped it itself. sources: for each field
     where it came from. Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
     """
 
@@ -97,7 +102,7 @@ class Contract:
     resize: str = "letterbox"
     pad_value: int = 114
     input_size_px: tuple[int, int] | None = None
-    nms_iou: float = 0.65
+    nms_iou: float | None = 0.65
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
@@ -105,7 +110,8 @@ class Contract:
         checks.one_of("value_range", self.value_range, ("0-1", "0-255"))
         checks.one_of("resize", self.resize, ("letterbox", "letterbox-top-left", "stretch"))
         checks.in_range("pad_value", self.pad_value, 0, 255)
-        checks.in_range("nms_iou", self.nms_iou, 0, 1)
+        if self.nms_iou is not None:
+            checks.in_range("nms_iou", self.nms_iou, 0, 1)
         object.__setattr__(self, "classes", _class_names(self.classes))
         for name in ("mean", "std"):
             if getattr(self, name) is not None:
@@ -147,6 +153,28 @@ PRESETS = {
         value_range="0-255",
         resize="letterbox-top-left",
         input_size_px=(416, 416),
+    ),
+    "yolov7": Contract("yolov7", COCO80, input_size_px=(640, 640), nms_iou=None),
+    "yolov10": Contract("yolov10", COCO80, input_size_px=(640, 640), nms_iou=None),
+    "rfdetr": Contract(
+        "rfdetr",
+        COCO91,
+        mean=(0.485, 0.456, 0.406),
+        std=(0.229, 0.224, 0.225),
+        resize="stretch",
+        input_size_px=(560, 560),
+        nms_iou=None,
+    ),
+    "mmdeploy": Contract(
+        "mmdeploy",
+        COCO80,
+        value_range="0-255",
+        mean=(123.675, 116.28, 103.53),
+        std=(58.395, 57.12, 57.375),
+        resize="letterbox-top-left",
+        pad_value=0,
+        input_size_px=(800, 1344),
+        nms_iou=None,
     ),
     "fastestdet": Contract(
         "fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45

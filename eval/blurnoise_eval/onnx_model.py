@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.contract import Contract, ModelError, exported_fields, stated_contract
 from blurnoise_eval.formats import resolve
-from blurnoise_eval.formats.candidates import FloatArray, suppress
+from blurnoise_eval.formats.candidates import FloatArray, best, suppress
 from blurnoise_eval.formats.placement import Placement, lay_in
 from blurnoise_eval.formats.signature import Shape, Signature, TensorInfo
 from blurnoise_eval.records import Detections
@@ -53,6 +53,7 @@ class Detector:
             resolve(self.path, _signature(self.session, metadata, self.input_size_px), self.contract)
         image_input = signature.inputs[0]
         self._input_name = image_input.name
+        self._outputs = list(self.family.OUTPUTS) or None
         self._dtype = _DTYPES[image_input.type]
         self._batch = image_input.shape[0] if isinstance(image_input.shape[0], int) else 1
         self.non_finite_values = 0
@@ -76,10 +77,13 @@ class Detector:
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
         try:
-            outputs = self.session.run(None, {self._input_name: feed.astype(self._dtype, copy=False)})
+            outputs = self.session.run(
+                self._outputs, {self._input_name: feed.astype(self._dtype, copy=False)}
+            )
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
             raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
-        return [output[:1].astype(np.float32, copy=False) for output in outputs]
+        alone = (output if output.ndim < 3 else output[:1] for output in outputs)
+        return [output.astype(np.float32, copy=False) for output in alone]
 
     def decode(
         self,
@@ -92,7 +96,7 @@ class Detector:
         """Return detections in the picture's own px, clipped to it, after suppression within each class.
 
         Candidates with NaN are dropped, counted in ``non_finite_values`` and warned of once. Raises
-        :class:`ModelError` if scores exceed 1, which no family's do.
+        :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
         """
         self._count_non_finite(outputs)
         candidates = self.family.decode(outputs, self.input_size_px, min_score)
@@ -101,7 +105,17 @@ class Detector:
                 f"{self.path.name}: score {candidates.scores.max():g} > 1; "
                 f"is the family {self.contract.family} right ({self.contract.sources['family']})?"
             )
-        kept = suppress(candidates, self.contract.nms_iou, max_detections)
+        if len(candidates) and candidates.class_ids.max() >= len(self.contract.classes):
+            raise ModelError(
+                f"{self.path.name}: finds class {candidates.class_ids.max()}, counted from 0, but the contract "
+                f"names {len(self.contract.classes)} ({self.contract.sources['classes']})"
+            )
+        nms_iou = self.contract.nms_iou
+        kept = (
+            best(candidates, max_detections)
+            if nms_iou is None
+            else suppress(candidates, nms_iou, max_detections)
+        )
         boxes = placement.to_picture(kept.boxes_xyxy)
         inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
         return Detections(boxes[inside], np.minimum(kept.scores[inside], 1), kept.class_ids[inside])

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from blurnoise_eval.contract import FIELDS, Contract, ModelError, exported_fields, preset, stated_contract
-from blurnoise_eval.formats import fastestdet, yolov5, yolov8, yolox
+from blurnoise_eval.formats import fastestdet, mmdeploy, rfdetr, yolov5, yolov7, yolov8, yolov10, yolox
 from blurnoise_eval.formats.signature import Family, Signature
 
-FAMILIES: tuple[Family, ...] = (yolov5, yolov8, yolox, fastestdet)
+FAMILIES: tuple[Family, ...] = (yolov5, yolov7, yolov8, yolov10, yolox, rfdetr, mmdeploy, fastestdet)
 
 
 def resolve(
@@ -64,12 +64,13 @@ def _assumed(family: Family, count: int, signature: Signature) -> Contract:
         sources = dict.fromkeys(FIELDS, f"assumed: preset {family.NAME}, which {shown} suggest")
         sources["family"] = f"assumed: {family.LOOKALIKES}" if family.LOOKALIKES else f"graph: {shown}"
     if "classes" not in known:
-        if count != len(base.classes):
+        if count not in (0, len(base.classes)):
             raise ModelError(
                 f"the graph ({family.NAME}) has {count} classes but nothing names them\n"
                 f"{signature.describe()}"
             )
-        sources["classes"] = "assumed: COCO's 80 classes, because the graph has 80"
+        shows = f"the graph has {count}" if count else "the graph does not show how many it has"
+        sources["classes"] = f"assumed: COCO's {len(base.classes)} classes, because {shows}"
     sources.update(dict.fromkeys(known, "metadata"))
     contract = replace(base, **known, sources=sources)
     _check_class_count(contract, count)
@@ -77,7 +78,7 @@ def _assumed(family: Family, count: int, signature: Signature) -> Contract:
 
 
 def _check_class_count(contract: Contract, count: int) -> None:
-    if count != len(contract.classes):
+    if count not in (0, len(contract.classes)):
         raise ModelError(
             f"the graph ({contract.family}) has {count} classes but the contract names "
             f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "

@@ -41,11 +41,22 @@ def select(
 
     boxes_cxcywh: (N, 4) = centre x, y, width, height, px.
     """
-    keep = (scores >= min_score) & np.isfinite(boxes_cxcywh).all(axis=1)
-    boxes = boxes_cxcywh[keep]
-    half = boxes[:, 2:] / 2
-    corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
-    return Candidates(corners, scores[keep], class_ids[keep])
+    half = boxes_cxcywh[:, 2:] / 2
+    corners = np.concatenate([boxes_cxcywh[:, :2] - half, boxes_cxcywh[:, :2] + half], axis=1)
+    return select_corners(corners, scores, class_ids, min_score)
+
+
+def select_corners(
+    boxes_xyxy: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64], min_score: float
+) -> Candidates:
+    """Keep finite boxes (N, 4) = (left, top, right, bottom), px, whose score reaches ``min_score``."""
+    keep = (scores >= min_score) & np.isfinite(boxes_xyxy).all(axis=1)
+    return Candidates(boxes_xyxy[keep], scores[keep], class_ids[keep])
+
+
+def best(candidates: Candidates, max_detections: int) -> Candidates:
+    """At most ``max_detections``, highest score first: all there is to do where the graph suppresses itself."""
+    return candidates[np.argsort(-candidates.scores, kind="stable")[:max_detections]]
 
 
 def suppress(candidates: Candidates, nms_iou: float, max_detections: int) -> Candidates:

@@ -11,6 +11,7 @@ from blurnoise_eval.formats.candidates import Candidates, best_class, select
 from blurnoise_eval.formats.signature import Signature
 
 NAME = "fastestdet"
+OUTPUTS: tuple[str, ...] = ()
 LOOKALIKES = ""
 STRIDE = 16
 

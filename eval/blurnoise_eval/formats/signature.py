@@ -37,6 +37,11 @@ class Signature:
     metadata: Mapping[str, str]
     size_px: tuple[int, int] | None
 
+    def named(self, names: Sequence[str]) -> list[Shape] | None:
+        """The shapes of the outputs ``names``, in that order; None unless the graph has exactly these."""
+        shapes = {output.name: output.shape for output in self.outputs}
+        return [shapes[name] for name in names] if sorted(shapes) == sorted(names) else None
+
     def describe(self) -> str:
         """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
         lines = [
@@ -54,9 +59,13 @@ class Family(Protocol):
 
     NAME: str
     LOOKALIKES: str  # other families with this signature but another contract; empty if there are none
+    OUTPUTS: tuple[str, ...]  # the outputs to decode, by name and in this order; empty: all, in the graph's
 
     def class_count(self, signature: Signature) -> int | None:
-        """Return the number of classes if the graph's outputs have this layout, else None."""
+        """Return the number of classes if the graph's outputs have this layout, else None.
+
+        0 where the layout does not show it, because each answer carries the number of its class.
+        """
 
     def decode(
         self, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float

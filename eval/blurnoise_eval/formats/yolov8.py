@@ -11,6 +11,7 @@ from blurnoise_eval.formats.candidates import Candidates, best_class, select
 from blurnoise_eval.formats.signature import Signature, cells
 
 NAME = "yolov8"
+OUTPUTS: tuple[str, ...] = ()
 LOOKALIKES = ""
 
 

@@ -12,6 +12,7 @@ from blurnoise_eval.formats.candidates import Candidates, best_class, select
 from blurnoise_eval.formats.signature import Signature, cells
 
 NAME = "yolox"
+OUTPUTS: tuple[str, ...] = ()
 LOOKALIKES = "YOLOX 0.1.0 (rgb, 0-1, mean and std of ImageNet) and YOLOv6 show the same shapes"
 STRIDES = (8, 16, 32)
 
