@@ -309,13 +309,17 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
 def _sweep_options(sweep: argparse.ArgumentParser) -> None:
     what = sweep.add_argument_group("what to run")
     what.add_argument(
-        "--model", type=Path, metavar="M.onnx", help="YOLOv5, YOLOv8, YOLOX or FastestDet export"
+        "--model",
+        type=Path,
+        metavar="M.onnx",
+        help="a detector of a known family; 'blurnoise inspect M.onnx' says which",
     )
     what.add_argument(
         "--contract",
         metavar="FILE|PRESET",
-        help="how pictures enter the model and what its classes are: a JSON or YAML file, or yolov5, yolov8, "
-        "yolox, fastestdet (default: MODEL.contract.json beside the model, then its metadata, then its shape)",
+        help="how pictures enter the model and what its classes are: a JSON or YAML file, or yolov5, yolov7, "
+        "yolov8, yolov10, yolox, rtdetr, rfdetr, detr, mmdeploy, ppyoloe, fastestdet (default: MODEL.contract.json beside the model, "
+        "then its metadata, then its shape)",
     )
     what.add_argument(
         "--images", type=Path, metavar="DIR", help="a folder; targets: what is found when clean"

@@ -141,6 +141,7 @@ class Contract:
 
 FIELDS = tuple(f.name for f in fields(Contract) if f.name != "sources")
 
+_IMAGENET_MEAN, _IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 # Pre-processing and non-maximum suppression as in each family's own repository; input sizes are for graphs
 # of dynamic size.
 PRESETS = {
@@ -156,11 +157,22 @@ PRESETS = {
     ),
     "yolov7": Contract("yolov7", COCO80, input_size_px=(640, 640), nms_iou=None),
     "yolov10": Contract("yolov10", COCO80, input_size_px=(640, 640), nms_iou=None),
+    "rtdetr": Contract("rtdetr", COCO80, resize="stretch", input_size_px=(640, 640), nms_iou=None),
+    "ppyoloe": Contract("ppyoloe", COCO80, resize="stretch", input_size_px=(640, 640), nms_iou=None),
+    "detr": Contract(
+        "detr",
+        COCO91,
+        mean=_IMAGENET_MEAN,
+        std=_IMAGENET_STD,
+        resize="stretch",
+        input_size_px=(800, 800),
+        nms_iou=None,
+    ),
     "rfdetr": Contract(
         "rfdetr",
         COCO91,
-        mean=(0.485, 0.456, 0.406),
-        std=(0.229, 0.224, 0.225),
+        mean=_IMAGENET_MEAN,
+        std=_IMAGENET_STD,
         resize="stretch",
         input_size_px=(560, 560),
         nms_iou=None,

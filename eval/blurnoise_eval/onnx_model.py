@@ -17,7 +17,7 @@ from blurnoise_eval.contract import Contract, ModelError, exported_fields, state
 from blurnoise_eval.formats import resolve
 from blurnoise_eval.formats.candidates import FloatArray, best, suppress
 from blurnoise_eval.formats.placement import Placement, lay_in
-from blurnoise_eval.formats.signature import Shape, Signature, TensorInfo
+from blurnoise_eval.formats.signature import Shape, Signature, TensorInfo, extra_feeds
 from blurnoise_eval.records import Detections
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
@@ -56,6 +56,7 @@ class Detector:
         self._outputs = list(self.family.OUTPUTS) or None
         self._dtype = _DTYPES[image_input.type]
         self._batch = image_input.shape[0] if isinstance(image_input.shape[0], int) else 1
+        self._extras = extra_feeds(signature.inputs[1:], self.input_size_px, self._batch) or {}
         self.non_finite_values = 0
         self._count_lock = threading.Lock()
         self._buffers = threading.local()
@@ -77,9 +78,8 @@ class Detector:
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
         try:
-            outputs = self.session.run(
-                self._outputs, {self._input_name: feed.astype(self._dtype, copy=False)}
-            )
+            feeds = {self._input_name: feed.astype(self._dtype, copy=False), **self._extras}
+            outputs = self.session.run(self._outputs, feeds)
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
             raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
         alone = (output if output.ndim < 3 else output[:1] for output in outputs)
@@ -226,18 +226,22 @@ def _signature(
     """
     inputs = tuple(TensorInfo(t.name, tuple(t.shape), t.type) for t in session.get_inputs())
     outputs = tuple(TensorInfo(t.name, tuple(t.shape), t.type) for t in session.get_outputs())
-    shape = inputs[0].shape if len(inputs) == 1 else ()
+    inputs = tuple(sorted(inputs, key=lambda entry: len(entry.shape) != 4))  # the picture first
+    shape = inputs[0].shape if inputs else ()
     if len(shape) != 4 or shape[1] != 3 or inputs[0].type not in _DTYPES:
         return Signature(inputs, outputs, metadata, None)
     batch, height, width = (
         known if isinstance(known, int) else default
         for known, default in zip((shape[0], *shape[2:]), (1, *size_px), strict=True)
     )
+    extras = extra_feeds(inputs[1:], (height, width), batch)
+    if extras is None:
+        return Signature(inputs, outputs, metadata, None)
     fixed = shape[2:] == (height, width)
     if not fixed or not all(t.shape and all(isinstance(n, int) for n in t.shape[1:]) for t in outputs):
         probe = np.full((batch, 3, height, width), 0.5, _DTYPES[inputs[0].type])
         try:
-            answers = session.run(None, {inputs[0].name: probe})
+            answers = session.run(None, {inputs[0].name: probe, **extras})
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
             raise ModelError(
                 f"the graph claims a dynamic size but fails on a picture of {height} x {width} px; "

@@ -8,6 +8,7 @@ import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.contract import COCO80, COCO91, Contract, ModelError
+from blurnoise_eval.formats.signature import TensorInfo, extra_feeds
 from blurnoise_eval.onnx_model import Detector
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
@@ -16,8 +17,13 @@ SIZE_PX = (64, 96)
 BOXES_XYXY = np.array([[10.0, 5.0, 40.0, 25.0], [12.0, 6.0, 42.0, 26.0], [50.0, 30.0, 90.0, 60.0]])
 CLASSES = np.array([2, 2, 0])
 SCORES = np.array([0.6, 0.5, 0.9])  # of a white picture; of a black one 0
-FAMILIES = ("yolov10", "yolov7", "mmdeploy", "rfdetr")
+FAMILIES = ("yolov10", "yolov7", "mmdeploy", "rfdetr", "rtdetr", "ppyoloe", "detr")
 NAMES = ("first", "second", "third")
+EXTRAS = {
+    "rtdetr": [("orig_target_sizes", TensorProto.INT64, [2])],
+    "ppyoloe": [("scale_factor", TensorProto.FLOAT, [2]), ("im_shape", TensorProto.FLOAT, [2])],
+    "detr": [("pixel_mask", TensorProto.INT64, ["mask height", "mask width"])],
+}
 
 
 def logit(score: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -42,10 +48,29 @@ def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.floa
     if family == "mmdeploy":
         dets = np.hstack([boxes, 0 * score])[None], np.hstack([none, score])[None]
         return {"dets": dets, "labels": (CLASSES[None].astype(np.int64), np.zeros(0))}
+    if family == "rtdetr":  # in a graph's own order, which is not the family's
+        return {
+            "scores": (np.zeros((1, 3)), SCORES[None]),
+            "labels": (CLASSES[None].astype(np.int64), np.zeros(0)),
+            "boxes": (boxes[None], none[None]),
+        }
+    if family == "ppyoloe":
+        rows = np.vstack([np.hstack([klass, 0 * score, boxes]), [-1, 0, 0, 0, 0, 0], [1, 0.99, 0, 0, 9, 9]])
+        gain = np.zeros((5, 6))
+        gain[:3, 1] = SCORES
+        return {
+            "nms_0": (rows, gain),
+            "nms_1": (np.array([4], np.int64), np.zeros(0)),
+        }  # the fifth: another's
     centres = np.hstack([(boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]])
     shares = centres / np.array([SIZE_PX[1], SIZE_PX[0]] * 2)
     base, gain = np.full((1, 3, 4), -20.0), np.zeros((1, 3, 4))  # four wide, as the boxes
     gain[0, np.arange(3), CLASSES] = logit(SCORES) + 20
+    if family == "detr":
+        odds = np.zeros((1, 3, 4))  # beside three logits of 0 and -20: softmax is the sigmoid, nearly
+        base[0, :, 3] = 0
+        odds[0, np.arange(3), CLASSES] = logit(SCORES) + 20
+        return {"logits": (base, odds), "pred_boxes": (shares[None], np.zeros_like(shares)[None])}
     return {"labels": (base, gain), "dets": (shares[None], np.zeros_like(shares)[None])}
 
 
@@ -74,10 +99,14 @@ def graph(
             constants.append(numpy_helper.from_array(gain.astype(kind), f"{name}_gain"))
             nodes.append(helper.make_node("Mul", ["brightness", f"{name}_gain"], [f"{name}_part"]))
             nodes.append(helper.make_node("Add", [f"{name}_base", f"{name}_part"], [name]))
-        shape = ["answers", 7] if family == "yolov7" else list(base.shape)
+        whole = family in ("yolov7", "ppyoloe") and base.ndim == 2
+        shape = ["answers", base.shape[1]] if whole else list(base.shape)
         outputs.append(helper.make_tensor_value_info(name, TensorProto.INT64 if integral else dtype, shape))
-    images = helper.make_tensor_value_info("images", dtype, [batch, 3, *size])
-    made = helper.make_graph(nodes, family, [images], outputs, constants)
+    inputs = [helper.make_tensor_value_info("images", dtype, [batch, 3, *size])]
+    for name, kind_of, shape in EXTRAS.get(family, ()):
+        inputs.insert(0, helper.make_tensor_value_info(name, kind_of, [batch, *shape]))
+        nodes.append(helper.make_node("Identity", [name], [f"{name}_seen"]))
+    made = helper.make_graph(nodes, family, inputs, outputs, constants)
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
     onnx.checker.check_model(model)
     onnx.save(model, path)
@@ -114,8 +143,8 @@ def test_known_answers(family: str, form: dict[str, object], tmp_path: Path) -> 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_families_are_recognised_and_what_is_assumed_is_said(family: str, tmp_path: Path) -> None:
     path = graph(tmp_path / "m.onnx", family)
-    if family == "rfdetr":
-        with pytest.raises(ModelError, match="4 classes but nothing names them"):
+    if family in ("rfdetr", "detr"):
+        with pytest.raises(ModelError, match=r"[34] classes but nothing names them"):
             Detector(path)
         return
     contract = Detector(path).contract
@@ -136,3 +165,17 @@ def test_cocos_own_ids() -> None:
     assert {number: COCO91[number] for number in at} == at
     assert [name for name in COCO91 if not name.startswith("unused")] == list(COCO80)
     assert Contract("rfdetr", "coco91").classes == COCO91  # type: ignore[arg-type]
+
+
+def test_extra_inputs_say_the_inputs_own_size() -> None:
+    inputs = [TensorInfo(name, (1,), kind) for name, kind in (
+        ("orig_target_sizes", "tensor(int64)"), ("im_shape", "tensor(float)"),
+        ("scale_factor", "tensor(float)"), ("pixel_mask", "tensor(int64)"),
+    )]  # fmt: skip
+    feeds = extra_feeds(inputs, (64, 96), 2)
+    assert feeds is not None
+    assert feeds["orig_target_sizes"].tolist() == [[96, 64]] * 2  # width first
+    assert feeds["im_shape"].tolist() == [[64, 96]] * 2
+    assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
+    assert feeds["pixel_mask"].shape == (2, 64, 96)
+    assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None

@@ -6,10 +6,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from blurnoise_eval.contract import FIELDS, Contract, ModelError, exported_fields, preset, stated_contract
-from blurnoise_eval.formats import fastestdet, mmdeploy, rfdetr, yolov5, yolov7, yolov8, yolov10, yolox
+from blurnoise_eval.formats import (
+    detr,
+    fastestdet,
+    mmdeploy,
+    ppyoloe,
+    rfdetr,
+    rtdetr,
+    yolov5,
+    yolov7,
+    yolov8,
+    yolov10,
+    yolox,
+)
 from blurnoise_eval.formats.signature import Family, Signature
 
-FAMILIES: tuple[Family, ...] = (yolov5, yolov7, yolov8, yolov10, yolox, rfdetr, mmdeploy, fastestdet)
+FAMILIES: tuple[Family, ...] = (
+    yolov5, yolov7, yolov8, yolov10, yolox, rtdetr, rfdetr, detr, mmdeploy, ppyoloe, fastestdet,
+)  # fmt: skip
 
 
 def resolve(

@@ -28,8 +28,9 @@ class TensorInfo:
 class Signature:
     """A graph's inputs, outputs and metadata.
 
+    inputs: the picture first, then those of :func:`extra_feeds`.
     ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``; None where
-    the graph does not take one picture of three channels.
+    the graph does not take one picture of three channels, or other inputs that are not known.
     """
 
     inputs: tuple[TensorInfo, ...]
@@ -71,6 +72,31 @@ class Family(Protocol):
         self, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float
     ) -> Candidates:
         """Return the candidates that reach ``min_score``, boxes in px of the network's input."""
+
+
+def extra_feeds(
+    inputs: Sequence[TensorInfo], size_px: tuple[int, int], batch: int
+) -> dict[str, NDArray[np.generic]] | None:
+    """What inputs beside the picture are fed, by their well-known names; None where one is not known.
+
+    Each tells the graph that the picture has the input's own size, so that boxes come back in its px.
+    """
+    height, width = size_px
+    known: dict[str, NDArray[np.generic]] = {
+        "orig_target_sizes": np.array([[width, height]], np.int64),  # RT-DETR
+        "im_shape": np.array([[height, width]], np.float32),  # PaddleDetection
+        "scale_factor": np.ones((1, 2), np.float32),  # (y, x)
+        "pixel_mask": np.ones((1, height, width), np.int64),  # DETR
+    }
+    if any(entry.name not in known or entry.type not in _EXTRA_TYPES for entry in inputs):
+        return None
+    return {
+        entry.name: np.repeat(known[entry.name].astype(_EXTRA_TYPES[entry.type]), batch, axis=0)
+        for entry in inputs
+    }
+
+
+_EXTRA_TYPES = {"tensor(int64)": np.int64, "tensor(int32)": np.int32, "tensor(float)": np.float32}
 
 
 def cells(size_px: tuple[int, int], strides: Sequence[int] = (8, 16, 32)) -> int:
