@@ -318,8 +318,8 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
         "--contract",
         metavar="FILE|PRESET",
         help="how pictures enter the model and what its classes are: a JSON or YAML file, or yolov5, yolov7, "
-        "yolov8, yolov10, yolox, rtdetr, rfdetr, detr, mmdeploy, ppyoloe, fastestdet (default: MODEL.contract.json beside the model, "
-        "then its metadata, then its shape)",
+        "yolov8, yolov10, yolox, rtdetr, rfdetr, detr, mmdeploy, ppyoloe, fastestdet (default: MODEL.contract.json "
+        "beside the model, then its metadata, then its shape)",
     )
     what.add_argument(
         "--images", type=Path, metavar="DIR", help="a folder; targets: what is found when clean"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from blurnoise_eval import formats
 from blurnoise_eval.contract import COCO80, COCO91, Contract, ModelError
 from blurnoise_eval.formats.signature import TensorInfo, extra_feeds
 from blurnoise_eval.onnx_model import Detector
@@ -55,7 +56,7 @@ def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.floa
             "boxes": (boxes[None], none[None]),
         }
     if family == "ppyoloe":
-        rows = np.vstack([np.hstack([klass, 0 * score, boxes]), [-1, 0, 0, 0, 0, 0], [1, 0.99, 0, 0, 9, 9]])
+        rows = np.vstack([np.hstack([klass, 0 * score, boxes]), [-1, 0.7, 0, 0, 9, 9], [1, 0.99, 0, 0, 9, 9]])
         gain = np.zeros((5, 6))
         gain[:3, 1] = SCORES
         return {
@@ -179,3 +180,13 @@ def test_extra_inputs_say_the_inputs_own_size() -> None:
     assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
     assert feeds["pixel_mask"].shape == (2, 64, 96)
     assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None
+
+
+@pytest.mark.parametrize("family", ["yolov10", "yolov7", "ppyoloe"])
+def test_a_class_that_is_no_number_is_dropped(family: str) -> None:
+    module = next(each for each in formats.FAMILIES if family == each.NAME)
+    values = [(base + gain).astype(np.float32) for base, gain in list(tensors(family).values())[:1]]
+    column = {"yolov10": 5, "yolov7": 5, "ppyoloe": 0}[family]
+    values[0].reshape(-1, values[0].shape[-1])[0, column] = np.nan
+    found = module.decode([*values, np.array([3], np.float32)], SIZE_PX, 0.001)
+    np.testing.assert_allclose(found.scores, SCORES[1:], rtol=1e-6)

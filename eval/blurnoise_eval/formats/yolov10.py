@@ -27,5 +27,5 @@ def class_count(signature: Signature) -> int | None:
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
     """Rows of left, top, right, bottom in px, score, class; rows of zeros are padding."""
     rows = outputs[0][0]
-    rows = rows[(rows[:, 2:4] > rows[:, :2]).all(axis=1) & np.isfinite(rows[:, 5])]
+    rows = rows[np.isfinite(rows[:, 5])]
     return select_corners(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64), min_score)
