@@ -24,7 +24,7 @@ from torch import Tensor
 from blurnoise import rng
 from blurnoise.camera import Camera
 from blurnoise.checks import Numbers, image_batch, in_range, one_of, per_image
-from blurnoise.encoding import Encoding, srgb_from_linear
+from blurnoise.encoding import Encoding
 from blurnoise.sensor import Fidelity, develop
 from blurnoise.simulate import simulate
 
@@ -79,7 +79,7 @@ def expose_pictures(
             generator=[seeds[item] for item in of],
             fidelity=fidelity,
         )
-        return _developed(dn, camera, encoding)
+        return develop(dn, camera, encoding=encoding)
 
     taken_by: dict[Camera, list[int]] = {}
     for item in range(batch):
@@ -320,11 +320,3 @@ def _clamped(image: Tensor) -> Tensor:
             "normalise after this augmentation"
         )
     return image.clamp(0.0, 1.0) if low < 0.0 or high > 1.0 else image
-
-
-def _developed(dn: Tensor, camera: Camera, encoding: Encoding) -> Tensor:
-    """:func:`blurnoise.develop`, by formula where gradients are asked for: its table has none."""
-    if not dn.requires_grad:
-        return develop(dn, camera, encoding=encoding)
-    light = (dn - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
-    return srgb_from_linear(light) if encoding == "srgb" else light.clamp(0.0, 1.0)

@@ -342,8 +342,11 @@ def develop(dn: Tensor, camera: Camera, *, encoding: Encoding = "srgb") -> Tenso
     """Digital numbers to a picture in [0, 1] for viewing and for detectors; no automatic gain.
 
     (dn - black) / (full scale - black), clamped, then sRGB-coded unless ``encoding`` is "linear".
-    dn: any shape, integral values within the converter's range. Returns dn's floating dtype.
+    dn: any shape, integral values within the converter's range. Returns dn's floating dtype. Where gradients
+    are asked for it goes by the formula, else by a table of it.
     """
+    if dn.requires_grad and torch.is_grad_enabled():
+        return _developed(dn, camera, encoding)
     return _look_up(_tones(camera, encoding).to(dn), dn)
 
 
@@ -361,9 +364,12 @@ def tones_8bit(camera: Camera) -> Tensor:
 @lru_cache(maxsize=8)
 def _tones(camera: Camera, encoding: Encoding) -> Tensor:
     """The developed value of every digital number, float64 on the CPU."""
+    return _developed(torch.arange(camera.full_scale_dn + 1, dtype=torch.float64), camera, encoding)
+
+
+def _developed(dn: Tensor, camera: Camera, encoding: Encoding) -> Tensor:
     one_of("encoding", encoding, ("srgb", "linear"))
-    codes = torch.arange(camera.full_scale_dn + 1, dtype=torch.float64)
-    light = (codes - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
+    light = (dn - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
     return srgb_from_linear(light) if encoding == "srgb" else light.clamp(0.0, 1.0)
 
 

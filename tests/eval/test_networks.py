@@ -70,3 +70,16 @@ def test_costs_are_medians_per_picture_and_their_ratios(monkeypatch: pytest.Monk
     assert facts["step_ms_per_picture"] == {"float32": 20.0, "bfloat16": 10.0}
     assert facts["augmentation_ms_per_picture"] == {"exposure": 2.0}
     assert facts["percent_of_step"] == {"exposure, float32": 10.0, "exposure, bfloat16": 20.0}
+
+
+@pytest.mark.parametrize("wrong", [["--count", "0"], ["--seed", "-1"], ["--size", "5"]])
+def test_wrong_scenes_leave_earlier_ones_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: list[str]
+) -> None:
+    earlier = tmp_path / "instances.json"
+    earlier.write_text("{}")
+    assert main(["scenes", "-o", str(tmp_path), *wrong]) == 2
+    assert wrong[0].strip("-") in capsys.readouterr().err
+    assert earlier.read_text() == "{}"
+    assert main(["scenes", "-o", str(tmp_path / "new"), *wrong]) == 2
+    assert not (tmp_path / "new").exists()

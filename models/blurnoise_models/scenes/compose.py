@@ -38,6 +38,7 @@ from blurnoise_models.scenes.paint import (
 from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
 from blurnoise_models.scenes.things import thing
 
+_LEAST_SIDE_PX = 64
 LABEL = "stop sign"
 SMALLEST_PX, LARGEST_PX = 16.0, 200.0  # larger side of a sign's box, in a picture of 320 px
 _DESIGN_PX = 320
@@ -64,7 +65,7 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     fewer than 64 px.
     """
     rng = default_rng([_integer("seed", seed, 0), _integer("index", index, 0)])
-    n = _integer("size_px", size_px, 64)
+    n = _integer("size_px", size_px, _LEAST_SIDE_PX)
     canvas = ground(rng, n)
     wanted = int(np.searchsorted(_SIGNS, rng.random()))
     crowded = 1.6 if wanted == 0 else 1.0
@@ -102,12 +103,14 @@ def write_coco(
     The JSON file comes last, and whole: where it stands, all its pictures do. ``progress`` is told how many
     scenes were added. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
     """
+    for name, value, low in (("seed", seed, 0), ("count", count, 1), ("size_px", size_px, _LEAST_SIDE_PX)):
+        _integer(name, value, low)  # before anything is touched
     folder.mkdir(parents=True, exist_ok=True)
     listing = folder / "instances.json"
     listing.unlink(missing_ok=True)  # an older one would lie about the new pictures
     images: list[dict[str, object]] = []
     annotations: list[dict[str, object]] = []
-    for index in range(_integer("count", count, 1)):
+    for index in range(count):
         one = scene(seed, index, size_px=size_px)
         name = f"{index:06d}.png"
         data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
