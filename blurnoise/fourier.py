@@ -30,6 +30,7 @@ _Array = TypeVar("_Array", Tensor, NDArray[Any])
 _TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise
 _JOIN = 0.05  # cycles/px below half of one, over which a response is led into its alias
 _STILL_PX = 1e-3  # motion along an axis that is not worth its transform: an error of 1e-7
+_STRIP = 3 << 16  # values of a strip of rows
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis
 _LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
 
@@ -183,10 +184,13 @@ def _multiply_planes(
     """One picture (C, H, W) through OpenCV's transform, plane by plane and tile by tile."""
     y, x, (dx, dy) = plan.y, plan.x, motion_px
     sources, targets = picture.numpy(), out.numpy()
+    if plan.dims == (-1,):
+        _multiply_rows(sources, dx, x, border, targets, threads)
+        return
     if plan.dims == (-2,):  # columns are the rows of the turned picture
-        y, x, dx, dy = x, y, dy, dx
-        sources, targets = sources.swapaxes(1, 2), targets.swapaxes(1, 2)
-    lengths = (y.length if len(plan.dims) == 2 else 1, x.length)
+        _multiply_rows(sources.swapaxes(1, 2), dy, y, border, targets.swapaxes(1, 2), threads)
+        return
+    lengths = (y.length, x.length)
     with borrowed([(len(sources), y.span, x.span), lengths], sources.dtype) as (planes, factors):
         for source, plane in zip(sources, planes, strict=True):
             continued(source, plane, (y.before, x.before), border)
@@ -194,7 +198,7 @@ def _multiply_planes(
 
         def blur(at: tuple[int, int, int]) -> None:
             channel, top, left = at
-            with borrowed([(y.length, x.length)] * 2, planes.dtype) as scratch:
+            with borrowed([lengths] * 2, planes.dtype) as scratch:
                 tile = planes[channel, top : top + y.length, left : left + x.length]
                 blurred = packed.multiply(tile, factors, scratch)
                 target = targets[channel, top : top + y.core, left : left + x.core]
@@ -202,6 +206,40 @@ def _multiply_planes(
                 target[:] = blurred[y.before : y.before + rows, x.before : x.before + columns]
 
         side_by_side(blur, product(range(len(planes)), y.starts, x.starts), threads)
+
+
+def _multiply_rows(
+    sources: packed.Plane, along_px: float, x: Axis, border: Border, targets: packed.Plane, threads: int
+) -> None:
+    """Pictures (C, H, W) along their rows, in strips of rows that stay in a core's cache from border to result."""
+    channels, height, _ = sources.shape
+    strip = min(height, max(1, _STRIP // x.span))
+    row = _row_factors(along_px, x.length, sources.dtype)
+    with borrowed([(strip, x.length)], sources.dtype) as (factors,):
+        factors[:] = row
+
+        def blur(at: tuple[int, int]) -> None:
+            channel, top = at
+            source, target = sources[channel, top : top + strip], targets[channel, top : top + strip]
+            rows, columns = source.shape
+            with borrowed([(rows, x.span), (rows, x.length), (rows, x.length)], sources.dtype) as work:
+                plane, *scratch = work
+                continued(source, plane, (0, x.before), border)
+                for left in x.starts:
+                    tile = plane[:, left : left + x.length]
+                    blurred = packed.multiply(tile, factors[:rows], scratch, rows_alone=True)
+                    core = min(x.core, columns - left)
+                    target[:, left : left + core] = blurred[:, x.before : x.before + core]
+
+        side_by_side(blur, product(range(channels), range(0, height, strip)), threads)
+
+
+@lru_cache(maxsize=256)
+def _row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Plane:
+    """A sweep moves many pictures alike: the factors of one row, (1, length), not to be written to."""
+    factors = np.empty((1, length), kind)
+    _plane_factors((along_px, 0.0), SHARP, (1, length), factors)
+    return factors
 
 
 def _response(displacement_px: Tensor, optics: Optics, plan: Plan) -> Tensor:

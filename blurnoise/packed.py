@@ -19,7 +19,7 @@ Plane = NDArray[Any]
 
 
 def pack(response: Plane, out: Plane) -> None:
-    """Lay out a transfer function as the factors of a packed spectrum.
+    """Lay out a transfer function as the factors of a packed spectrum, divided by ``out``'s size for the way back.
 
     response: (h, w / 2 + 1), at the frequencies of ``rfft2`` and even in both axes together, or for transforms
     of rows alone (1, w / 2 + 1). out: (h, w) or (1, w), w even.
@@ -27,13 +27,18 @@ def pack(response: Plane, out: Plane) -> None:
     out[:, 1:-1:2] = out[:, 2:-1:2] = response[:, 1:-1]
     down = (np.arange(len(response)) + 1) // 2
     out[:, 0], out[:, -1] = response[down, 0], response[down, -1]
+    out /= out.size
 
 
-def multiply(plane: Plane, factors: Plane, scratch: Sequence[Plane]) -> Plane:
-    """The plane times the packed ``factors``, in the second of two ``scratch`` planes of the plane's size."""
+def multiply(plane: Plane, factors: Plane, scratch: Sequence[Plane], *, rows_alone: bool = False) -> Plane:
+    """The plane times the packed ``factors``, in the second of two ``scratch`` planes of the plane's size.
+
+    factors: what ``pack`` laid out. rows_alone: only rows are transformed, and ``factors`` are theirs, one row or
+    as many as the plane's, which is faster.
+    """
     spectrum, blurred = scratch
-    rows = cv2.DFT_ROWS if len(factors) == 1 else 0
+    rows = cv2.DFT_ROWS if rows_alone else 0
     cv2.dft(plane, spectrum, rows)
     np.multiply(spectrum, factors, out=spectrum)
-    cv2.dft(spectrum, blurred, rows | cv2.DFT_INVERSE | cv2.DFT_SCALE)
+    cv2.dft(spectrum, blurred, rows | cv2.DFT_INVERSE)
     return blurred

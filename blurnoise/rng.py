@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -20,6 +21,9 @@ Randomness = torch.Generator | Sequence[int] | int | None
 INVERSION_BELOW = 10.0
 """Mean counts below which :func:`poisson_of_normal` inverts the distribution itself."""
 _LARGEST_COUNT = 64  # of a mean below 10: beyond, the chance is below 1e-28
+_CELLS = 32  # to one, of the mean and of z: a power of two, so that finding the cell rounds nothing
+_TAIL = 6  # of z: further out the sum itself is short of digits
+_UNKNOWN = 255
 _SEED_LIMIT = 2**63 - 1
 
 
@@ -76,20 +80,44 @@ def poisson_of_normal(mean: Tensor, normal: Tensor) -> Tensor:
     with the correction of Cornish and Fisher, x = round(mean + z sqrt(mean - 5/36) + (z^2 - 1) / 6), whose
     total variation distance is 0.0022 at a mean of 10, 0.0002 at 100. No gradient passes.
     """
-    mean, normal = mean.detach(), normal.detach()
-    below = mean < INVERSION_BELOW
-    if bool(below.all()):
-        return _inverted(mean, normal)
-    spread = torch.sqrt((mean - 5 / 36).clamp_min_(0.0))
-    counts = torch.addcmul((mean - 1 / 6).addcmul_(normal, normal, value=1 / 6), spread, normal)
+    mean_, normal_ = mean.detach().reshape(-1), normal.detach().reshape(-1)
+    (low,) = torch.nonzero(mean_ < INVERSION_BELOW, as_tuple=True)
+    if len(low) == len(mean_):
+        return _inverted(mean_, normal_).view(mean.shape)
+    spread = torch.sqrt((mean_ - 5 / 36).clamp_min_(0.0))
+    counts = torch.addcmul((mean_ - 1 / 6).addcmul_(normal_, normal_, value=1 / 6), spread, normal_)
     counts.round_().clamp_min_(0.0)
-    if bool(below.any()):
-        counts[below] = _inverted(mean[below], normal[below])
-    return counts
+    if len(low):
+        counts.index_copy_(0, low, _inverted(mean_.index_select(0, low), normal_.index_select(0, low)))
+    return counts.view(mean.shape)
 
 
 def _inverted(mean: Tensor, normal: Tensor) -> Tensor:
-    """The least k at which Poisson's distribution function reaches Phi(z)."""
+    """The least k at which Poisson's distribution function reaches Phi(z), for values (n,) of a mean below 10.
+
+    k grows with the mean and with z: where a cell of both has one k at two opposite corners, it is k throughout.
+    """
+    column = torch.floor(normal * _CELLS).clamp_(-_TAIL * _CELLS, _TAIL * _CELLS - 1).int()
+    cell = (mean * _CELLS).int().mul_(2 * _TAIL * _CELLS).add_(column).add_(_TAIL * _CELLS)
+    known = _known_counts(mean.device).index_select(0, cell)
+    counts = known.to(mean.dtype)
+    (rest,) = torch.nonzero(known == _UNKNOWN, as_tuple=True)
+    return counts.index_copy_(0, rest, _summed(mean.index_select(0, rest), normal.index_select(0, rest)))
+
+
+@lru_cache(maxsize=8)
+def _known_counts(device: torch.device) -> Tensor:
+    """The k of every cell of mean and z, both cut in ``_CELLS`` to one, flat; ``_UNKNOWN`` where it holds several."""
+    means = torch.arange(int(INVERSION_BELOW) * _CELLS + 1, dtype=torch.float64) / _CELLS
+    normals = torch.arange(-_TAIL * _CELLS, _TAIL * _CELLS + 1, dtype=torch.float64) / _CELLS
+    corners = _summed(*torch.meshgrid(means, normals, indexing="ij"))
+    known = torch.where(corners[:-1, :-1] == corners[1:, 1:], corners[:-1, :-1], _UNKNOWN)
+    known[:, [0, -1]] = _UNKNOWN  # they stand for all that is beyond
+    return known.to(torch.uint8).flatten().to(device)
+
+
+def _summed(mean: Tensor, normal: Tensor) -> Tensor:
+    """``_inverted``, by adding up the distribution."""
     level = torch.special.ndtr(normal)
     chance = torch.exp(-mean)
     reached, counts, beyond = chance.clone(), torch.zeros_like(mean), torch.empty_like(mean, dtype=torch.bool)

@@ -6,32 +6,25 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import rng
+from blurnoise import frames, rng
 from blurnoise.camera import Camera
 from blurnoise.checks import Numbers, image_batch, non_negative, one_of, per_image
 from blurnoise.encoding import Encoding, srgb_from_linear
-from blurnoise.scratch import borrowed
+from blurnoise.frames import Law
 from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
 from blurnoise.threads import WORTH_IT, in_pieces, side_by_side
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`noisy_electrons`."""
-_CHUNK = 1 << 17  # values handled at a time: the temporaries stay in a core's cache
-_SHARED_CHUNK = 1 << 19  # where threads run pictures side by side: fewer hand-overs between them
 Fidelity = Literal["auto", "full"]
-Law = Literal["none", "merged", "counts", "exact"]
 FixedPattern = tuple[Tensor, Tensor]
-Buffers = tuple[Tensor | None, Tensor | None, Tensor | None]
 
 
 def photoelectrons(
@@ -128,6 +121,7 @@ def read_out(
     noise: bool = True,
     quantised: bool = True,
     normal: Tensor | None = None,
+    read: Tensor | None = None,
     tones: Tensor | None = None,
     out: Tensor | None = None,
 ) -> Tensor:
@@ -147,98 +141,82 @@ def read_out(
     :func:`noisy_electrons`, rounding lets them through unchanged, a clipped pixel has none.
 
     For a caller who exposes one picture many times: normal, the N(0, 1) field of ``rng.standard_normal`` for
-    these seeds, drawn once; tones, a value per digital number (such as :func:`tones_8bit`), which is returned
-    instead of the digital number itself. out: where to write, of the result's shape and dtype, contiguous; it
-    may be ``scene``. Gradients leave it unused.
+    these seeds, drawn once, and read, that of its stream "read", for where read noise has a draw of its own;
+    tones, a value per digital number (such as :func:`tones_8bit`), which is returned instead of the digital
+    number itself. A picture expanded to a batch of lights, its normal likewise, gives the same bits in less
+    time than light by light. out: where to write, of the result's shape and dtype, contiguous or channels last;
+    it may be ``scene``. Gradients leave it unused.
     """
     batch = len(scene)
     one_of("fidelity", fidelity, ("auto", "full"))
     exposure = per_image("exposure_s", exposure_s, batch, scene, low=0.0)
     temperature = per_image("temperature_c", temperature_c, batch, scene, low=-273.15, high=300.0)
-    white = per_image("white_e", white_e, batch, scene, low=0.0)[:, None, None, None]
-    dark = dark_electrons(camera, exposure, temperature)[:, None, None, None]
+    white = per_image("white_e", white_e, batch, scene, low=0.0)
+    dark = dark_electrons(camera, exposure, temperature)
     seeds = rng.item_seeds(generator, batch)
-    on_cpu = scene.device.type == "cpu"
     gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)
     differentiable = torch.is_grad_enabled() and any(each.requires_grad for each in (scene, white, dark))
     law = _law(camera, fidelity, noise, differentiable)
-
     if not differentiable:  # threads below would else start with gradients on
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
 
     def planes(of: slice) -> _Planes:
         light, drawn = scene[of], seeds[of]
-        field = read = counts = None
+        field = own = counts = None
         if law in ("merged", "counts"):
             field = rng.standard_normal(drawn, light) if normal is None else normal[of]
         if law in ("counts", "exact") and camera.read_noise_e > 0:
-            read = rng.standard_normal(drawn, light, "read")
+            own = rng.standard_normal(drawn, light, "read") if read is None else read[of]
         if law == "exact":
-            counts = rng.poisson(_mean_electrons(light, white[of], dark[of], gain, None), drawn)
-        return _Planes(light, field, read, counts, gain, offset_e)
+            counts = rng.poisson(_mean_electrons(light, _over(white[of]), _over(dark[of]), gain), drawn)
+        return _Planes(light, field, own, counts, gain, offset_e)
 
-    if differentiable or not quantised:
-        dn = _frame(planes(slice(None)), white, dark, law, camera, quantised=quantised)
-        return dn if tones is None else _look_up(tones, dn)
+    if differentiable or not quantised or scene.device.type != "cpu":
+        dn = _frame(planes(slice(None)), _over(white), _over(dark), law, camera, quantised=quantised)
+        seen = dn if tones is None else _look_up(tones, dn)
+        return seen if differentiable or out is None else out.copy_(seen)
     if out is None:
-        dtype = scene.dtype if tones is None else tones.dtype
-        out = torch.empty(scene.shape, dtype=dtype, device=scene.device)
-    frames = out
+        out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype)
+    targets, interleaved = _targets(out)
+    whites, darks = white.tolist(), dark.tolist()
+    threads = torch.get_num_threads() if out.numel() >= WORTH_IT else 1
 
-    def expose_item(item: int) -> None:
-        light, *rest = planes(slice(item, item + 1))
-        flat = (None if plane is None else plane.reshape(-1) for plane in rest)
-        dark_of = dark[item, 0, 0] if bool(dark[item]) else None
-        target = frames[item].view(-1)
-        _in_pieces(
-            _Planes(light.reshape(-1), *flat),
-            white[item, 0, 0],
-            dark_of,
-            law,
+    def expose_items(of: slice) -> None:
+        light, *others = planes(slice(of.start, of.start + 1))
+        flat = [None if plane is None else plane.reshape(scene.shape[1], -1).numpy() for plane in others]
+        lights = zip(whites[of], darks[of], targets[of], strict=True)
+        frames.expose(
+            frames.Planes(light.reshape(scene.shape[1], -1).numpy(), *flat),
+            [frames.Exposure(*each, interleaved) for each in lights],
             camera,
-            tones,
-            target,
-            chunk,
+            law,
+            None if tones is None else tones.numpy(),
             threads,
         )
 
-    pixels = frames[0].numel()
-    threads = torch.get_num_threads() if on_cpu and frames.numel() >= WORTH_IT else 1
-    if not on_cpu:
-        chunk = pixels
-    elif threads == 1:
-        chunk = _CHUNK
-    else:  # a batch shares out its pictures, a single picture its pieces
-        chunk = min(_SHARED_CHUNK, pixels if batch > 1 else math.ceil(pixels / threads))
-    side_by_side(expose_item, range(batch), threads)
-    return frames
+    alike = [scene] if law == "none" else [scene, normal]
+    once = (
+        law in ("none", "merged")
+        and all(each is not None and each.stride(0) == 0 for each in alike)
+        and max(whites) <= frames.MOST_APART * min(whites)
+    )
+    step = batch if once else 1
+    side_by_side(expose_items, [slice(first, first + step) for first in range(0, batch, step)], threads)
+    return out
 
 
-def _in_pieces(
-    planes: _Planes,
-    white_e: Tensor,
-    dark_e: Tensor | None,
-    law: Law,
-    camera: Camera,
-    tones: Tensor | None,
-    out: Tensor,
-    chunk: int,
-    threads: int,
-) -> None:
-    """One picture, flat, through the chain into ``out``, piece by piece: the temporaries stay in the cache."""
-    parts = torch.split(out, chunk)
-    pieces = ([None] * len(parts) if plane is None else torch.split(plane, chunk) for plane in planes)
+def _over(values: Tensor) -> Tensor:
+    """One value per picture, (B,), over its pixels."""
+    return values[:, None, None, None]
 
-    def expose_piece(job: tuple[Any, ...]) -> None:
-        part, *piece = job
-        with _scratch(len(part), planes.scene) as scratch:
-            first, second, third = scratch
-            into = (part if tones is None else first, second, third)
-            dn = _frame(_Planes(*piece), white_e, dark_e, law, camera, into)
-            if tones is not None:
-                torch.index_select(tones, 0, dn.to(torch.int32), out=part)
 
-    side_by_side(expose_piece, zip(parts, *pieces, strict=True), threads)
+def _targets(out: Tensor) -> tuple[list[frames.Plane], bool]:
+    """Each frame of a batch as (C, n), or as (n, C) where colours lie next to each other, which is also told."""
+    if out.is_contiguous():
+        return [frame.view(len(frame), -1).numpy() for frame in out], False
+    if out.is_contiguous(memory_format=torch.channels_last):
+        return [frame.permute(1, 2, 0).view(-1, len(frame)).numpy() for frame in out], True
+    raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
 
 
 def _law(camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool) -> Law:
@@ -252,42 +230,26 @@ def _law(camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool) 
     return "merged" if camera.read_noise_e >= MERGE_READ_NOISE_E else "counts"
 
 
-@contextmanager
-def _scratch(length: int, like: Tensor) -> Iterator[Tensor]:
-    """Three buffers of ``length``."""
-    if like.device.type != "cpu":
-        yield like.new_empty(3, length)
-        return
-    with borrowed([(3, length)], like.new_empty(0).numpy().dtype) as (memory,):
-        yield torch.from_numpy(memory)
-
-
-def noisy_electrons(
-    mean_e: Tensor, read_noise_e: float, normal: Tensor, into: Buffers = (None, None, None)
-) -> Tensor:
+def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:
     """Shot and read noise in one draw: a normal corrected to the skewness of Poisson(mean) + N(0, read^2).
 
     x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms
     of Cornish and Fisher): mean and variance exact. After gain and rounding the total variation distance
     from the exact law is below 0.008 everywhere and below 0.0005 from 100 electrons on, for a read noise of
     at least 1 electron; below that Poisson's integer steps show and :func:`read_out` draws counts instead.
-    mean_e, normal: any shape. into: three buffers of that shape to work in (the first may be mean_e).
+    mean_e, normal: any shape.
     """
-    mean_into, spread_into, skew_into = into
     # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
-    variance = torch.add(mean_e, max(read_noise_e**2, 1e-6), out=spread_into)
-    skew6 = torch.div(mean_e, variance, out=skew_into)  # 6 k
-    spread = torch.addcmul(variance, skew6, skew6, value=-2 / 36, out=spread_into)
+    variance = mean_e + max(read_noise_e**2, 1e-6)
+    skew = mean_e / variance / 6
+    spread = variance - 2 * skew * skew
     if read_noise_e**2 < 1 / 18:  # else v > 2 k^2 throughout
-        spread = torch.clamp(spread, min=1e-6, out=spread_into)
-    spread = torch.sqrt(spread, out=spread_into)
-    spread = torch.addcmul(spread, skew6, normal, value=1 / 6, out=spread_into)  # s + k z
-    centre = torch.add(mean_e, skew6, alpha=-1 / 6, out=mean_into)
-    return torch.addcmul(centre, spread, normal, out=mean_into)
+        spread = spread.clamp(min=1e-6)
+    return mean_e - skew + (torch.sqrt(spread) + skew * normal) * normal
 
 
 class _Planes(NamedTuple):
-    """What varies over a frame, or over a piece of one."""
+    """What varies over a frame; see :class:`blurnoise.frames.Planes`."""
 
     scene: Tensor
     normal: Tensor | None
@@ -298,44 +260,29 @@ class _Planes(NamedTuple):
 
 
 def _frame(
-    planes: _Planes,
-    white_e: Tensor,
-    dark_e: Tensor | None,
-    law: Law,
-    camera: Camera,
-    into: Buffers = (None, None, None),
-    *,
-    quantised: bool = True,
+    planes: _Planes, white_e: Tensor, dark_e: Tensor, law: Law, camera: Camera, *, quantised: bool
 ) -> Tensor:
-    """The chain, element by element; in ``into``'s buffers where no gradient is asked for."""
+    """The chain, element by element, differentiable and on any device."""
     scene, normal, read, counts, gain, offset_e = planes
-    out = into[0]
-    electrons = counts if counts is not None else _mean_electrons(scene, white_e, dark_e, gain, out)
+    electrons = counts if counts is not None else _mean_electrons(scene, white_e, dark_e, gain)
     if law == "merged" and normal is not None:
-        electrons = noisy_electrons(electrons, camera.read_noise_e, normal, into)
+        electrons = noisy_electrons(electrons, camera.read_noise_e, normal)
     elif law == "counts" and normal is not None:
         electrons = rng.poisson_of_normal(electrons, normal)
     if read is not None:
-        electrons = torch.add(electrons, read, alpha=camera.read_noise_e, out=out)
+        electrons = electrons + camera.read_noise_e * read
     if offset_e is not None:
-        electrons = torch.add(electrons, offset_e, out=out)
-    dn = torch.mul(electrons, camera.system_gain_dn_per_e, out=out)
-    dn = torch.add(dn, camera.black_level_dn, out=out)
-    if quantised:
-        # Beside a derivative, rounding adds a constant: its own derivative would be 0 throughout.
-        dn = dn + (torch.round(dn) - dn).detach() if dn.requires_grad else torch.round(dn, out=out)
-    return torch.clamp(dn, 0.0, camera.clip_dn, out=out)  # the full well's clip, after the same rounding
+        electrons = electrons + offset_e
+    dn = electrons * camera.system_gain_dn_per_e + camera.black_level_dn
+    if quantised:  # beside a derivative, rounding adds a constant: its own derivative would be 0 throughout
+        dn = dn + (torch.round(dn) - dn).detach()
+    return dn.clamp(0.0, camera.clip_dn)  # the full well's clip, after the same rounding
 
 
-def _mean_electrons(
-    scene: Tensor, white_e: Tensor, dark_e: Tensor | None, gain: Tensor | None, out: Tensor | None
-) -> Tensor:
+def _mean_electrons(scene: Tensor, white_e: Tensor, dark_e: Tensor, gain: Tensor | None) -> Tensor:
     """What shot noise is drawn from: photo signal with PRNU, never below 0, and dark charge."""
-    photo_e = torch.mul(scene, white_e, out=out)
-    if gain is not None:
-        photo_e = torch.mul(photo_e, gain, out=out)
-    photo_e = torch.clamp(photo_e, min=0.0, out=out)
-    return photo_e if dark_e is None else torch.add(photo_e, dark_e, out=out)
+    photo_e = scene * white_e if gain is None else scene * white_e * gain
+    return photo_e.clamp(min=0.0) + dark_e
 
 
 def develop(dn: Tensor, camera: Camera, *, encoding: Encoding = "srgb") -> Tensor:

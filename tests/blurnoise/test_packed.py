@@ -31,8 +31,10 @@ def test_rows_alone() -> None:
     response = np.cos(np.fft.rfftfreq(16))[None]
     factors = np.empty((1, 16))
     packed.pack(response, factors)
-    got = packed.multiply(plane, factors, (np.empty_like(plane), np.empty_like(plane)))
-    np.testing.assert_allclose(got, np.fft.irfft(np.fft.rfft(plane) * response, n=16), atol=1e-14)
+    expected = np.fft.irfft(np.fft.rfft(plane) * response, n=16)
+    for each in (factors, np.repeat(factors, 5, axis=0)):
+        got = packed.multiply(plane, each, (np.empty_like(plane), np.empty_like(plane)), rows_alone=True)
+        np.testing.assert_allclose(got, expected, atol=1e-14)
 
 
 def test_borrowed_memory_is_ones_own() -> None:

@@ -106,3 +106,15 @@ def test_threads_draw_the_same_bits() -> None:
     finally:
         torch.set_num_threads(threads)
     assert torch.equal(*fields)
+
+
+def test_counts_from_cells_are_those_of_the_sum() -> None:
+    """Random values, and values on and beside the edges of the cells and far out in the tails."""
+    generator = torch.Generator().manual_seed(3)
+    mean = torch.rand(60_000, generator=generator, dtype=torch.float64) * 10
+    z = torch.randn(60_000, generator=generator, dtype=torch.float64) * 1.5
+    edges = torch.arange(-300, 300, dtype=torch.float64) / 32
+    nudged = torch.cat([edges, torch.nextafter(edges, edges + 1), torch.nextafter(edges, edges - 1)])
+    mean = torch.cat([mean, nudged.abs().clamp(max=9.99), mean[: len(nudged)]])
+    z = torch.cat([z, z[: len(nudged)], nudged])
+    assert torch.equal(rng.poisson_of_normal(mean, z), rng._summed(mean, z))
