@@ -189,6 +189,20 @@ def stop_sign_box(
     return max(box[0], 0.0), max(box[1], 0.0), min(box[2], float(width)), min(box[3], float(height))
 
 
+def stop_sign_text_box(
+    size_px: float, *, height_px: int | None = None, width_px: int | None = None
+) -> tuple[float, float, float, float]:
+    """Box (x0, y0, x1, y1), px, of the word STOP that :func:`stop_sign` draws upright for these arguments.
+
+    Tight: from the left of S to the right of P, and the letters' height. Raises as :func:`stop_sign` does.
+    """
+    stop_sign_box(size_px, height_px=height_px, width_px=width_px)
+    _, _, (x, y) = _sign_frame(size_px, height_px, width_px, None)
+    scale = size_px / _SIGN_IN
+    left, right, half = _S_X_IN - _S_HALF_IN, _P_X_IN + _P_HALF_IN, _LETTER_IN / 2
+    return x + left * scale, y - half * scale, x + right * scale, y + half * scale
+
+
 def _sign_frame(
     size_px: float, height_px: int | None, width_px: int | None, centre_px: tuple[float, float] | None
 ) -> tuple[int, int, tuple[float, float]]:

@@ -18,6 +18,7 @@ from blurnoise.charts import (
     slanted_edge,
     stop_sign,
     stop_sign_box,
+    stop_sign_text_box,
 )
 
 angles = st.floats(-720, 720)
@@ -317,6 +318,32 @@ def test_box_is_tight_around_the_drawn_sign(size_px: float, angle_deg: float, dx
     for first, last, low, high in ((columns[0], columns[-1], x0, x1), (rows[0], rows[-1], y0, y1)):
         assert math.floor(low) <= first <= math.floor(low) + 1
         assert math.ceil(high) - 1 <= last + 1 <= math.ceil(high)
+
+
+@pytest.mark.parametrize(
+    ("size_px", "height_px", "width_px"), [(200.0, 220, 251), (60.5, 83, 77), (9.0, 9, 9)]
+)
+def test_text_box_is_tight_around_the_word(size_px: float, height_px: int, width_px: int) -> None:
+    picture = stop_sign(size_px, height_px=height_px, width_px=width_px, supersample=16)
+    white, _ = sign_shares(picture, 0.18)
+    x, y = centred(width_px).abs() * 30 / size_px, centred(height_px).abs()[:, None] * 30 / size_px
+    reach = torch.maximum(torch.maximum(x, y), (x + y) / math.sqrt(2))
+    legend = white * (reach < 14.25 - 30 / size_px)  # without the border and the pixels that it touches
+    x0, y0, x1, y1 = stop_sign_text_box(size_px, height_px=height_px, width_px=width_px)
+    columns, rows = (legend.amax(axis).gt(1e-3).nonzero().flatten() for axis in (0, 1))
+    # The letters' flat ends are drawn exactly; of the S's round left, the last 1/16 px may go unsampled.
+    assert abs(columns[0] + 0.5 - x0) <= 0.6
+    assert abs(columns[-1] + 0.5 - x1) <= 0.6
+    assert abs(rows[0] + 0.5 - y0) <= 0.6
+    assert abs(rows[-1] + 0.5 - y1) <= 0.6
+    assert (x0 + x1) / 2 == pytest.approx(width_px / 2)
+    assert (y0 + y1) / 2 == pytest.approx(height_px / 2)
+
+
+def test_text_box_refuses_what_the_sign_refuses() -> None:
+    with pytest.raises(ValueError, match="inside the picture, 30 x 20 px"):
+        stop_sign_text_box(25, height_px=20, width_px=30)
+    assert stop_sign_text_box(30) == pytest.approx((30 - 11.8, 25, 30 + 11.8, 35))
 
 
 def test_sign_may_fill_the_picture_exactly() -> None:
