@@ -17,27 +17,9 @@ from typing import Any
 import yaml
 
 from blurnoise import checks
+from blurnoise_eval.class_names import COCO80, COCO91
 
 METADATA_KEY = "blurnoise.contract"
-
-# The 80 classes of COCO detection in the order every COCO-trained detector of these families uses.
-# fmt: off
-COCO80 = (
-    "person", "bicycle", "car", "motorcycle", "airplane", "bus", "train", "truck", "boat", "traffic light",
-    "fire hydrant", "stop sign", "parking meter", "bench", "bird", "cat", "dog", "horse", "sheep", "cow",
-    "elephant", "bear", "zebra", "giraffe", "backpack", "umbrella", "handbag", "tie", "suitcase", "frisbee",
-    "skis", "snowboard", "sports ball", "kite", "baseball bat", "baseball glove", "skateboard", "surfboard",
-    "tennis racket", "bottle", "wine glass", "cup", "fork", "knife", "spoon", "bowl", "banana", "apple",
-    "sandwich", "orange", "broccoli", "carrot", "hot dog", "pizza", "donut", "cake", "chair", "couch",
-    "potted plant", "bed", "dining table", "toilet", "tv", "laptop", "mouse", "remote", "keyboard",
-    "cell phone", "microwave", "oven", "toaster", "sink", "refrigerator", "book", "clock", "vase", "scissors",
-    "teddy bear", "hair drier", "toothbrush",
-)
-# fmt: on
-# Some families number the same classes by COCO's own ids, which skip these.
-_UNUSED_IDS = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
-_names = iter(COCO80)
-COCO91 = tuple(f"unused {number}" if number in _UNUSED_IDS else next(_names) for number in range(91))
 
 EXAMPLE = (
     '{"family": "yolox", "classes": ["stop sign", "yield"], "colour": "bgr", "value_range": "0-255", '
@@ -54,7 +36,9 @@ def _class_names(value: object) -> tuple[str, ...]:
         return COCO80 if value == "coco80" else COCO91
     if isinstance(value, Mapping):
         by_id = {int(class_id): name for class_id, name in value.items()}
-        if sorted(by_id) != list(range(len(value))):
+        if sorted(by_id) == list(range(1, len(by_id) + 1)):  # counted from 1, as TensorFlow does
+            by_id[0] = "unused 0"
+        if sorted(by_id) != list(range(len(by_id))):
             raise ValueError(f"classes: ids must be 0 to {len(value) - 1}, got {list(value)[:8]}")
         value = [by_id[class_id] for class_id in sorted(by_id)]
     if isinstance(value, (list, tuple)) and value and all(isinstance(name, str) for name in value):
@@ -86,11 +70,11 @@ class Contract:
 
     family: output layout, a name in :data:`PRESETS`. colour: "rgb" or "bgr". value_range: "0-1" or "0-255".
     mean, std: per channel in the network's channel order and in that range; the input is (x - mean) / std.
-    resize: "letterbox" (aspect kept, centred), "letterbox-top-left" or "stretch". pad_value: grey around a
-    letterboxed picture, 0 to 255. classes: names by class id. input_size_px: (height, width), or None where
-    the graph says. nms_iou: overlap above which the weaker box of a class is dropped,
-    None where the graph has dropped it itself. sources: for each field
-    where it came from. Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
+    resize: "letterbox" (aspect kept, centred), "letterbox-top-left", "stretch", or "none" (the picture enters
+    at its own size). pad_value: grey around a letterboxed picture, 0 to 255. classes: names by class id.
+    input_size_px: (height, width), or None where the graph says. nms_iou: overlap above which the weaker box
+    of a class is dropped, None where the graph has dropped it itself. sources: for each field where it came
+    from. Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
     """
 
     family: str
@@ -108,7 +92,7 @@ class Contract:
     def __post_init__(self) -> None:
         checks.one_of("colour", self.colour, ("rgb", "bgr"))
         checks.one_of("value_range", self.value_range, ("0-1", "0-255"))
-        checks.one_of("resize", self.resize, ("letterbox", "letterbox-top-left", "stretch"))
+        checks.one_of("resize", self.resize, ("letterbox", "letterbox-top-left", "stretch", "none"))
         checks.in_range("pad_value", self.pad_value, 0, 255)
         if self.nms_iou is not None:
             checks.in_range("nms_iou", self.nms_iou, 0, 1)
@@ -141,57 +125,47 @@ class Contract:
 
 FIELDS = tuple(f.name for f in fields(Contract) if f.name != "sources")
 
-_IMAGENET_MEAN, _IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+_IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # mean and std of RGB, 0-1
+_IMAGENET_255 = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+_NANODET = (103.53, 116.28, 123.675), (57.375, 57.12, 58.395)  # BGR
+
+
+def _stretched(family: str, classes: tuple[str, ...], side_px: int, **changes: Any) -> Contract:
+    """For a graph that takes one shape of picture and drops double answers itself."""
+    size = (side_px, side_px)
+    return Contract(
+        family, classes, **{"resize": "stretch", "input_size_px": size, "nms_iou": None, **changes}
+    )
+
+
 # Pre-processing and non-maximum suppression as in each family's own repository; input sizes are for graphs
 # of dynamic size.
-PRESETS = {
-    "yolov5": Contract("yolov5", COCO80, input_size_px=(640, 640), nms_iou=0.6),
-    "yolov8": Contract("yolov8", COCO80, input_size_px=(640, 640), nms_iou=0.7),
-    "yolox": Contract(
-        "yolox",
-        COCO80,
-        colour="bgr",
-        value_range="0-255",
-        resize="letterbox-top-left",
-        input_size_px=(416, 416),
-    ),
-    "yolov7": Contract("yolov7", COCO80, input_size_px=(640, 640), nms_iou=None),
-    "yolov10": Contract("yolov10", COCO80, input_size_px=(640, 640), nms_iou=None),
-    "rtdetr": Contract("rtdetr", COCO80, resize="stretch", input_size_px=(640, 640), nms_iou=None),
-    "ppyoloe": Contract("ppyoloe", COCO80, resize="stretch", input_size_px=(640, 640), nms_iou=None),
-    "detr": Contract(
-        "detr",
-        COCO91,
-        mean=_IMAGENET_MEAN,
-        std=_IMAGENET_STD,
-        resize="stretch",
-        input_size_px=(800, 800),
-        nms_iou=None,
-    ),
-    "rfdetr": Contract(
-        "rfdetr",
-        COCO91,
-        mean=_IMAGENET_MEAN,
-        std=_IMAGENET_STD,
-        resize="stretch",
-        input_size_px=(560, 560),
-        nms_iou=None,
-    ),
-    "mmdeploy": Contract(
-        "mmdeploy",
-        COCO80,
-        value_range="0-255",
-        mean=(123.675, 116.28, 103.53),
-        std=(58.395, 57.12, 57.375),
-        resize="letterbox-top-left",
-        pad_value=0,
-        input_size_px=(800, 1344),
-        nms_iou=None,
-    ),
-    "fastestdet": Contract(
-        "fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45
-    ),
-}
+# fmt: off
+_PRESETS = (
+    Contract("yolov5", COCO80, input_size_px=(640, 640), nms_iou=0.6),
+    Contract("yolov6", COCO80, input_size_px=(640, 640), nms_iou=0.65),
+    Contract("yolov8", COCO80, input_size_px=(640, 640), nms_iou=0.7),
+    Contract("yolox", COCO80, colour="bgr", value_range="0-255", resize="letterbox-top-left",
+             input_size_px=(416, 416), nms_iou=0.65),
+    Contract("yolov6e2e", COCO80, input_size_px=(640, 640), nms_iou=None),
+    Contract("yolov7", COCO80, input_size_px=(640, 640), nms_iou=None),
+    Contract("yolov10", COCO80, input_size_px=(640, 640), nms_iou=None),
+    _stretched("rtdetr", COCO80, 640),
+    _stretched("ppyoloe", COCO80, 640),
+    _stretched("detr", COCO91, 800, mean=_IMAGENET[0], std=_IMAGENET[1]),
+    _stretched("rfdetr", COCO91, 560, mean=_IMAGENET[0], std=_IMAGENET[1]),
+    Contract("mmdeploy", COCO80, value_range="0-255", mean=_IMAGENET_255[0], std=_IMAGENET_255[1],
+             resize="letterbox-top-left", pad_value=0, input_size_px=(800, 1344), nms_iou=None),
+    Contract("torchvision", COCO91, resize="none", nms_iou=None),
+    Contract("tfod", COCO91, value_range="0-255", resize="none", nms_iou=None),
+    Contract("nanodet", COCO80, colour="bgr", value_range="0-255", mean=_NANODET[0], std=_NANODET[1],
+             resize="letterbox", pad_value=0, input_size_px=(320, 320), nms_iou=0.6),
+    Contract("nanodetplus", COCO80, colour="bgr", value_range="0-255", mean=_NANODET[0], std=_NANODET[1],
+             resize="stretch", input_size_px=(320, 320), nms_iou=0.6),
+    Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
+)
+# fmt: on
+PRESETS = {contract.family: contract for contract in _PRESETS}
 
 
 def preset(name: str) -> Contract:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.contract import Contract, ModelError, exported_fields, stated_contract
 from blurnoise_eval.formats import resolve
-from blurnoise_eval.formats.candidates import FloatArray, best, suppress
-from blurnoise_eval.formats.placement import Placement, lay_in
-from blurnoise_eval.formats.signature import Shape, Signature, TensorInfo, extra_feeds
+from blurnoise_eval.formats.candidates import FloatArray, all_finite, best, suppress
+from blurnoise_eval.formats.graph import read_signature
+from blurnoise_eval.formats.placement import Blob, Placement, lay_in
+from blurnoise_eval.formats.signature import DTYPES, extra_feeds
 from blurnoise_eval.records import Detections
 
-_DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
 
@@ -33,7 +33,9 @@ class Detector:
     graph of no known family, or a contract that does not fit it.
 
     Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of the file, ``contract``,
-    ``input_size_px`` (height, width), ``non_finite_values``: NaN and infinite output values seen so far.
+    ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
+    this family, ``takes_bytes``: whether the input is uint8, ``non_finite_values``: NaN and infinite output
+    values seen so far.
     """
 
     def __init__(
@@ -46,39 +48,48 @@ class Detector:
         metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         stated = stated_contract(self.path, metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
-        signature = _signature(self.session, metadata, size_px or _PROBE_SIZE_PX)
-        self.family, self.contract = resolve(self.path, signature, stated)
+        signature = read_signature(self.session, metadata, size_px or _PROBE_SIZE_PX)
+        self.family, self.contract, layout = resolve(self.path, signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            resolve(self.path, _signature(self.session, metadata, self.input_size_px), self.contract)
+            signature = read_signature(self.session, metadata, self.input_size_px)
+            layout = resolve(self.path, signature, self.contract)[2]
         image_input = signature.inputs[0]
         self._input_name = image_input.name
-        self._outputs = list(self.family.OUTPUTS) or None
-        self._dtype = _DTYPES[image_input.type]
-        self._batch = image_input.shape[0] if isinstance(image_input.shape[0], int) else 1
+        self._outputs = list(layout.outputs)
+        self.why = layout.why
+        self._dtype = DTYPES[image_input.type]
+        self.takes_bytes = self._dtype is np.uint8
+        self._axes = image_input.axes or "nchw"
+        fixed_batch = len(image_input.shape) == 4 and isinstance(image_input.shape[0], int)
+        self._batch = int(str(image_input.shape[0])) if fixed_batch else 1
         self._extras = extra_feeds(signature.inputs[1:], self.input_size_px, self._batch) or {}
         self.non_finite_values = 0
         self._count_lock = threading.Lock()
         self._buffers = threading.local()
 
     def prepare(
-        self, image: NDArray[np.uint8], out: FloatArray | None = None
-    ) -> tuple[FloatArray, Placement]:
-        """Return the network's input (1, 3, H, W), float32, for an RGB picture (h, w, 3), and its placement.
+        self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None
+    ) -> tuple[Blob, Placement]:
+        """Return the network's input for an RGB picture (h, w, 3), and the picture's placement in it.
 
-        ``out``: a buffer of that shape to fill instead of a new one. Raises ``TypeError`` or ``ValueError``
-        for a picture of another type or shape.
+        It holds one picture in the graph's own shape: (1, 3, H, W), (1, H, W, 3) or (3, H, W); float32, or
+        uint8 where the graph takes bytes. ``out``: a buffer of that shape to fill instead of a new one.
+        ``contract``: to see the picture enter in another way. Raises ``TypeError`` or ``ValueError`` for a
+        picture of another type or shape.
         """
-        return lay_in(image, self.contract, self.input_size_px, out)
+        dtype = np.uint8 if self.takes_bytes else np.float32
+        contract = contract or self.contract
+        return lay_in(image, contract, self.input_size_px, out, axes=self._axes, dtype=dtype)
 
-    def run(self, blob: FloatArray) -> list[FloatArray]:
-        """Return the network's outputs for one input (1, 3, H, W) as float32, batch size 1.
+    def run(self, blob: Blob) -> list[FloatArray]:
+        """Return the outputs that the family decodes, float32, for one input as :meth:`prepare` makes it.
 
         A graph with a fixed larger batch gets the picture repeated; its first answer counts.
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
         try:
-            feeds = {self._input_name: feed.astype(self._dtype, copy=False), **self._extras}
+            feeds = {self._input_name: np.ascontiguousarray(feed, self._dtype), **self._extras}
             outputs = self.session.run(self._outputs, feeds)
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
             raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
@@ -99,7 +110,9 @@ class Detector:
         :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
         """
         self._count_non_finite(outputs)
-        candidates = self.family.decode(outputs, self.input_size_px, min_score)
+        own_size = self.contract.resize == "none"
+        size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
+        candidates = self.family.decode(outputs, size_px, min_score)
         if len(candidates) and candidates.scores.max() > 1.01:
             raise ModelError(
                 f"{self.path.name}: score {candidates.scores.max():g} > 1; "
@@ -133,17 +146,13 @@ class Detector:
         self, image: NDArray[np.uint8], *, min_score: float = 0.001, max_detections: int = 300
     ) -> Detections:
         """Return what the network finds in an RGB picture (h, w, 3), uint8."""
-        if not hasattr(self._buffers, "blob"):
-            self._buffers.blob = np.empty((1, 3, *self.input_size_px), np.float32)
-        blob, placement = self.prepare(image, self._buffers.blob)
+        blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
+        self._buffers.blob = blob
         return self.decode(self.run(blob), placement, min_score=min_score, max_detections=max_detections)
 
     def _count_non_finite(self, outputs: Sequence[FloatArray]) -> None:
-        # A sum is finite where all its values are: one pass without a temporary.
         count = sum(
-            int(output.size - np.isfinite(output).sum())
-            for output in outputs
-            if not np.isfinite(np.add.reduce(output, axis=None))
+            int(output.size - np.isfinite(output).sum()) for output in outputs if not all_finite(output)
         )
         if count == 0:
             return
@@ -215,41 +224,6 @@ def _load_problem(path: Path, error: Exception) -> str:
     if missing := sorted(name for name in locations if not (path.parent / name).is_file()):
         return f"its weights are in {', '.join(missing)}, which must lie beside it and does not"
     return f"onnxruntime cannot load it: {reason[:300]}"
-
-
-def _signature(
-    session: ort.InferenceSession, metadata: dict[str, str], size_px: tuple[int, int]
-) -> Signature:
-    """Return the graph's signature, its outputs measured on a grey picture where they are dynamic.
-
-    ``size_px``: the picture's (height, width) where the graph leaves it open.
-    """
-    inputs = tuple(TensorInfo(t.name, tuple(t.shape), t.type) for t in session.get_inputs())
-    outputs = tuple(TensorInfo(t.name, tuple(t.shape), t.type) for t in session.get_outputs())
-    inputs = tuple(sorted(inputs, key=lambda entry: len(entry.shape) != 4))  # the picture first
-    shape = inputs[0].shape if inputs else ()
-    if len(shape) != 4 or shape[1] != 3 or inputs[0].type not in _DTYPES:
-        return Signature(inputs, outputs, metadata, None)
-    batch, height, width = (
-        known if isinstance(known, int) else default
-        for known, default in zip((shape[0], *shape[2:]), (1, *size_px), strict=True)
-    )
-    extras = extra_feeds(inputs[1:], (height, width), batch)
-    if extras is None:
-        return Signature(inputs, outputs, metadata, None)
-    fixed = shape[2:] == (height, width)
-    if not fixed or not all(t.shape and all(isinstance(n, int) for n in t.shape[1:]) for t in outputs):
-        probe = np.full((batch, 3, height, width), 0.5, _DTYPES[inputs[0].type])
-        try:
-            answers = session.run(None, {inputs[0].name: probe, **extras})
-        except Exception as error:  # onnxruntime's exceptions share no base class of their own
-            raise ModelError(
-                f"the graph claims a dynamic size but fails on a picture of {height} x {width} px; "
-                f"state input_size_px in its contract ({' '.join(str(error).split())[:200]})"
-            ) from None
-        measured: list[Shape] = [np.shape(answer) for answer in answers]
-        outputs = tuple(TensorInfo(t.name, s, t.type) for t, s in zip(outputs, measured, strict=True))
-    return Signature(inputs, outputs, metadata, (height, width))
 
 
 def _sha256(path: Path) -> str:

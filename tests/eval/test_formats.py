@@ -1,37 +1,25 @@
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.contract import (
-    COCO80,
-    PRESETS,
-    Contract,
-    ModelError,
-    load_contract,
-    parse_contract,
-    preset,
+from blurnoise_eval.contract import Contract, preset
+from blurnoise_eval.formats import (
+    fastestdet,
+    nanodet,
+    nanodetplus,
+    tfod,
+    yolov5,
+    yolov6e2e,
+    yolov8,
+    yolox,
 )
-from blurnoise_eval.formats import fastestdet, resolve, yolov5, yolov8, yolox
 from blurnoise_eval.formats.candidates import Candidates, suppress
+from blurnoise_eval.formats.grids import cells
 from blurnoise_eval.formats.placement import lay_in
-from blurnoise_eval.formats.signature import Signature, TensorInfo, cells
 from numpy.typing import NDArray
-
-NOWHERE = Path("nowhere/model.onnx")
-
-
-def signature(
-    size_px: tuple[int, int], *shapes: tuple[int, ...], metadata: dict[str, str] | None = None
-) -> Signature:
-    outputs = tuple(TensorInfo(f"out{i}", shape, "tensor(float)") for i, shape in enumerate(shapes))
-    images = TensorInfo("images", (1, 3, *size_px), "tensor(float)")
-    return Signature((images,), outputs, metadata or {}, size_px)
-
 
 # --- decoding: answers worked out by hand ---
 
@@ -79,6 +67,57 @@ def test_fastestdet_on_its_single_grid() -> None:
     np.testing.assert_allclose(found.boxes_xyxy, expected, rtol=1e-5)
     np.testing.assert_allclose(found.scores, [0.5**0.6 * 0.75**0.4], rtol=1e-6)
     assert found.class_ids.tolist() == [1]
+
+
+def sides(*distances: float) -> NDArray[np.float32]:
+    """Logits of eight bins for each side whose softmax has these means, in strides."""
+    made = np.full((len(distances), 8), -50.0)
+    for row, distance in zip(made, distances, strict=True):
+        low, rest = int(distance), distance % 1
+        row[low] = math.log(1 - rest)
+        if rest:
+            row[low + 1] = math.log(rest)
+    return made.ravel().astype(np.float32)
+
+
+def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
+    """Input 64 x 96 px, stride 16, row 2, column 3: the centre is (3 * 16 + 7.5, 2 * 16 + 7.5) px."""
+    outputs = []
+    for stride in (8, 16, 32):
+        count = (64 // stride) * (96 // stride)
+        outputs += [np.zeros((1, count, 3), np.float32), np.zeros((1, count, 32), np.float32)]
+    outputs[2][0, 2 * 6 + 3] = [0.25, 0.75, 0.5]
+    outputs[3][0, 2 * 6 + 3] = sides(1, 0.5, 1.25, 1)
+    for shaped in (outputs, [output[0] for output in outputs]):  # some exports have no batch
+        found = nanodet.decode(shaped, (64, 96), 0.001)
+        np.testing.assert_allclose(found.boxes_xyxy, [[55.5 - 16, 39.5 - 8, 55.5 + 20, 39.5 + 16]], rtol=1e-5)
+        assert (found.scores.tolist(), found.class_ids.tolist()) == ([0.75], [1])
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "stride", "first"),
+    [(1, 3, 8, 0), (0, 2, 32, 8 * 12 + 4 * 6), (0, 1, 64, 8 * 12 + 4 * 6 + 6)],
+)
+def test_nanodet_plus_measures_from_the_cells_corner(row: int, column: int, stride: int, first: int) -> None:
+    rows = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3 + 2, 3 + 32), np.float32)
+    rows[0, first + row * math.ceil(96 / stride) + column] = [0.25, 0.75, 0.5, *sides(1, 0.5, 0.25, 1.5)]
+    found = nanodetplus.decode([rows], (64, 96), 0.001)
+    x, y = column * stride, row * stride
+    box = [x - stride, y - stride / 2, x + stride / 4, y + 1.5 * stride]
+    np.testing.assert_allclose(found.boxes_xyxy, [np.clip(box, 0, [96, 64, 96, 64])], rtol=1e-5)
+    assert (found.scores.tolist(), found.class_ids.tolist()) == ([0.75], [1])
+
+
+def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped() -> None:
+    boxes = np.tile(np.array([0.25, 0.5, 0.75, 1], np.float32), (1, 5, 1))  # top, left, bottom, right
+    scores = np.array([[0.9, 0.8, 0.7, 0.65, 0.6]], np.float32)
+    classes = np.array([[1, np.nan, 90, -1, 2]], np.float32)
+    found = tfod.decode([np.array([4], np.float32), boxes, scores, classes], (64, 96), 0.001)
+    np.testing.assert_allclose(found.boxes_xyxy, [[48, 16, 96, 48]] * 2)
+    np.testing.assert_allclose(found.scores, [0.9, 0.7])
+    assert found.class_ids.tolist() == [1, 90]
+    found = yolov6e2e.decode([np.array([[4]], np.float32), boxes, scores, classes], (64, 96), 0.75)
+    np.testing.assert_allclose(found.boxes_xyxy, [[0.25, 0.5, 0.75, 1]])
 
 
 @pytest.mark.parametrize("position", [0, 3, 4, 6])
@@ -170,167 +209,6 @@ def test_suppression_looks_past_a_crowd_of_duplicates() -> None:
     np.testing.assert_array_equal(kept.boxes_xyxy, [[0, 0, 10, 10], [20, 20, 30, 30]])
 
 
-# --- recognition and contracts ---
-
-
-@pytest.mark.parametrize(
-    ("name", "size_px", "shape"),
-    [
-        ("yolov5", (640, 640), (1, 25200, 85)),
-        ("yolov5", (1280, 1280), (1, 3 * (160**2 + 80**2 + 40**2 + 20**2), 85)),
-        ("yolov5", (32, 32), (1, 63, 85)),  # fewer boxes than columns
-        ("yolov8", (640, 640), (1, 84, 8400)),
-        ("yolov8", (384, 640), (1, 84, 5040)),
-        ("yolov8", (32, 32), (1, 84, 21)),
-        ("yolox", (416, 416), (1, 3549, 85)),
-        ("yolox", (32, 64), (1, 42, 85)),
-        ("fastestdet", (352, 352), (1, 85, 22, 22)),
-        ("fastestdet", (320, 352), (1, 85, 20, 22)),
-    ],
-)
-def test_families_are_told_apart_by_their_cells(
-    name: str, size_px: tuple[int, int], shape: tuple[int, ...]
-) -> None:
-    family, contract = resolve(NOWHERE, signature(size_px, shape))
-    assert family.NAME == contract.family == name
-    assert contract.classes == COCO80
-    assert contract.input_size_px == size_px
-    assert contract.sources["input_size_px"] == "graph"
-    assumed = " ".join(contract.assumptions)
-    for field in ("colour", "value_range", "mean", "std", "resize", "pad_value", "classes"):
-        assert f"{field} = " in assumed
-    assert "contract.json" in assumed
-    assert ("YOLOv6" in assumed) == (name == "yolox")
-
-
-def test_a_graph_that_fits_two_families_asks_which() -> None:
-    """At 64 x 64 px there are 84 cells, as many as YOLOv8 has rows for 80 classes."""
-    both = signature((64, 64), (1, 84, 84))
-    with pytest.raises(ModelError, match="yolov8, yolox"):
-        resolve(NOWHERE, both)
-    family, contract = resolve(NOWHERE, both, "yolov8")
-    assert family is yolov8
-    assert contract.assumptions == []
-
-
-@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 1000), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
-def test_an_unknown_graph_is_described(shape: tuple[int, ...]) -> None:
-    unknown = signature((640, 640), shape, metadata={"colour of the sky": "blue"})
-    with pytest.raises(ModelError) as caught:
-        resolve(NOWHERE, unknown)
-    for part in ("'images' [1, 3, 640, 640] tensor(float)", "'out0'", str(list(shape)), "colour of the sky"):
-        assert part in str(caught.value)
-    assert '{"family": ' in str(caught.value)
-
-
-def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
-    metadata = {"author": "Ultralytics", "task": "detect", "stride": "32", "imgsz": "[640, 640]"}
-    named = signature((640, 640), (1, 6, 8400), metadata={**metadata, "names": "{0: 'stop', 1: 'yield'}"})
-    _, contract = resolve(NOWHERE, named)
-    assert contract.classes == ("stop", "yield")
-    assert contract.assumptions == []
-    with pytest.raises(ModelError, match="segment"):
-        resolve(NOWHERE, replace(named, metadata={**named.metadata, "task": "segment"}))
-    with pytest.raises(ModelError, match="names"):
-        resolve(NOWHERE, replace(named, metadata={**metadata, "names": "__import__('os')"}))
-    with pytest.raises(ModelError, match=r"2 classes but the contract names 1 \(metadata\)"):
-        resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
-
-
-def test_yolov5_metadata_with_a_list_of_names() -> None:
-    metadata = {"stride": "32", "names": "['stop', 'yield']"}
-    _, contract = resolve(NOWHERE, signature((640, 640), (1, 25200, 7), metadata=metadata))
-    assert (contract.classes, contract.family) == (("stop", "yield"), "yolov5")
-    assert contract.assumptions == []
-
-
-def test_unnamed_classes_are_not_guessed() -> None:
-    with pytest.raises(ModelError, match="3 classes but nothing names them"):
-        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)))
-    with pytest.raises(ModelError, match="3 classes but the contract names 80"):
-        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)), "yolov8")
-
-
-def test_contract_and_graph_must_agree() -> None:
-    graph = signature((640, 640), (1, 6, 8400))
-    two = {"family": "yolov8", "classes": ["a", "b"]}
-    with pytest.raises(ModelError, match="says yolox"):
-        resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
-    with pytest.raises(ModelError, match="takes only"):
-        resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
-    _, contract = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
-    assert contract.input_size_px == (640, 640)
-
-
-def test_order_of_contracts(tmp_path: Path) -> None:
-    """The caller's, then the file beside the model, then the metadata; ``<stem>.json`` is none."""
-
-    def stated(name: str) -> str:
-        return json.dumps({"family": "yolov8", "classes": [name]})
-
-    model = tmp_path / "model.onnx"
-    graph = signature((32, 32), (1, 5, 21), metadata={"blurnoise.contract": stated("metadata")})
-    (tmp_path / "model.json").write_text(stated("wrong"))
-    assert resolve(model, graph)[1].classes == ("metadata",)
-    (tmp_path / "model.contract.yml").write_text("family: yolov8\nclasses: [beside]\nvalue_range: 0-255\n")
-    contract = resolve(model, graph)[1]
-    assert contract.classes == ("beside",)
-    assert contract.value_range == "0-255"
-    assert contract.sources["value_range"] == "file model.contract.yml"
-    assert contract.sources["colour"] == "preset yolov8"
-    mine = tmp_path / "mine.json"
-    mine.write_text(stated("caller"))
-    assert resolve(model, graph, mine)[1].classes == ("caller",)
-
-
-@pytest.mark.parametrize("name", sorted(PRESETS))
-def test_contracts_survive_json(name: str) -> None:
-    contract = replace(preset(name), mean=(1.0, 2.0, 3.0), std=(0.5, 0.5, 0.5), classes=("a", "b"))
-    again = parse_contract(json.loads(json.dumps(contract.to_dict())), "file x")
-    assert again == contract
-    assert set(again.sources.values()) == {"file x"}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"color": "rgb"}, "unknown key 'color'"),
-        ({"colour": "grb"}, "colour = 'grb'"),
-        ({"value_range": "0-2"}, "value_range = '0-2'"),
-        ({"resize": "crop"}, "resize = 'crop'"),
-        ({"mean": [1, 2]}, "mean = "),
-        ({"std": [1, 0, 1]}, "std = "),
-        ({"pad_value": 300}, "pad_value = 300"),
-        ({"nms_iou": "high"}, "nms_iou = 'high'"),
-        ({"classes": []}, "classes = "),
-        ({"classes": "stop sign"}, "classes = 'stop sign'"),
-        ({"classes": {"1": "a", "3": "b"}}, "classes: ids"),
-        ({"input_size_px": [0, 32]}, "input_size_px = "),
-        ({"input_size_px": True}, "input_size_px = True"),
-        ({"family": "yolo99"}, "'yolo99' is unknown"),
-    ],
-)
-def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
-    with pytest.raises(ModelError, match=message):
-        parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
-
-
-def test_unreadable_contract_files(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="missing key 'classes'"):
-        parse_contract({"family": "yolox"}, "file x")
-    with pytest.raises(ModelError, match="must map"):
-        parse_contract(["yolox"], "file x")
-    by_id = {"family": "yolox", "classes": {"1": "b", "0": "a"}}
-    assert parse_contract(by_id, "file x").classes == ("a", "b")
-    with pytest.raises(ModelError, match="neither a file nor a preset"):
-        load_contract(tmp_path / "absent.json")
-    for name, text in (("a.json", "{"), ("b.yaml", "a: [")):
-        (tmp_path / name).write_text(text)
-        with pytest.raises(ModelError, match=f"file {name}: cannot be read"):
-            load_contract(tmp_path / name)
-    assert parse_contract({"family": "yolox", "classes": "coco80"}, "x").classes[11] == "stop sign"
-
-
 # --- pictures into the network, boxes back ---
 
 
@@ -373,6 +251,28 @@ def test_pictures_are_laid_in_as_the_contract_says(
     box = np.array([[window[1].start, window[0].start, window[1].stop, window[0].stop]], np.float32)
     np.testing.assert_allclose(placement.to_picture(box), [[0, 0, 48, 16]], atol=1e-5)
     np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 48, 16]])
+
+
+@pytest.mark.parametrize("resize", ["letterbox", "letterbox-top-left", "stretch", "none"])
+@pytest.mark.parametrize("colour", ["rgb", "bgr"])
+def test_every_form_of_input_holds_the_same_picture(resize: str, colour: str) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (50, 90, 3), dtype=np.uint8)
+    contract = Contract("tfod", ("a",), colour=colour, value_range="0-255", resize=resize)
+    plain, placement = lay_in(image, contract, (64, 96))
+    size_px = (50, 90) if resize == "none" else (64, 96)
+    assert plain.shape == (1, 3, *size_px)
+    for axes, shape, turned in (
+        ("nhwc", (1, *size_px, 3), plain.transpose(0, 2, 3, 1)),
+        ("chw", (3, *size_px), plain[0]),
+    ):
+        for dtype in (np.float32, np.uint8):
+            out = np.full(shape, 7, dtype)
+            blob, same = lay_in(image, contract, (64, 96), out, axes=axes, dtype=dtype)
+            assert blob is out
+            assert (blob.dtype, same) == (dtype, placement)
+            np.testing.assert_array_equal(blob, turned)
+    other = np.empty((1, 3, 5, 5), np.float32)
+    assert lay_in(image, contract, (64, 96), other)[0] is not other
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (427, 640), (641, 33)])

@@ -5,6 +5,7 @@ import json
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,17 +29,18 @@ def cell_graph(
     opset: int = 17,
     dtype: int = TensorProto.FLOAT,
     unit: float = 1.0,
+    objectness: float = 1.0,
     metadata: dict[str, str] | None = None,
 ) -> Path:
     """Write a detector with three classes that finds each cell in which an input channel is bright.
 
-    The score of class c is the mean of input channel c over the cell, divided by ``unit``; objectness is 1.
+    The score of class c is the mean of input channel c over the cell, divided by ``unit``.
     The box is (50, 30, 20, 10) px for the families that state px; for the others it is the cell itself,
     or half the picture about the cell's upper left corner (FastestDet).
     """
     numpy_type = helper.tensor_dtype_to_np_dtype(dtype)
     box = {"yolov5": [50, 30, 20, 10], "yolov8": [50, 30, 20, 10], "yolox": [0.5, 0.5, 0, 0]}
-    fields = [*box.get(family, [0, 0, 0, 0]), 1]
+    fields = [*box.get(family, [0, 0, 0, 0]), objectness]
     fields = fields[4:] + fields[:4] if family == "fastestdet" else fields
     fields = fields[:4] if family == "yolov8" else fields
     columns = len(fields) + 3
@@ -153,9 +155,8 @@ def test_shapes_and_types_do_not_change_the_answer(
 def test_dynamic_graph_without_a_size_takes_its_familys(tmp_path: Path) -> None:
     metadata = {"names": str(list(NAMES))}
     for family, size in (("yolov8", (640, 640)), ("yolox", (416, 416)), ("fastestdet", (352, 352))):
-        path = cell_graph(
-            tmp_path / f"{family}.onnx", family, size=("h", "w"), batch="n", metadata=metadata, unit=255
-        )
+        form: dict[str, Any] = {"size": ("h", "w"), "batch": "n", "metadata": metadata, "objectness": 0.5}
+        path = cell_graph(tmp_path / f"{family}.onnx", family, unit=255, **form)
         detector = Detector(path)
         assert (detector.contract.family, detector.input_size_px) == (family, size)
         assert any(text.startswith("input_size_px") for text in detector.contract.assumptions)
@@ -196,6 +197,41 @@ def test_boxes_come_back_in_the_picture(tmp_path: Path, shape: tuple[int, int], 
     assert (found.boxes_xyxy <= np.array([width, height, width, height])).all()
     np.testing.assert_allclose(found.boxes_xyxy[:, :2].min(axis=0), [0, 0], atol=1e-3)
     np.testing.assert_allclose(found.boxes_xyxy[:, 2:].max(axis=0), [width, height], rtol=1e-5)
+
+
+def test_inputs_that_are_not_contiguous_give_the_same_answer(tmp_path: Path) -> None:
+    for dtype in (TensorProto.FLOAT, TensorProto.FLOAT16):
+        path = cell_graph(tmp_path / "m.onnx", "yolox", dtype=dtype)
+        detector = Detector(path, contract=contract("yolox"))
+        blob, _ = detector.prepare(np.random.default_rng(0).integers(0, 256, (64, 96, 3), dtype=np.uint8))
+        turned = np.ascontiguousarray(blob.transpose(0, 2, 3, 1)).transpose(0, 3, 1, 2)
+        assert not turned.flags.c_contiguous
+        np.testing.assert_array_equal(detector.run(turned)[0], detector.run(blob)[0])
+
+
+def test_a_graph_that_fails_on_a_picture_is_named(tmp_path: Path) -> None:
+    detector = Detector(cell_graph(tmp_path / "m.onnx", "yolox"), contract=contract("yolox"))
+    with pytest.raises(ModelError, match=r"^m\.onnx: fails on a picture \(") as caught:
+        detector.run(np.zeros((1, 3, 64, 64), np.float32))
+    assert "\n" not in str(caught.value)
+
+
+def test_ten_thousand_candidates_and_boxes_far_outside(tmp_path: Path) -> None:
+    """A dynamic YOLOX at 640 x 1280 px has 16 800 cells; every one of them answers, each with its own box."""
+    path = cell_graph(tmp_path / "m.onnx", "yolox", size=("h", "w"))
+    detector = Detector(path, contract=contract("yolox", input_size_px=(640, 1280)))
+    image = np.random.default_rng(0).integers(1, 256, (640, 1280, 3), dtype=np.uint8)
+    blob, placement = detector.prepare(image)
+    outputs = detector.run(blob)
+    assert len(detector.family.decode(outputs, (640, 1280), 0.001)) == 16_800
+    assert len(detector.decode(outputs, placement)) == 300
+    everything = detector.decode(outputs, placement, max_detections=20_000)
+    assert len(everything) == 16_800  # no two overlap by more than a quarter
+    outputs[0][..., 2] = 9  # e^9 strides wide: beyond the picture on both sides
+    wide = detector.decode(outputs, placement)
+    np.testing.assert_array_equal(wide.boxes_xyxy[:, [0, 2]], np.tile([0, 1280], (len(wide), 1)))
+    outputs[0][..., 0] = 1e6
+    assert len(detector.decode(outputs, placement)) == 0  # all of them beside it
 
 
 def test_one_session_serves_many_threads(tmp_path: Path) -> None:

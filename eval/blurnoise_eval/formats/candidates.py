@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
@@ -28,6 +30,14 @@ class Candidates:
         return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index])
 
 
+def all_finite(values: FloatArray) -> bool:
+    """Whether none is NaN or infinite: one pass without a temporary.
+
+    The sum is finite where all values are, since OpenCV adds float32 up as double, which cannot overflow.
+    """
+    return values.size == 0 or math.isfinite(cv2.sumElems(values.reshape(1, -1))[0])
+
+
 def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the highest score of each row of (N, classes) and its column; a row with a NaN gives NaN."""
     class_ids = class_scores.argmax(axis=1)
@@ -41,17 +51,38 @@ def select(
 
     boxes_cxcywh: (N, 4) = centre x, y, width, height, px.
     """
+    strong = np.flatnonzero(scores >= min_score)
+    return from_centres(boxes_cxcywh[strong], scores[strong], class_ids[strong])
+
+
+def from_centres(boxes_cxcywh: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64]) -> Candidates:
+    """Those whose box (centre x, y, width, height) is finite, as corners."""
     half = boxes_cxcywh[:, 2:] / 2
-    corners = np.concatenate([boxes_cxcywh[:, :2] - half, boxes_cxcywh[:, :2] + half], axis=1)
-    return select_corners(corners, scores, class_ids, min_score)
+    corners = np.empty(boxes_cxcywh.shape, np.float32)
+    np.subtract(boxes_cxcywh[:, :2], half, out=corners[:, :2])
+    np.add(boxes_cxcywh[:, :2], half, out=corners[:, 2:])
+    return finite(Candidates(corners, scores, class_ids))
 
 
 def select_corners(
     boxes_xyxy: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64], min_score: float
 ) -> Candidates:
     """Keep finite boxes (N, 4) = (left, top, right, bottom), px, whose score reaches ``min_score``."""
-    keep = (scores >= min_score) & np.isfinite(boxes_xyxy).all(axis=1)
-    return Candidates(boxes_xyxy[keep], scores[keep], class_ids[keep])
+    return finite(Candidates(boxes_xyxy, scores, class_ids)[np.flatnonzero(scores >= min_score)])
+
+
+def finite(candidates: Candidates) -> Candidates:
+    """Those whose box is finite."""
+    boxes = candidates.boxes_xyxy
+    return candidates if all_finite(boxes) else candidates[np.flatnonzero(np.isfinite(boxes).all(axis=1))]
+
+
+def counted(
+    count: FloatArray, boxes_xyxy: FloatArray, scores: FloatArray, class_numbers: FloatArray, min_score: float
+) -> Candidates:
+    """As :func:`select_corners`, of the first ``count`` answers, those whose class is no number left out."""
+    real = np.flatnonzero(class_numbers[: int(count.flat[0])] >= 0)  # NaN is not
+    return select_corners(boxes_xyxy[real], scores[real], class_numbers[real].astype(np.int64), min_score)
 
 
 def best(candidates: Candidates, max_detections: int) -> Candidates:
@@ -68,13 +99,14 @@ def suppress(candidates: Candidates, nms_iou: float, max_detections: int) -> Can
     if len(candidates) <= 1:
         return candidates
     ordered = candidates[np.argsort(-candidates.scores, kind="stable")]
-    classes, rows = np.unique(ordered.class_ids, return_inverse=True)
-    # Ranks stand in for scores: equal scores keep their order, and none is 0, which means "no box".
     count = len(ordered)
-    ranks = np.zeros((1, len(classes), count), np.float32)
+    present = np.bincount(ordered.class_ids) > 0
+    rows = (np.cumsum(present) - 1)[ordered.class_ids]
+    # Ranks stand in for scores: equal scores keep their order, and none is 0, which means "no box".
+    ranks = np.zeros((1, rows.max() + 1, count), np.float32)
     ranks[0, rows, np.arange(count)] = np.arange(count, 0, -1)
     feed = {
-        "boxes": ordered.boxes_xyxy[None].astype(np.float32),
+        "boxes": ordered.boxes_xyxy[None],
         "scores": ranks,
         "most": np.array([max_detections], np.int64),
         "iou": np.array([nms_iou], np.float32),

@@ -8,21 +8,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, best_class, select
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import Layout, Signature
 
 NAME = "detr"
-OUTPUTS: tuple[str, ...] = ("logits", "pred_boxes")
-LOOKALIKES = ""
+UNKNOWN = ""
 
 
-def class_count(signature: Signature) -> int | None:
-    """C; the last logit stands for no object."""
-    shapes = signature.named(OUTPUTS)
-    if signature.size_px is None or shapes is None:
+def describe(signature: Signature) -> Layout | None:
+    """These two outputs; the last logit stands for no object."""
+    found = signature.named(("logits", "pred_boxes"))
+    if signature.size_px is None or found is None:
         return None
-    logits, boxes = shapes
+    logits, boxes = (output.shape for output in found)
     fits = len(logits) == len(boxes) == 3 and boxes[2] == 4
-    return logits[2] - 1 if fits and isinstance(logits[2], int) and logits[2] > 1 else None
+    if not fits or not isinstance(logits[2], int) or logits[2] < 2:
+        return None
+    return Layout.by_name(found, logits[2] - 1)
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

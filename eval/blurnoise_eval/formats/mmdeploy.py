@@ -8,20 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, select_corners
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import BAKED, Layout, Signature
 
 NAME = "mmdeploy"
-OUTPUTS: tuple[str, ...] = ("dets", "labels")
-LOOKALIKES = ""
+UNKNOWN = BAKED
 
 
-def class_count(signature: Signature) -> int | None:
-    """0 for ``dets`` [batch, N, 5] with ``labels`` [batch, N]."""
-    shapes = signature.named(OUTPUTS)
-    if signature.size_px is None or shapes is None:
+def describe(signature: Signature) -> Layout | None:
+    """``dets`` [batch, N, 5] with ``labels`` [batch, N]."""
+    found = signature.named(("dets", "labels"))
+    if signature.size_px is None or found is None:
         return None
-    dets, labels = shapes
-    return 0 if len(dets) == 3 and dets[2] == 5 and len(labels) == 2 else None
+    dets, labels = (output.shape for output in found)
+    return Layout.by_name(found) if len(dets) == 3 and dets[2] == 5 and len(labels) == 2 else None
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

@@ -8,21 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, select_corners
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import BAKED, Layout, Signature
 
 NAME = "ppyoloe"
-OUTPUTS: tuple[str, ...] = ()
-LOOKALIKES = ""
+UNKNOWN = BAKED
 
 
-def class_count(signature: Signature) -> int | None:
-    """0 for [N, 6] beside [batch], where ``scale_factor`` is asked for."""
+def describe(signature: Signature) -> Layout | None:
+    """[N, 6] beside [batch], where ``scale_factor`` is asked for."""
     if signature.size_px is None or "scale_factor" not in [entry.name for entry in signature.inputs]:
         return None
-    shapes = [output.shape for output in signature.outputs]
-    return (
-        0 if len(shapes) == 2 and len(shapes[0]) == 2 and shapes[0][1] == 6 and len(shapes[1]) == 1 else None
-    )
+    ranks = [len(output.shape) for output in signature.outputs]
+    if ranks != [2, 1] or signature.outputs[0].shape[1] != 6:
+        return None
+    return Layout.by_name(signature.outputs)
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

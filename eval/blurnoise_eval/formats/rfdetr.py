@@ -8,21 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, best_class, select
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import Layout, Signature
 
 NAME = "rfdetr"
-OUTPUTS: tuple[str, ...] = ("dets", "labels")
-LOOKALIKES = ""
+UNKNOWN = "whether one of the class slots, and which, stands for the background"
 
 
-def class_count(signature: Signature) -> int | None:
-    """C of ``dets`` [batch, Q, 4] with ``labels`` [batch, Q, C], a slot for the background included."""
-    shapes = signature.named(OUTPUTS)
-    if signature.size_px is None or shapes is None:
+def describe(signature: Signature) -> Layout | None:
+    """``dets`` [batch, Q, 4] with ``labels`` [batch, Q, C], a slot for the background included."""
+    found = signature.named(("dets", "labels"))
+    if signature.size_px is None or found is None:
         return None
-    dets, labels = shapes
+    dets, labels = (output.shape for output in found)
     fits = len(dets) == len(labels) == 3 and dets[:2] == labels[:2] and dets[2] == 4
-    return labels[2] if fits and isinstance(labels[2], int) else None
+    return Layout.by_name(found, labels[2]) if fits and isinstance(labels[2], int) else None
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

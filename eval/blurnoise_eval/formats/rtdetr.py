@@ -8,20 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, select_corners
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import Layout, Signature
 
 NAME = "rtdetr"
-OUTPUTS: tuple[str, ...] = ("labels", "boxes", "scores")
-LOOKALIKES = ""
+UNKNOWN = ""
 
 
-def class_count(signature: Signature) -> int | None:
-    """0 for these three outputs; ``orig_target_sizes`` is fed the input's own size."""
-    shapes = signature.named(OUTPUTS)
-    if signature.size_px is None or shapes is None:
+def describe(signature: Signature) -> Layout | None:
+    """These three outputs; ``orig_target_sizes`` is fed the input's own size."""
+    found = signature.named(("labels", "boxes", "scores"))
+    if signature.size_px is None or found is None:
         return None
-    labels, boxes, scores = shapes
-    return 0 if len(labels) == len(scores) == 2 and len(boxes) == 3 and boxes[2] == 4 else None
+    labels, boxes, scores = (output.shape for output in found)
+    fits = len(labels) == len(scores) == 2 and len(boxes) == 3 and boxes[2] == 4
+    return Layout.by_name(found) if fits else None
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,9 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.contract import EXAMPLE
-from blurnoise_eval.formats.candidates import Candidates
+from blurnoise_eval.formats.candidates import Candidates, FloatArray
 
 Shape = tuple[int | str | None, ...]
+
+DTYPES = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(double)": np.float64,
+    "tensor(uint8)": np.uint8,
+}
+"""The types that a picture's input may have."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +31,24 @@ class TensorInfo:
     shape: Shape
     type: str
 
+    def __str__(self) -> str:
+        return f"{self.name!r} {list(self.shape)} {self.type}"
+
+    @property
+    def axes(self) -> str | None:
+        """ "nchw", "nhwc" or "chw" of an input that takes a picture of three channels; None of another.
+
+        Where no axis says 3, a dynamic one may be the channels', which then come before height and width.
+        """
+        if self.type not in DTYPES or len(self.shape) not in (3, 4):
+            return None
+        channels = self.shape[-3]
+        if channels == 3:
+            return "nchw" if len(self.shape) == 4 else "chw"
+        if len(self.shape) == 4 and self.shape[3] == 3:
+            return "nhwc"
+        return None if isinstance(channels, int) else "nchw" if len(self.shape) == 4 else "chw"
+
 
 @dataclass(frozen=True)
 class Signature:
@@ -31,47 +57,74 @@ class Signature:
     inputs: the picture first, then those of :func:`extra_feeds`.
     ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``; None where
     the graph does not take one picture of three channels, or other inputs that are not known.
+    ``answer``: the outputs for a picture's input, to probe a graph whose shapes leave its family open.
     """
 
     inputs: tuple[TensorInfo, ...]
     outputs: tuple[TensorInfo, ...]
     metadata: Mapping[str, str]
     size_px: tuple[int, int] | None
+    answer: Callable[[FloatArray], list[FloatArray]] | None = None
 
-    def named(self, names: Sequence[str]) -> list[Shape] | None:
-        """The shapes of the outputs ``names``, in that order; None unless the graph has exactly these."""
-        shapes = {output.name: output.shape for output in self.outputs}
-        return [shapes[name] for name in names] if sorted(shapes) == sorted(names) else None
+    def named(self, names: Sequence[str]) -> list[TensorInfo] | None:
+        """The outputs ``names``, in that order, among any others; None unless all of them are there.
+
+        A name's end as TensorFlow writes it (":0") does not count.
+        """
+        found = {output.name.split(":")[0]: output for output in self.outputs}
+        return [found[name] for name in names] if found.keys() >= set(names) else None
 
     def describe(self) -> str:
         """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
-        lines = [
-            f"  {kind} {t.name!r} {list(t.shape)} {t.type}"
-            for kind, tensors in (("input", self.inputs), ("output", self.outputs))
-            for t in tensors
+        lines = [f"  input {entry}" for entry in self.inputs] + [
+            f"  output {entry}" for entry in self.outputs
         ]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
         lines.append(f"  to state what it is, write <model>.contract.json beside it, for example {EXAMPLE}")
         return "\n".join(lines)
 
 
+@dataclass(frozen=True)
+class Layout:
+    """How a family reads a graph.
+
+    outputs: those to decode, by name, in decode's order. classes: how many the shapes show; 0 where they do
+    not, because each answer carries the number of its class. why: what of the graph shows the family.
+    """
+
+    outputs: tuple[str, ...]
+    classes: int
+    why: str
+
+    @classmethod
+    def of(cls, output: TensorInfo, shows: str, classes: int = 0) -> Layout:
+        """The layout of one output, which ``shows`` it by its shape."""
+        return cls((output.name,), classes, f"output {output.name!r} {list(output.shape)}: {shows}")
+
+    @classmethod
+    def by_name(cls, outputs: Sequence[TensorInfo], classes: int = 0) -> Layout:
+        """The layout of outputs that are known by their names."""
+        names = tuple(output.name for output in outputs)
+        shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
+        return cls(names, classes, f"outputs {shapes}")
+
+
 class Family(Protocol):
     """One output layout. Its module is the implementation."""
 
     NAME: str
-    LOOKALIKES: str  # other families with this signature but another contract; empty if there are none
-    OUTPUTS: tuple[str, ...]  # the outputs to decode, by name and in this order; empty: all, in the graph's
+    UNKNOWN: str  # what neither the graph nor a preset tells; empty if nothing
 
-    def class_count(self, signature: Signature) -> int | None:
-        """Return the number of classes if the graph's outputs have this layout, else None.
-
-        0 where the layout does not show it, because each answer carries the number of its class.
-        """
+    def describe(self, signature: Signature) -> Layout | None:
+        """Return how this family reads the graph's outputs; None if they do not have its layout."""
 
     def decode(
         self, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float
     ) -> Candidates:
-        """Return the candidates that reach ``min_score``, boxes in px of the network's input."""
+        """Return the candidates that reach ``min_score``, boxes in px of the network's input.
+
+        outputs: those of the layout, in its order. ``size_px``: the input's (height, width).
+        """
 
 
 def extra_feeds(
@@ -98,7 +151,5 @@ def extra_feeds(
 
 _EXTRA_TYPES = {"tensor(int64)": np.int64, "tensor(int32)": np.int32, "tensor(float)": np.float32}
 
-
-def cells(size_px: tuple[int, int], strides: Sequence[int] = (8, 16, 32)) -> int:
-    """A = Σ ceil(H/s) ceil(W/s): the number of grid cells of an input (height, width) px."""
-    return sum(-(-size_px[0] // s) * -(-size_px[1] // s) for s in strides)
+BAKED = "the score threshold and the overlap that are baked into the graph: weaker answers never leave it"
+"""What families that suppress double answers themselves leave unsaid."""

@@ -8,20 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, select_corners
-from blurnoise_eval.formats.signature import Signature, cells
+from blurnoise_eval.formats.signature import BAKED, Layout, Signature
 
 NAME = "yolov10"
-OUTPUTS: tuple[str, ...] = ()
-LOOKALIKES = ""
+UNKNOWN = BAKED
 
 
-def class_count(signature: Signature) -> int | None:
-    """0 for [batch, N, 6], unless N counts the cells of a one-class YOLOv5 or YOLOX."""
-    shape = signature.outputs[0].shape
-    if signature.size_px is None or len(signature.outputs) != 1 or len(shape) != 3 or shape[2] != 6:
+def describe(signature: Signature) -> Layout | None:
+    """One output [batch, N, 6]."""
+    output = signature.outputs[0]
+    fits = signature.size_px is not None and len(signature.outputs) == 1
+    if not fits or len(output.shape) != 3 or output.shape[2] != 6:
         return None
-    grids = [cells(signature.size_px, strides) for strides in ((8, 16, 32), (8, 16, 32, 64))]
-    return None if shape[1] in (*grids, *(3 * count for count in grids)) else 0
+    return Layout.of(output, "rows of 6")
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

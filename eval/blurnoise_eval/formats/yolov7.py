@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, select_corners
-from blurnoise_eval.formats.signature import Signature
+from blurnoise_eval.formats.signature import BAKED, Layout, Signature
 
 NAME = "yolov7"
-OUTPUTS: tuple[str, ...] = ()
-LOOKALIKES = ""
+UNKNOWN = BAKED
 
 
-def class_count(signature: Signature) -> int | None:
-    """0 for [N, 7]."""
-    shape = signature.outputs[0].shape
+def describe(signature: Signature) -> Layout | None:
+    """One output [N, 7]."""
+    output = signature.outputs[0]
     fits = signature.size_px is not None and len(signature.outputs) == 1
-    return 0 if fits and len(shape) == 2 and shape[1] == 7 else None
+    if not fits or len(output.shape) != 2 or output.shape[1] != 7:
+        return None
+    return Layout.of(output, "rows of 7")
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

@@ -1,4 +1,7 @@
-"""YOLOv8, YOLOv9 and YOLO11: [1, 4 + nc, A], boxes decoded to px, classes in [0, 1], no objectness."""
+"""YOLOv8, YOLOv9 and YOLO11: [1, 4 + nc, A], boxes decoded to px, classes in [0, 1], no objectness.
+
+Some exporters turn it to [1, A, 4 + nc]; which it is, is the axis that has A entries, never the longer one.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.formats.candidates import Candidates, best_class, select
-from blurnoise_eval.formats.signature import Signature, cells
+from blurnoise_eval.formats.grids import STRIDES, STRIDES_64, cells, layout_by_cells
+from blurnoise_eval.formats.signature import Layout, Signature
 
 NAME = "yolov8"
-OUTPUTS: tuple[str, ...] = ()
-LOOKALIKES = ""
+UNKNOWN = ""
+_STRIDES = ((8,), STRIDES, STRIDES_64)
 
 
-def class_count(signature: Signature) -> int | None:
-    """Classes of [batch, 4 + nc, A], with stride 8 alone, or strides up to 32 or 64."""
-    shape = signature.outputs[0].shape
-    if signature.size_px is None or len(shape) != 3 or not isinstance(shape[1], int) or shape[1] < 5:
+def describe(signature: Signature) -> Layout | None:
+    """[batch, 4 + nc, A] or [batch, A, 4 + nc], with stride 8 alone, or strides up to 32 or 64."""
+    output = signature.outputs[0]
+    if signature.size_px is None or len(signature.outputs) != 1 or len(output.shape) != 3:
         return None
-    counts = [cells(signature.size_px, strides) for strides in ((8,), (8, 16, 32), (8, 16, 32, 64))]
-    return shape[1] - 4 if len(signature.outputs) == 1 and shape[2] in counts else None
+    _, rows, columns = output.shape
+    counts = [cells(signature.size_px, strides) for strides in _STRIDES]
+    if columns not in counts:
+        return layout_by_cells(signature, columns=4, strides=_STRIDES)
+    if not isinstance(rows, int) or rows < 5:
+        return None
+    strides = ", ".join(map(str, _STRIDES[counts.index(int(str(columns)))]))
+    return Layout.of(output, f"{columns} = the cells of strides {strides}; 4 + {rows - 4} rows", rows - 4)
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
     """Score = class; (centre x, y, width, height) in px."""
     columns = outputs[0][0]
+    if columns.shape[1] not in [cells(size_px, strides) for strides in _STRIDES]:
+        columns = columns.T
     # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
     kept = columns[:, columns[4:].max(axis=0) >= min_score].T
     class_scores, class_ids = best_class(kept[:, 4:])

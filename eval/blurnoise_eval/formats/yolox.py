@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.formats.candidates import Candidates, best_class, select
-from blurnoise_eval.formats.signature import Signature, cells
+from blurnoise_eval.formats.candidates import Candidates, best_class, from_centres
+from blurnoise_eval.formats.grids import STRIDES, grid, layout_by_cells
+from blurnoise_eval.formats.signature import Layout, Signature
 
 NAME = "yolox"
-OUTPUTS: tuple[str, ...] = ()
-LOOKALIKES = "YOLOX 0.1.0 (rgb, 0-1, mean and std of ImageNet) and YOLOv6 show the same shapes"
-STRIDES = (8, 16, 32)
+UNKNOWN = "whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet"
 
 
-def class_count(signature: Signature) -> int | None:
-    """Classes of [batch, A, 5 + nc]."""
-    shape = signature.outputs[0].shape
-    if signature.size_px is None or len(shape) != 3 or not isinstance(shape[2], int) or shape[2] < 6:
+def describe(signature: Signature) -> Layout | None:
+    """[batch, A, 5 + nc]."""
+    if len(signature.outputs) != 1:
         return None
-    return shape[2] - 5 if len(signature.outputs) == 1 and shape[1] == cells(signature.size_px) else None
+    return layout_by_cells(signature, columns=5, strides=(STRIDES,))
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -32,22 +29,14 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     """
     rows = outputs[0][0]
     kept = np.flatnonzero(rows[:, 4] >= min_score)
-    rows = rows[kept]
-    column_row, stride = _grid(size_px)
-    centres = (rows[:, :2] + column_row[kept]) * stride[kept]
+    class_scores, class_ids = best_class(rows[:, 5:][kept])
+    scores = rows[kept, 4] * class_scores
+    strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
+    kept = kept[strong]
+    column_row, stride = (values[kept] for values in grid(size_px))
+    boxes = rows[kept, :4]
+    boxes[:, :2] += column_row
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
-        sizes = np.exp(rows[:, 2:4]) * stride[kept]
-    class_scores, class_ids = best_class(rows[:, 5:])
-    boxes = np.concatenate([centres, sizes], axis=1)
-    return select(boxes, rows[:, 4] * class_scores, class_ids, min_score)
-
-
-@cache
-def _grid(size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return (column, row) of every cell, (A, 2), and its stride, (A, 1), px, stride after stride."""
-    column_row, stride = [], []
-    for s in STRIDES:
-        rows, columns = np.indices((-(-size_px[0] // s), -(-size_px[1] // s)), dtype=np.float32)
-        column_row.append(np.stack([columns.ravel(), rows.ravel()], axis=1))
-        stride.append(np.full((rows.size, 1), s, np.float32))
-    return np.concatenate(column_row), np.concatenate(stride)
+        np.exp(boxes[:, 2:], out=boxes[:, 2:])
+        boxes *= stride
+    return from_centres(boxes, scores[strong], class_ids[strong])
