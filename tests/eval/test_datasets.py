@@ -1,33 +1,37 @@
-"""Pictures and boxes as they come: depths, orientations, COCO files and everything that can be wrong."""
+"""Pictures as they come, in files, folders and rendered: depths, orientations, all that can be wrong."""
 
 from __future__ import annotations
 
-import json
 import os
 import struct
+import threading
+import warnings
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import (
+    PictureSet,
+    Target,
     UnreadablePicture,
-    coco,
     decode,
     eight_bit,
     image_folder,
     read_picture,
     rendered_signs,
+    rendered_texts,
     size_group,
+    size_px,
     write_picture,
 )
 from numpy.typing import NDArray
-
-SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "real"
 
 
 def pixels(shape: tuple[int, ...], dtype: type = np.uint8) -> NDArray[Any]:
@@ -80,6 +84,60 @@ def test_exif_orientation(
     seen = decode(path)
     assert seen.shape == expected.shape
     assert np.abs(seen.astype(int) - expected).max() <= 2  # of 255: JPEG's rounding
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tiff", ".bmp", ".ppm"])
+def test_size_of_a_file_is_that_of_its_decoded_picture(tmp_path: Path, suffix: str, orientation: int) -> None:
+    path = tmp_path / f"turned{suffix}"
+    exif = PIL.Image.Exif()
+    exif[0x0112] = orientation
+    PIL.Image.fromarray(pixels((11, 17, 3))).save(path, exif=exif)
+    height, width = decode(path).shape[:2]
+    assert size_px(path) == (width, height)
+    assert sorted(size_px(path)) == [11, 17]
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3)])
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_size_of_16_bit_files(tmp_path: Path, suffix: str, shape: tuple[int, ...]) -> None:
+    write_picture(tmp_path / f"deep{suffix}", pixels(shape, np.uint16))
+    assert size_px(tmp_path / f"deep{suffix}") == (7, 5)
+
+
+def test_size_comes_from_the_header(tmp_path: Path) -> None:
+    """Of a picture that cannot be decoded, too; no pixel of a huge one is read, and nobody is warned."""
+    (tmp_path / "huge.png").write_bytes(png_header(12_000, 9_000))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert size_px(tmp_path / "huge.png") == (12_000, 9_000)
+    for name, data in (
+        ("empty.jpg", b""),
+        ("text.jpg", b"not a picture"),
+        ("bomb.png", png_header(10**5, 10**5)),
+    ):
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(UnreadablePicture, match=name):
+            size_px(tmp_path / name)
+    with pytest.raises(UnreadablePicture, match=r"missing\.png"):
+        size_px(tmp_path / "missing.png")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
+@pytest.mark.parametrize("read", [decode, size_px])
+def test_pipe_is_not_waited_for(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    os.mkfifo(tmp_path / "pipe.png")
+    said: list[str] = []
+
+    def attempt() -> None:
+        with pytest.raises(UnreadablePicture) as caught:
+            read(tmp_path / "pipe.png")
+        said.append(str(caught.value))
+
+    waiting = threading.Thread(target=attempt, daemon=True)
+    waiting.start()
+    waiting.join(timeout=10)
+    assert ["a directory, device or pipe" in each for each in said] == [True]
 
 
 def test_eight_bit_rounds() -> None:
@@ -143,18 +201,17 @@ def test_picture_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_write_that_fails_half_way_keeps_the_picture_of_before(
+def test_write_that_fails_at_its_end_keeps_the_picture_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "picture.png"
     write_picture(path, pixels((4, 4)))
-    before, write_bytes = path.read_bytes(), Path.write_bytes
+    before = path.read_bytes()
 
-    def full(target: Path, data: bytes) -> int:
-        write_bytes(target, data[: len(data) // 2])
+    def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OSError, match="No space left"):
         write_picture(path, pixels((9, 9)))
     assert path.read_bytes() == before
@@ -174,6 +231,36 @@ def test_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
     assert found.pictures[1].load().shape == (4, 6, 3)
     with pytest.raises(UnreadablePicture, match="0 bytes"):
         found.pictures[2].load()
+
+
+def test_folder_numbers_its_pictures_and_passes_what_is_no_file(tmp_path: Path) -> None:
+    (tmp_path / "far").mkdir()
+    write_picture(tmp_path / "far" / "z.png", pixels((4, 4)))
+    (tmp_path / "set.png").mkdir()
+    write_picture(tmp_path / "set.png" / "<b>.png", pixels((4, 4)))
+    (tmp_path / "link.png").symlink_to(tmp_path / "far" / "z.png")
+    (tmp_path / "loop.png").symlink_to(tmp_path / "loop.png")
+    (tmp_path / "nowhere.png").symlink_to(tmp_path / "missing.png")
+    (tmp_path / "again").symlink_to(tmp_path)  # a circle of folders
+    found = image_folder(tmp_path)
+    assert [(picture.image_id, picture.name) for picture in found] == [
+        (1, "far/z.png"), (2, "link.png"), (3, "set.png/<b>.png"),
+    ]  # fmt: skip
+    assert found.pictures[1].load().shape == (4, 4, 3)
+
+
+def test_names_are_unique() -> None:
+    picture = rendered_signs([50]).pictures[0]
+    with pytest.raises(ValueError, match=r"folder = 'here': lists 'stop-sign-50px' twice"):
+        PictureSet("folder", "here", (picture, picture))
+
+
+def test_annotations_change_no_target() -> None:
+    """Runs are told apart by their targets: what a file says beside them is no difference."""
+    plain = Target("sign", "signs", (0.0, 0.0, 1.0, 1.0))
+    annotated = replace(plain, annotation={"segmentation": [[1, 2]]})
+    assert (plain, repr(plain), hash(plain)) == (annotated, repr(annotated), hash(annotated))
+    assert replace(plain, crowd=True) != plain != replace(plain, text="STOP")
 
 
 def test_identity_changes_with_the_picture(tmp_path: Path) -> None:
@@ -210,149 +297,6 @@ def test_missing_and_empty_folders(tmp_path: Path) -> None:
         image_folder(tmp_path / "empty")
 
 
-def instances(**changes: Any) -> dict[str, Any]:
-    """A COCO file of three pictures: two objects, a crowd and an empty box; nothing; one small sign."""
-    data: dict[str, Any] = {
-        "images": [
-            {"id": 7, "file_name": "a.png"},
-            {"id": 8, "file_name": "b.png"},
-            {"id": 9, "file_name": "sub/c.png"},
-        ],
-        "categories": [{"id": 13, "name": "stop sign"}, {"id": 1, "name": "person"}],
-        "annotations": [
-            {"image_id": 7, "category_id": 13, "bbox": [10, 20, 30, 40.5], "iscrowd": 0},
-            {"image_id": 7, "category_id": 1, "bbox": [0, 0, 100, 200]},
-            {"image_id": 7, "category_id": 1, "bbox": [0, 0, 50, 50], "iscrowd": 1},
-            {"image_id": 7, "category_id": 1, "bbox": [5, 5, 0, 9]},
-            {"image_id": 7, "category_id": 1, "bbox": [5, 5, 9, 0]},
-            {"image_id": 9, "category_id": 13, "bbox": [1, 2, 10, 10]},
-        ],
-    }
-    return {**data, **changes}
-
-
-def write(path: Path, data: object) -> Path:
-    path.write_text(data if isinstance(data, str) else json.dumps(data), encoding="utf-8")
-    return path
-
-
-def test_coco_boxes_become_targets(tmp_path: Path) -> None:
-    found = coco(write(tmp_path / "instances.json", instances()))
-    a, b, c = found
-    assert (found.kind, [picture.name for picture in found]) == ("coco", ["a.png", "b.png", "sub/c.png"])
-    assert a.targets is not None
-    assert [(target.label, target.box_xyxy) for target in a.targets] == [
-        ("stop sign", (10.0, 20.0, 40.0, 60.5)),
-        ("person", (0.0, 0.0, 100.0, 200.0)),
-    ]
-    assert [target.group for target in a.targets] == [
-        "objects, medium (32-96 px)",
-        "objects, large (> 96 px)",
-    ]
-    assert b.targets == ()  # annotated as holding nothing, which differs from not annotated
-    assert c.targets is not None
-    assert c.targets[0].group == "objects, small (< 32 px)"
-
-
-def test_coco_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
-    found = coco(write(tmp_path / "instances.json", instances()), labels=["stop sign"])
-    assert [picture.name for picture in found] == ["a.png", "sub/c.png"]
-    assert [target.group for picture in found for target in picture.targets or ()] == [
-        "stop sign, medium (32-96 px)",
-        "stop sign, small (< 32 px)",
-    ]
-
-
-def test_coco_pictures_without_the_label_may_stay(tmp_path: Path) -> None:
-    file = write(tmp_path / "instances.json", instances())
-    found = coco(file, labels=["stop sign"], keep_empty=True)
-    assert [(picture.name, len(picture.targets or ())) for picture in found] == [
-        ("a.png", 1), ("b.png", 0), ("sub/c.png", 1),
-    ]  # fmt: skip
-    assert found.pictures[1].targets == ()  # None would make targets of whatever is found there
-
-
-def test_coco_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
-    (tmp_path / "pictures" / "sub").mkdir(parents=True)
-    write_picture(tmp_path / "real.png", pixels((4, 4)))
-    (tmp_path / "pictures" / "a.png").symlink_to(tmp_path / "real.png")  # as subsets of COCO are made
-    found = coco(write(tmp_path / "instances.json", instances()), images=tmp_path / "pictures")
-    assert found.pictures[0].load().shape == (4, 4, 3)
-    with pytest.raises(UnreadablePicture, match=r"b\.png.*No such file"):
-        found.pictures[1].load()
-
-
-@pytest.mark.parametrize(
-    "name", ["../secret.png", "sub/../../secret.png", "/etc/passwd", "..", "sub/../../x/../secret.png"]
-)
-def test_coco_file_names_stay_in_the_folder(tmp_path: Path, name: str) -> None:
-    file = write(tmp_path / "instances.json", instances(images=[{"id": 7, "file_name": name}]))
-    with pytest.raises(ValueError, match="leaves the folder"):
-        coco(file)
-
-
-@pytest.mark.parametrize("name", ["sub/../a.png", "./a.png", "a..png"])
-def test_coco_file_names_may_wander_inside(tmp_path: Path, name: str) -> None:
-    write_picture(tmp_path / Path(os.path.normpath(name)), pixels((4, 4)))
-    (picture,) = coco(write(tmp_path / "instances.json", instances(images=[{"id": 7, "file_name": name}])))
-    assert picture.load().shape == (4, 4, 3)
-
-
-def test_coco_picture_listed_twice_is_refused(tmp_path: Path) -> None:
-    """Cells are told apart by the picture's name."""
-    images = [{"id": 1, "file_name": "a.png"}, {"id": 2, "file_name": "./a.png"}]
-    with pytest.raises(ValueError, match=r"a\.png' twice"):
-        coco(write(tmp_path / "instances.json", instances(images=images)))
-
-
-ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        "{ no json",
-        "[" * 100_000,
-        "[]",
-        "null",
-        "{}",
-        instances(annotations=None),
-        instances(images=[{"id": 1}]),
-        instances(images=[{"id": "seven", "file_name": "a.png"}]),
-        instances(images=[{"id": float("inf"), "file_name": "a.png"}]),
-        instances(annotations=["text"]),
-        instances(annotations=[{**ANNOTATION, "bbox": [1, 2, 3]}]),
-        instances(annotations=[{**ANNOTATION, "bbox": [1, 2, "wide", 4]}]),
-        instances(annotations=[{**ANNOTATION, "bbox": [1, 2, float("nan"), 4]}]),
-        instances(annotations=[{**ANNOTATION, "bbox": [1, 2, float("inf"), 4]}]),
-        instances(annotations=[{**ANNOTATION, "category_id": 99}]),
-        instances(annotations=[{"image_id": 7, "category_id": 13}]),
-    ],
-)
-def test_what_is_no_coco_file_is_named(tmp_path: Path, data: object) -> None:
-    with pytest.raises(ValueError, match=r"instances\.json': not a COCO instances file"):
-        coco(write(tmp_path / "instances.json", data))
-
-
-def test_coco_file_that_is_binary_missing_or_lists_nothing(tmp_path: Path) -> None:
-    (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(ValueError, match="not a COCO instances file"):
-        coco(tmp_path / "binary.json")
-    with pytest.raises(ValueError, match=r"nothing\.json'.*No such file"):
-        coco(tmp_path / "nothing.json")
-    with pytest.raises(ValueError, match="lists no pictures"):
-        coco(write(tmp_path / "instances.json", instances(images=[])))
-
-
-def test_unknown_class_is_told_with_the_known_ones(tmp_path: Path) -> None:
-    file = write(tmp_path / "instances.json", instances())
-    with pytest.raises(ValueError, match=r"\['zebra'\].*'person', 'stop sign'"):
-        coco(file, labels=["stop sign", "zebra"])
-    file = write(tmp_path / "instances.json", instances(annotations=[]))
-    with pytest.raises(ValueError, match="lists no pictures with"):
-        coco(file, labels=["stop sign"])
-
-
 @pytest.mark.parametrize(
     ("width", "height", "group"),
     [(31, 33, "small"), (32, 32, "medium"), (16, 64, "medium"), (95, 97, "medium"), (96, 96, "large")],
@@ -375,13 +319,14 @@ def test_rendered_sign_fills_its_box() -> None:
     np.testing.assert_array_equal(picture.load(), image)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared photographs")
-def test_real_photographs() -> None:
-    found = coco(SHARED / "photos" / "instances.json", labels=["stop sign"])
-    by_name = {picture.name: picture for picture in found}
-    picture = by_name["000000525891.jpg"]
-    height, width = picture.load().shape[:2]
-    for target in picture.targets or ():
-        x0, y0, x1, y1 = target.box_xyxy
-        assert 0 <= x0 < x1 <= width
-        assert 0 <= y0 < y1 <= height
+def test_rendered_text_is_the_white_word_on_the_red_sign() -> None:
+    found = rendered_texts([100, 50])
+    assert (found.kind, found.categories, len(found)) == ("rendered", {"text": 1}, 2)
+    (target,) = found.pictures[0].targets or ()
+    assert (target.label, target.text, target.group) == ("text", "STOP", "STOP on a sign of 100 px")
+    image = found.pictures[0].load()
+    np.testing.assert_array_equal(image, rendered_signs([100]).pictures[0].load())
+    x0, y0, x1, y1 = (round(edge) for edge in target.box_xyxy)
+    rows, columns = np.nonzero(image[y0 - 3 : y1 + 3, x0 - 3 : x1 + 3, 1] > 128)  # red has little green
+    found_box = (columns.min() - 3, rows.min() - 3, columns.max() - 2 - (x1 - x0), rows.max() - 2 - (y1 - y0))
+    assert np.abs(found_box).max() <= 1

@@ -1,0 +1,62 @@
+"""BDD100K's detection labels, and Scalabel's, whose format they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from blurnoise_eval.datasets.chosen import Choice
+from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, shown, text
+from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.records import PictureSet, Target
+
+_CORNERS = ("x1", "y1", "x2", "y2")
+
+
+def bdd(
+    file: Path, *, images: Path | None = None, labels: Sequence[str] = (), keep_empty: bool = False
+) -> PictureSet:
+    """The pictures of a BDD100K detection file, with their box2d as targets; labels without one do not count.
+
+    The file is a list of frames, or an object with ``frames``: https://doc.bdd100k.com/format.html. images,
+    labels, ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; categories keep their
+    names ("traffic sign", "bike") and are numbered in alphabetical order.
+    """
+    choice = Choice(labels, keep_empty)
+    with faults_of("bdd", file):
+        document = read_json(file, "BDD100K's labels")
+        frames = document.get("frames") if isinstance(document, dict) else document
+        known: set[str] = set()
+        read = partial(_frame, known=known, choice=choice)
+        listed = [(name, found) for name, found in each(frames, "frames", read) if choice.takes(found)]
+        pictures = tuple(
+            from_file(images or file.parent, name, tuple(found), place)
+            for place, (name, found) in enumerate(listed, start=1)
+        )
+        choice.check(known, pictures)
+    categories = {label: place for place, label in enumerate(sorted(known), start=1)}
+    return PictureSet("bdd", str(file), pictures, categories, choice.notes())
+
+
+def _frame(frame: dict[str, Any], *, known: set[str], choice: Choice) -> tuple[str, list[Target]]:
+    """Its picture's name and targets; ``known`` gathers the categories that have boxes."""
+    name = inside(text(frame, "name"))
+    labels = each(frame.get("labels") or [], "labels", partial(_label, known=known, choice=choice))
+    return name, [target for found in labels for target in found]
+
+
+def _label(label: dict[str, Any], *, known: set[str], choice: Choice) -> list[Target]:
+    corners = label.get("box2d")
+    if corners is None:  # a lane, a drivable area
+        return []
+    if not isinstance(corners, dict):
+        raise ValueError(f"box2d = {shown(corners)}: must be an object")
+    x0, y0, x1, y1 = (number(corners, key) for key in _CORNERS)
+    category = text(label, "category")
+    known.add(category)
+    annotation = {key: value for key, value in label.items() if key not in ("id", "category", "box2d")}
+    attributes = label.get("attributes")
+    crowd = isinstance(attributes, dict) and bool(attributes.get("crowd"))
+    return choice.target(category, (x0, y0, x1, y1), crowd=crowd, annotation=annotation)

@@ -1,0 +1,89 @@
+"""What every set of pictures is made of, wherever it comes from. Boxes are (x0, y0, x1, y1) px."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+class UnreadablePicture(ValueError):
+    """A picture cannot be read; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """An object that the model should find: class name, curve it counts for, box (x0, y0, x1, y1) px.
+
+    area_px2: of the object, as COCO counts it; None: of the box. crowd: several objects under one box, which
+    are neither missed nor wrong, as COCO's crowds. text: what is to be read there. annotation: what else the
+    file says of it, for those who write it again.
+    """
+
+    label: str
+    group: str
+    box_xyxy: tuple[float, float, float, float]
+    area_px2: float | None = None
+    crowd: bool = False
+    text: str | None = None
+    annotation: Mapping[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture by name. ``targets`` None: whatever the detector finds in the clean picture.
+
+    ``load`` returns (H, W, 3) RGB, 8 or 16 bit, sRGB-coded, and raises :class:`UnreadablePicture`.
+    ``identity`` changes when the picture does (a file's size), so that a resumed run notices.
+    ``image_id`` is COCO's, else the place in the set, from 1 on.
+    """
+
+    name: str
+    targets: tuple[Target, ...] | None
+    load: Callable[[], Image]
+    identity: str
+    image_id: int = 0
+
+
+@dataclass(frozen=True)
+class PictureSet:
+    """Pictures of one kind ("rendered", "folder", "coco", "yolo", "bdd", "text") and where they come from.
+
+    categories: ids of the labels, COCO's own, or by default from 1 on as they occur. notes: what was left
+    out, and how much of it. Raises ``ValueError`` for a name that occurs twice: results are told apart by it.
+    """
+
+    kind: str
+    source: str
+    pictures: tuple[Picture, ...]
+    categories: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        names: set[str] = set()
+        for picture in self.pictures:
+            if picture.name in names:
+                raise ValueError(f"{self.kind} = {self.source!r}: lists {picture.name!r} twice")
+            names.add(picture.name)
+        if not self.categories:
+            labels = dict.fromkeys(t.label for picture in self.pictures for t in picture.targets or ())
+            object.__setattr__(self, "categories", {label: n for n, label in enumerate(labels, start=1)})
+
+    def __len__(self) -> int:
+        return len(self.pictures)
+
+    def __iter__(self) -> Iterator[Picture]:
+        return iter(self.pictures)
+
+
+def size_group(width: float, height: float, label: str) -> str:
+    """COCO's size classes: small below 32^2 px of box area, large from 96^2 px on."""
+    area = width * height
+    if area < 32**2:
+        return f"{label}, small (< 32 px)"
+    return f"{label}, medium (32-96 px)" if area < 96**2 else f"{label}, large (> 96 px)"

@@ -1,0 +1,109 @@
+"""Text labels as PP-OCR has them: a text per picture, or several texts with their places in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurnoise_eval.datasets.chosen import Choice
+from blurnoise_eval.datasets.fields import (
+    as_json,
+    as_number,
+    each,
+    each_line,
+    faults_of,
+    inside,
+    read_text,
+    shown,
+    text,
+)
+from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.images import size_px
+from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
+
+LABEL = "text"
+_UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
+_HEIGHTS_PX = (16, 32, 64)
+
+
+def texts(file: Path, *, images: Path | None = None) -> PictureSet:
+    """The pictures of a PP-OCR label file, with their texts as targets; unreadable ones are marked as crowds.
+
+    The file has a line per picture: its name, a tab, and either its text, when the whole picture is the box,
+    or, for all pictures, JSON: ``[{"transcription": "STOP", "points": [[x, y], ...]}]``, px. Source: PaddleOCR,
+    "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own.
+    Raises ``ValueError`` that names the file and the line.
+    """
+    folder = images or file.parent
+    choice = Choice((), keep_empty=True)
+    with faults_of("text", file):
+        content = read_text(file)
+        targets: Callable[[Path, str], list[Target]]
+        targets = partial(_places, choice=choice) if "\t[{" in content else _whole
+        lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
+        choice.check((), lines)
+        pictures = tuple(
+            from_file(folder, name, tuple(found), place) for place, (name, found) in enumerate(lines, start=1)
+        )
+    return PictureSet("text", str(file), pictures, {LABEL: 1}, choice.notes())
+
+
+def _line(
+    line: str, *, folder: Path, targets: Callable[[Path, str], list[Target]]
+) -> tuple[str, list[Target]]:
+    name, tab, rest = line.partition("\t")
+    if not tab:
+        raise ValueError(f"{shown(line)}: must be a picture's name, a tab and its text")
+    name = inside(name)
+    return name, targets(folder / name, rest)
+
+
+def _whole(picture: Path, written: str) -> list[Target]:
+    """The whole picture as the text's place; nothing where it cannot be read, which is told on loading."""
+    try:
+        width, height = size_px(picture)
+    except UnreadablePicture:
+        return []
+    return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]
+
+
+def _places(picture: Path, written: str, *, choice: Choice) -> list[Target]:
+    found = each(as_json(written, "a list of texts and points"), "texts", partial(_place, choice=choice))
+    return [target for targets in found for target in targets]
+
+
+def _place(entry: dict[str, Any], *, choice: Choice) -> list[Target]:
+    """The upright box around the points."""
+    written, points = text(entry, "transcription"), entry["points"]
+    if not isinstance(points, list) or len(points) < 2:
+        raise ValueError(f"points = {shown(points)}: must be corners [[x, y], ...], px")
+    corners = np.array([_point(point) for point in points])
+    (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    annotation = {key: value for key, value in entry.items() if key != "transcription"}
+    return choice.target(
+        LABEL,
+        (x0, y0, x1, y1),
+        group=_height_group(y1 - y0),
+        crowd=written in _UNREADABLE,
+        text=written,
+        annotation=annotation,
+    )
+
+
+def _point(point: object) -> tuple[float, float]:
+    if not isinstance(point, list) or len(point) != 2:
+        raise ValueError(f"points: {shown(point)}: must be [x, y], px")
+    return as_number(point[0], "x"), as_number(point[1], "y")
+
+
+def _height_group(height_px: float) -> str:
+    """The text's curve, by the height of its box."""
+    below = next((edge for edge in _HEIGHTS_PX if height_px < edge), None)
+    if below is None:
+        return f"text, height > {_HEIGHTS_PX[-1]} px"
+    above = below // 2
+    return f"text, height < {below} px" if below == _HEIGHTS_PX[0] else f"text, height {above}-{below} px"

@@ -1,0 +1,190 @@
+"""YOLO's text labels: a data.yaml or a folder, and for each picture a text file with a line per object."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurnoise_eval.datasets.chosen import Choice
+from blurnoise_eval.datasets.fields import (
+    each_line,
+    faults_of,
+    inside,
+    is_unicode,
+    read_text,
+    read_yaml,
+    shown,
+)
+from blurnoise_eval.datasets.folder import from_file, picture_names
+from blurnoise_eval.datasets.images import size_px
+from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
+
+_SPLITS = ("val", "train")  # what is taken where nobody chooses
+_FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
+
+
+def yolo(
+    path: Path,
+    *,
+    images: Path | None = None,
+    labels: Sequence[str] = (),
+    split: str | None = None,
+    keep_empty: bool = False,
+) -> PictureSet:
+    """The pictures of a YOLO data set as Ultralytics lays it out; polygons count as the boxes around them.
+
+    path: a data.yaml (its ``split``, by default val, else train), or a folder with a data.yaml or classes.txt,
+    and with images/ or pictures. images: the pictures' folder in place of these. The objects of images/a.jpg
+    are in labels/a.txt, else in a.txt beside it; a picture without such a file has none. labels,
+    ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a line names it.
+    Source: https://docs.ultralytics.com/datasets/detect.
+    """
+    choice = Choice(labels, keep_empty)
+    with faults_of("yolo", path):
+        root, described = _description(path)
+        classes = _class_names(described.get("names"))
+        if images and split:
+            raise ValueError(f"split {split!r}: must not go with images, which are all taken")
+        folder, names = _pictures([images] if images else _sources(root, described, split))
+        read = partial(_targets, classes=classes, choice=choice, label_folder=cache(_label_folder))
+        found = [(name, read(folder / name)) for name in names]
+        unlabelled = sum(targets is None for _, targets in found)
+        if unlabelled == len(found):
+            raise ValueError(f"no label file for any of {len(found)} pictures in {str(folder)!r}")
+        taken = [(name, targets or []) for name, targets in found if choice.takes(targets or [])]
+        pictures = tuple(
+            from_file(folder, name, tuple(targets), place)
+            for place, (name, targets) in enumerate(taken, start=1)
+        )
+        choice.check(classes.values(), pictures)
+    categories = {name: class_id + 1 for class_id, name in classes.items()}
+    notes = choice.notes()
+    if unlabelled:
+        notes += (f"without a label file, and so without an object: {unlabelled} of the pictures",)
+    return PictureSet("yolo", str(path), pictures, categories, notes)
+
+
+def _description(path: Path) -> tuple[Path, dict[Any, Any]]:
+    """The set's folder, and what its data.yaml or, without one, its classes.txt says."""
+    if not path.is_dir():
+        described = read_yaml(path)
+        if "kpt_shape" in described:
+            raise ValueError("describes poses (kpt_shape), whose lines would pass for polygons")
+        return path.parent, described
+    if (path / "data.yaml").is_file():
+        return path, _description(path / "data.yaml")[1]
+    for file in (path / "classes.txt", path / "labels" / "classes.txt"):
+        if file.is_file():
+            return path, {"names": [line.strip() for line in read_text(file).split("\n") if line.strip()]}
+    raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
+
+
+def _class_names(names: object) -> dict[int, str]:
+    by_id = dict(enumerate(names)) if isinstance(names, list) else names
+    if not isinstance(by_id, dict) or not by_id:
+        raise ValueError(f"names = {shown(names)}: must be the classes' names, as a list or by class number")
+    for class_id, name in by_id.items():
+        sound = type(name) is int or (isinstance(name, str) and is_unicode(name))
+        if type(class_id) is not int or class_id < 0 or not sound:
+            raise ValueError(f"names: {shown({class_id: name})}: must be a name by a class number >= 0")
+    return {class_id: str(name) for class_id, name in by_id.items()}
+
+
+def _sources(root: Path, described: Mapping[Any, Any], split: str | None) -> list[Path]:
+    """Folders of pictures, and lists of them (.txt)."""
+    if split is None:
+        split = next((key for key in _SPLITS if described.get(key)), None)
+        if split is None:
+            return [root / "images" if (root / "images").is_dir() else root]
+    entries = described.get(split)
+    entries = entries if isinstance(entries, list) else [entries]
+    base = described.get("path") or ""
+    if not entries or not all(isinstance(entry, str) for entry in (base, *entries)):
+        raise ValueError(
+            f"split {split!r} = {shown(described.get(split))}: must name folders or lists (.txt)"
+        )
+    return [_existing(root / base, entry) for entry in entries]
+
+
+def _existing(base: Path, entry: str) -> Path:
+    """The folder or list; Roboflow's exports write '../' where they mean './'."""
+    for name in (entry, entry.removeprefix("../")):
+        if (base / name).exists():
+            return base / name
+    raise ValueError(f"{str(base / entry)!r}: no such folder or list of pictures")
+
+
+def _pictures(sources: Iterable[Path]) -> tuple[Path, list[str]]:
+    """The folder that holds all sources, and the names of their pictures in it."""
+    listed = []
+    for source in sources:
+        if source.suffix == ".txt" and source.is_file():
+            with faults_of("list", source):
+                lines = each_line(read_text(source), lambda line: inside(line.strip()))
+                listed.append((source.parent, list(lines)))
+        else:
+            listed.append((source, picture_names(source)))
+    folder = Path(os.path.commonpath([source for source, _ in listed]))
+    names = [
+        (source.relative_to(folder) / name).as_posix() for source, each_name in listed for name in each_name
+    ]
+    if not names:
+        raise ValueError("lists no pictures")
+    return folder, names
+
+
+def _label_folder(folder: Path) -> Path:
+    """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
+    parts = folder.parts
+    if "images" in parts:
+        last = len(parts) - 1 - parts[::-1].index("images")
+        beside = Path(*parts[:last], "labels", *parts[last + 1 :])
+        if beside.is_dir():
+            return beside
+    return folder
+
+
+def _targets(
+    picture: Path, *, classes: Mapping[int, str], choice: Choice, label_folder: Callable[[Path], Path]
+) -> list[Target] | None:
+    """The picture's objects; None without a label file."""
+    file = label_folder(picture.parent) / f"{picture.stem}.txt"
+    if not file.is_file():
+        return None
+    with faults_of("labels", file):
+        objects = list(each_line(read_text(file), partial(_object, classes=classes)))
+    if not objects:
+        return []
+    try:
+        width, height = size_px(picture)
+    except UnreadablePicture:  # told when it is loaded
+        return []
+    sides = np.array([width, height, width, height])
+    boxes = [(label, (sides * shares).tolist()) for label, shares in objects]
+    return [target for label, box in boxes for target in choice.target(label, tuple(box), (width, height))]
+
+
+def _object(line: str, *, classes: Mapping[int, str]) -> tuple[str, tuple[float, float, float, float]]:
+    """Its class, and its box as shares (x0, y0, x1, y1) of the picture's sides."""
+    fields = line.split()
+    try:
+        class_id, *shares = (float(field) for field in fields)
+    except ValueError:
+        raise ValueError(f"{shown(line)}: must be numbers") from None
+    if class_id not in classes:
+        raise ValueError(f"class {fields[0]}: not among the {len(classes)} names")
+    if any(_FARTHEST < abs(share) < math.inf for share in shares):
+        raise ValueError(f"{shown(line)}: must be shares of the picture's sides, 0 to 1, no pixels")
+    if len(shares) == 4:
+        x, y, width, height = shares
+        return classes[int(class_id)], (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+    if len(shares) < 6 or len(shares) % 2:
+        raise ValueError(f"{shown(line)}: must be 'class x y width height' or 'class x1 y1 x2 y2 x3 y3 ...'")
+    xs, ys = np.array(shares[::2]), np.array(shares[1::2])
+    return classes[int(class_id)], (xs.min(), ys.min(), xs.max(), ys.max())

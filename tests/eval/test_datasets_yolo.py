@@ -1,0 +1,256 @@
+"""YOLO's text labels: layouts, lines, and what can be wrong with either."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+import yaml
+from blurnoise_eval.datasets import Target, UnreadablePicture, write_picture, yolo
+
+NAMES = {0: "sign", 1: "<b>car</b>"}
+
+
+def make(root: Path, files: Mapping[str, str | tuple[int, int]]) -> Path:
+    """Write a data set: text files, and pictures of (width, height) px."""
+    for name, content in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(content, str):
+            path.write_text(content, encoding="utf-8")
+        else:
+            write_picture(path, np.zeros((content[1], content[0], 3), np.uint8))
+    return root
+
+
+def described(**entries: object) -> str:
+    return yaml.safe_dump({"names": NAMES, **entries})
+
+
+def only(targets: tuple[Target, ...] | None) -> Target:
+    assert targets is not None
+    (target,) = targets
+    return target
+
+
+def test_shares_become_pixels(tmp_path: Path) -> None:
+    """A box of 0.2 x 0.5 around (0.3, 0.5) of 200 x 80 px, and a triangle as the box around it."""
+    make(
+        tmp_path,
+        {
+            "data.yaml": described(val="images"),
+            "images/a.png": (200, 80),
+            "images/b.jpg": (64, 64),
+            "labels/a.txt": "0 0.3 0.5 0.2 0.5\n\n1 0.5 0.25 0.75 0.5 0.625 0.75\r\n",
+        },
+    )
+    found = yolo(tmp_path / "data.yaml")
+    assert (found.kind, found.categories) == ("yolo", {"sign": 1, "<b>car</b>": 2})
+    assert [(picture.image_id, picture.name) for picture in found] == [(1, "a.png"), (2, "b.jpg")]
+    box, triangle = found.pictures[0].targets or ()
+    assert (box.label, box.group) == ("sign", "objects, medium (32-96 px)")
+    np.testing.assert_allclose(box.box_xyxy, (40, 20, 80, 60), atol=1e-9)
+    assert triangle.label == "<b>car</b>"
+    assert triangle.box_xyxy == (100.0, 20.0, 150.0, 60.0)
+    assert found.pictures[1].targets == ()
+    assert found.notes == ("without a label file, and so without an object: 1 of the pictures",)
+    assert found.pictures[1].load().shape == (64, 64, 3)
+
+
+def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path: Path) -> None:
+    """A file of 40 x 20 px, held upright: the left half of what is seen is 10 x 40 px."""
+    make(tmp_path, {"data.yaml": described(val="images"), "labels/a.txt": "0 0.25 0.5 0.5 1\n"})
+    (tmp_path / "images").mkdir()
+    exif = PIL.Image.Exif()
+    exif[0x0112] = 6
+    PIL.Image.new("RGB", (40, 20)).save(tmp_path / "images" / "a.jpg", exif=exif)
+    (picture,) = yolo(tmp_path)
+    assert picture.load().shape == (40, 20, 3)
+    assert only(picture.targets).box_xyxy == (0.0, 0.0, 10.0, 40.0)
+
+
+LINE = "0 0.5 0.5 0.5 0.5\n"
+LAYOUTS = {
+    "coco8": {
+        "data.yaml": described(path=".", train="images/train", val="images/val"),
+        "images/train/t.png": (8, 8), "labels/train/t.txt": LINE,
+        "images/val/v.png": (8, 8), "labels/val/v.txt": LINE,
+    },
+    "roboflow": {
+        "data.yaml": described(train="../train/images", val="../valid/images", names=["sign", "car"]),
+        "train/images/t.png": (8, 8), "train/labels/t.txt": LINE,
+        "valid/images/v.png": (8, 8), "valid/labels/v.txt": LINE,
+    },
+    "darknet": {
+        "data.yaml": described(path="set", train="train.txt", val="val.txt"),
+        "set/train.txt": "images/t.png\n", "set/val.txt": "./images/v.png\n\n",
+        "set/images/t.png": (8, 8), "set/labels/t.txt": LINE, "set/images/v.png": (8, 8), "set/labels/v.txt": LINE,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts(tmp_path: Path, layout: str) -> None:
+    make(tmp_path, LAYOUTS[layout])
+    for path in (tmp_path, tmp_path / "data.yaml"):
+        for split, stem in ((None, "v"), ("val", "v"), ("train", "t")):
+            (picture,) = yolo(path, split=split)
+            assert Path(picture.name).stem == stem
+            assert only(picture.targets).box_xyxy == (2.0, 2.0, 6.0, 6.0)
+            assert picture.load().shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"labels/classes.txt": "\ufeffsign\r\ncar\r\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"classes.txt": "sign\n", "sub/a.png": (8, 8), "sub/a.txt": LINE},
+        {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "images/sub/a.txt": LINE},
+        {"data.yaml": described(), "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"data.yaml": described(val=["images/sub"]), "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+    ],
+)
+def test_folders(tmp_path: Path, files: Mapping[str, str | tuple[int, int]]) -> None:
+    (picture,) = yolo(make(tmp_path, files))
+    assert picture.name in ("sub/a.png", "a.png")
+    assert only(picture.targets).label == "sign"
+
+
+def test_splits_of_several_folders_keep_their_names_apart(tmp_path: Path) -> None:
+    files = {f"{part}/images/a.png": (8, 8) for part in ("day", "night")}
+    labels = {f"{part}/labels/a.txt": LINE for part in ("day", "night")}
+    make(tmp_path, {"data.yaml": described(val=["day/images", "night/images"]), **files, **labels})
+    assert [picture.name for picture in yolo(tmp_path)] == ["day/images/a.png", "night/images/a.png"]
+
+
+def test_pictures_may_lie_elsewhere(tmp_path: Path) -> None:
+    make(tmp_path, {"data.yaml": described(path="/nowhere", val="images")})
+    make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
+    assert len(yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images")) == 1
+    with pytest.raises(ValueError, match="'/nowhere/images': no such folder"):
+        yolo(tmp_path / "data.yaml")
+    with pytest.raises(ValueError, match="must not go with images"):
+        yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images", split="val")
+
+
+def test_labels_choose_pictures(tmp_path: Path) -> None:
+    make(
+        tmp_path,
+        {
+            "data.yaml": described(val="images"),
+            "images/a.png": (8, 8), "images/b.png": (8, 8), "images/c.png": (8, 8),
+            "labels/a.txt": "1 0.5 0.5 0.5 0.5\n", "labels/b.txt": LINE, "labels/c.txt": "",
+        },
+    )  # fmt: skip
+    (picture,) = yolo(tmp_path, labels=["sign"])
+    assert (picture.name, picture.image_id) == ("b.png", 1)
+    assert only(picture.targets).group == "sign, small (< 32 px)"
+    assert [len(each.targets or ()) for each in yolo(tmp_path, labels=["sign"], keep_empty=True)] == [0, 1, 0]
+    with pytest.raises(ValueError, match="not among the categories"):
+        yolo(tmp_path, labels=["zebra"])
+
+
+def test_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
+    lines = [
+        "0 0.95 0.5 0.2 0.2",
+        "0 -0.2 0.5 0.2 0.2",
+        "0 nan 0.5 0.2 0.2",
+        "0 0.5 0.5 inf 0.2",
+        "0 0.5 0.5 0 0.2",
+    ]
+    make(tmp_path, {"classes.txt": "sign", "a.png": (10, 10), "a.txt": "\n".join(lines)})
+    found = yolo(tmp_path)
+    np.testing.assert_allclose(only(found.pictures[0].targets).box_xyxy, (8.5, 4, 10.5, 6))
+    assert found.notes == (
+        "1 box outside the picture left out",
+        "2 boxes with numbers that are not finite left out",
+        "1 box of no area left out",
+    )
+
+
+def test_unreadable_picture_says_so_when_it_is_loaded(tmp_path: Path) -> None:
+    make(tmp_path, {"classes.txt": "sign", "a.png": "no picture", "a.txt": LINE, "b.png": (8, 8)})
+    broken, _ = yolo(tmp_path)
+    assert broken.targets == ()
+    with pytest.raises(UnreadablePicture, match=r"a\.png"):
+        broken.load()
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("0 0.5 0.5 0.5", "must be 'class x y width height' or"),
+        ("0 0.5 0.5 0.5 0.5 0.9", "must be 'class x y width height' or"),
+        ("0 0.5 0.5 0.5 0.5 0.5 0.5 0.5", "must be 'class x y width height' or"),
+        ("0", "must be 'class x y width height' or"),
+        ("sign 0.5 0.5 0.5 0.5", "must be numbers"),
+        ("0,0.5,0.5,0.5,0.5", "must be numbers"),
+        ("2 0.5 0.5 0.5 0.5", "class 2: not among the 2 names"),
+        ("-1 0.5 0.5 0.5 0.5", "class -1"),
+        ("0.5 0.5 0.5 0.5 0.5", "class 0.5"),
+        ("nan 0.5 0.5 0.5 0.5", "class nan"),
+        ("0 320 240 50 60", "no pixels"),
+    ],
+)
+def test_bad_line_is_named(tmp_path: Path, line: str, fault: str) -> None:
+    make(tmp_path, {"classes.txt": "sign\ncar", "a.png": (8, 8), "a.txt": f"{LINE}\n{line}\n"})
+    with pytest.raises(ValueError, match=rf"yolo = .*a\.txt': line 3: .*{fault}") as caught:
+        yolo(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("files", "fault"),
+    [
+        ({"classes.txt": "sign"}, "holds no picture"),
+        ({"a.png": (8, 8), "a.txt": LINE}, "holds neither data.yaml nor classes.txt"),
+        ({"classes.txt": "", "a.png": (8, 8), "a.txt": LINE}, r"names = \[\]"),
+        ({"classes.txt": "sign", "a.png": (8, 8), "b.txt": LINE}, "no label file for any of 1 pictures"),
+        ({"data.yaml": described(val="missing")}, "missing': no such folder or list"),
+        ({"data.yaml": described(val=3)}, "split 'val' = 3"),
+        ({"data.yaml": described(val=["images", None])}, "split 'val'"),
+        ({"data.yaml": described(path=[1], val="images")}, "split 'val'"),
+        ({"data.yaml": described(val="list.txt"), "list.txt": "../secret.png"}, r"list\.txt': line 1: .*leaves"),
+        ({"data.yaml": described(val="list.txt"), "list.txt": "/etc/passwd"}, "leaves the folder"),
+        ({"data.yaml": described(val="list.txt"), "list.txt": "\n"}, "lists no pictures"),
+        (
+            {"data.yaml": described(val="list.txt"), "list.txt": "a.png\n./a.png", "a.png": (8, 8), "a.txt": LINE},
+            r"lists 'a\.png' twice",
+        ),
+        ({"data.yaml": "val: images", "images/a.png": (8, 8)}, "names = None"),
+        ({"data.yaml": "names: {zero: sign}"}, "names"),
+        ({"data.yaml": "names: {-1: sign}"}, "names"),
+        ({"data.yaml": "names: [sign, [1]]"}, "names"),
+        ({"data.yaml": "names: [yes, no]"}, "names"),  # which YAML takes for truth values
+        ({"data.yaml": "names: sign"}, "names = 'sign'"),
+        ({"data.yaml": 'names: ["\\ud800"]'}, "names"),  # half a character
+        ({"data.yaml": "just text"}, "must be a mapping"),
+        ({"data.yaml": described(kpt_shape=[17, 3])}, "poses"),
+    ],
+)  # fmt: skip
+def test_what_is_no_data_set_is_named(
+    tmp_path: Path, files: Mapping[str, str | tuple[int, int]], fault: str
+) -> None:
+    with pytest.raises(ValueError, match=rf"yolo = .*{fault}") as caught:
+        yolo(make(tmp_path, files))
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_and_binary_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"nothing\.yaml': No such file"):
+        yolo(tmp_path / "nothing.yaml")
+    make(tmp_path, {"classes.txt": "sign", "a.png": (8, 8)})
+    (tmp_path / "a.txt").write_bytes(b"\xff\xfe0\0")
+    with pytest.raises(ValueError, match=r"a\.txt': not UTF-8"):
+        yolo(tmp_path)
+    with pytest.raises(ValueError, match="split 'test' = None"):
+        yolo(tmp_path, split="test")
+
+
+def test_names_may_be_numbers(tmp_path: Path) -> None:
+    make(tmp_path, {"data.yaml": "names: [0, 1]", "images/a.png": (8, 8), "labels/a.txt": LINE})
+    assert list(yolo(tmp_path).categories) == ["0", "1"]
