@@ -1,4 +1,4 @@
-"""Example pictures with boxes: which targets the detector found, which it missed, what else it saw.
+"""Example pictures with boxes: which targets a model found or read, which it missed, what else it saw.
 
 Domain: 8-bit pictures as files on disk, boxes (left, top, right, bottom) in px of the picture.
 """
@@ -50,7 +50,7 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     for target in example["targets"]:
         found = target["confidence"] >= threshold
         colour = FOUND_RGB if found else MISSED_RGB
-        text = f"{target['confidence']:.2f}"
+        text = f"{target['confidence']:.2f}" if target["text"] is None else f'"{target["text"]}"'
         _draw_box(picture, target["box_xyxy"], scale, colour, 2, text, dashed=not found)
     return np.asarray(picture, np.uint8)
 
@@ -80,15 +80,26 @@ def condition_text(row: dict[str, Any]) -> str:
 
 
 def outcome_text(example: dict[str, Any], threshold: float) -> str:
-    """How many of the example's targets were found, and their mean confidence."""
-    confidences = [target["confidence"] for target in example["targets"]]
-    if not confidences:
+    """How many of the example's targets were found, and their mean confidence; or what was read in them."""
+    if example["error"] is not None:
+        return f"the model failed: {example['error']}"
+    targets = example["targets"]
+    confidences = [target["confidence"] for target in targets]
+    if not targets:
         count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
         return f"no target in the picture, {count} detections"
+    if any(target["text"] is not None for target in targets):
+        return "; ".join(map(_reading_text, targets))
     found = sum(confidence >= threshold for confidence in confidences)
     if len(confidences) == 1:
         return f"{'found' if found else 'missed'}, confidence {confidences[0]:.2f}"
     return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
+
+
+def _reading_text(target: dict[str, Any]) -> str:
+    right = target["confidence"] > 0
+    verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"
+    return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"
 
 
 def short_text(text: str, length: int = 34) -> str:

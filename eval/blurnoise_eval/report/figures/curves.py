@@ -1,0 +1,126 @@
+"""Mean confidence against exposure (ms, logarithmic), motion blur (px) and speed (px/s)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from blurnoise_eval.pictures import exposure_text, velocity_of, velocity_text
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.figures.panels import MAX_LINES, Panels, panels
+from blurnoise_eval.report.measured import (
+    Point,
+    by_speed,
+    common_windows,
+    line_colours,
+    one_velocity_per_speed,
+    points,
+    spread,
+)
+
+
+def confidence_exposure(data: RunData) -> Figure:
+    """Confidence against exposure on a log axis: one panel per model, group and light, one line per velocity.
+
+    Bars below zero are the exposure window of each velocity, with a tick at the recommended exposure; the
+    shaded range is in the window of every velocity tested there.
+    """
+    grid, measured = panels(data), points(data)
+    velocities = sorted({point.velocity_px_s for point in measured}, key=by_speed)
+    shown = spread(velocities, MAX_LINES)
+    colours = line_colours("viridis", len(shown))
+    for key, axes in grid:
+        answers = [a for a in data.answers if (a["model"], a["group"], a["illuminance_lux"]) == key]
+        for low, high in common_windows([answer["windows_s"] for answer in answers]):
+            axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
+        for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
+            line = [p for p in measured if p[:4] == (*key, velocity)]
+            _draw_line(axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
+            for answer in (a for a in answers if velocity_of(a) == velocity):
+                _draw_window(axes, answer, -0.05 - 0.045 * row, colour)
+        axes.set_ylim(-0.07 - 0.045 * len(shown), 1.03)
+        _exposure_axis(axes, [p.exposure_s for p in measured])
+    return grid.finish(
+        "Exposure / ms",
+        "Speed; bars: exposure window, tick: recommended",
+        _left_out(shown, velocities, "velocities"),
+        [Patch(color="0.5", alpha=0.2, label="window at every speed")],
+    )
+
+
+def confidence_blur(data: RunData) -> Figure:
+    """Confidence against motion blur in px: one panel per model, group and light, one line per exposure."""
+    grid = panels(data)
+    notes = [
+        "Along a line only the speed changes; from one line to the next the light per picture changes too."
+    ]
+    notes += _draw_exposure_lines(grid, points(data), lambda point: point.blur_px)
+    for _, axes in grid:
+        axes.set_xscale("symlog", linthresh=1)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.set_xlim(left=-0.08)
+    return grid.finish("Motion blur / px (linear below 1 px, logarithmic above)", "Exposure", notes)
+
+
+def confidence_speed(data: RunData) -> Figure:
+    """Confidence against speed in px/s: one panel per model, group and light, one line per exposure."""
+    grid = panels(data)
+    notes = _draw_exposure_lines(grid, points(data), lambda point: point.speed_px_s)
+    return grid.finish("Speed / (px/s)", "Exposure", notes)
+
+
+def _draw_exposure_lines(
+    grid: Panels, measured: Sequence[Point], place: Callable[[Point], float]
+) -> list[str]:
+    """One line per exposure, points at ``place``; lines only where speeds share no two directions."""
+    exposures = sorted({point.exposure_s for point in measured})
+    shown = spread(exposures, MAX_LINES)
+    joined = one_velocity_per_speed(point.velocity_px_s for point in measured)
+    for key, axes in grid:
+        for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
+            line = sorted((p for p in measured if p[:3] == key and p.exposure_s == exposure_s), key=place)
+            x = [place(point) for point in line]
+            _draw_line(axes, x, line, colour, exposure_text(exposure_s), band=False, joined=joined)
+    return _left_out(shown, exposures, "exposures")
+
+
+def _draw_line(
+    axes: Axes,
+    x: list[float],
+    line: list[Point],
+    colour: str,
+    label: str,
+    band: bool = True,
+    joined: bool = True,
+) -> None:
+    style = "o-" if joined else "o"
+    axes.plot(x, [p.confidence for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
+    bounded = [(at, p.low, p.high) for at, p in zip(x, line, strict=True) if None not in (p.low, p.high)]
+    if band and bounded:
+        at, low, high = zip(*bounded, strict=True)
+        axes.fill_between(at, low, high, color=colour, alpha=0.16, lw=0)
+
+
+def _draw_window(axes: Axes, answer: dict[str, Any], y: float, colour: str) -> None:
+    for low, high in answer["windows_s"]:
+        axes.plot([1e3 * low, 1e3 * high], [y, y], color=colour, lw=3, alpha=0.75, solid_capstyle="butt")
+    if answer["recommended_s"] is not None:
+        axes.plot(1e3 * answer["recommended_s"], y, "|", color="black", ms=6, mew=1.3)
+
+
+def _exposure_axis(axes: Axes, exposures_s: Sequence[float]) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(1e3 * min(exposures_s) / 1.15, 1e3 * max(exposures_s) * 1.15)
+    narrow = max(exposures_s) / min(exposures_s) < 30
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1, 3)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _left_out(shown: Sequence[object], every: Sequence[object], what: str) -> list[str]:
+    return [f"{len(shown)} of {len(every)} {what} shown."] if len(shown) < len(every) else []

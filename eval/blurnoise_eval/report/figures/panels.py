@@ -1,0 +1,94 @@
+"""A figure's panels, one per model, target group and light, and what they share: title, legend, notes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from blurnoise_eval.pictures import short_text
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.measured import largest_groups, spread
+
+MAX_PANELS = 12
+MAX_COLUMNS = 4
+MAX_LINES = 10
+Key = tuple[str, str, float]  # model, group, lux
+
+
+@dataclass(frozen=True)
+class Panels:
+    """A figure, its axes by (model, group, lux) and what was left out."""
+
+    figure: Figure
+    axes: dict[Key, Axes]
+    notes: list[str]
+
+    def __iter__(self) -> Iterator[tuple[Key, Axes]]:
+        return iter(self.axes.items())
+
+    def finish(
+        self, x_label: str, legend_title: str, notes: Sequence[str], entries: Sequence[Patch] = ()
+    ) -> Figure:
+        """The figure with its labels, its notes and one legend for all panels."""
+        if not self.axes:
+            return self.figure
+        self.figure.supxlabel("\n".join([x_label, *self.notes, *notes]), fontsize=9)
+        self.figure.supylabel("Mean confidence (dashed: threshold)", fontsize=9)
+        handles, _ = next(iter(self.axes.values())).get_legend_handles_labels()
+        every = [*handles, *entries]
+        self.figure.legend(
+            handles=every, title=legend_title, loc="outside upper center", fontsize=8, title_fontsize=8,
+            ncols=min(len(every), 3 if len(self.axes) == 1 else 6), frameon=False,
+        )  # fmt: skip
+        return self.figure
+
+
+def panels(data: RunData) -> Panels:
+    """Empty panels: a row of lights per target group, first of all groups of one model, then of the next."""
+    lights = sorted({answer["illuminance_lux"] for answer in data.answers})
+    models = list(dict.fromkeys(answer["model"] for answer in data.answers))
+    shown_models = models[:MAX_PANELS]
+    rows_left = MAX_PANELS // max(1, len(shown_models))
+    shown_lights = spread(lights, min(MAX_COLUMNS, rows_left)) if rows_left > 1 else lights[:1]
+    groups = largest_groups(data, rows_left // max(1, len(shown_lights)))
+    asked = {(answer["model"], answer["group"]) for answer in data.answers}
+    keys = [
+        (model, group, lux)
+        for model in shown_models for group in groups for lux in shown_lights if (model, group) in asked
+    ]  # fmt: skip
+    columns = len(shown_lights) if len(shown_lights) > 1 else min(3, max(1, len(keys)))
+    rows = max(1, math.ceil(len(keys) / columns))
+    figure = Figure(figsize=(max(5.0, 3.5 * columns) + 0.4, 2.7 * rows + 1.5), layout="constrained")
+    grid = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
+    for axes in grid[len(keys) :]:
+        axes.set_axis_off()
+    if not keys:
+        grid[0].text(0.5, 0.5, "No targets in these pictures.", ha="center", transform=grid[0].transAxes)
+    counts = {
+        "models": (len(shown_models), len(models)),
+        "target groups": (len(groups), len({answer["group"] for answer in data.answers})),
+        "light levels": (len(shown_lights), len(lights)),
+    }
+    notes = [f"{shown} of {every} {what} shown." for what, (shown, every) in counts.items() if shown < every]
+    found = Panels(figure, dict(zip(keys, grid, strict=False)), notes)
+    for (model, group, lux), axes in found:
+        n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
+        title = f"{short_text(group, 24)}, {lux:g} lux (n = {n_targets})"
+        _dress(axes, title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
+        axes.axhline(data.manifest["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
+    return found
+
+
+def _dress(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=9, parse_math=False)
+    axes.set_ylim(-0.03, 1.03)
+    axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1.0])
+    axes.grid(color="0.9", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)

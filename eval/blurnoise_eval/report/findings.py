@@ -1,0 +1,252 @@
+"""What a run says, in words: the answer, the alarms, the warnings, the assumptions and the circumstances.
+
+Domain: confidences in [0, 1], exposures in s (written in ms). Texts are plain, never markup.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from statistics import fmean
+from typing import Any
+
+from blurnoise_eval.pictures import exposure_text
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
+from blurnoise_eval.report.tradeoff import ROBUSTNESS
+
+MAX_LISTED = 8  # lines of one kind of warning
+MAX_VALUE_CHARACTERS = 240
+
+
+def window_text(answer: dict[str, Any]) -> str:
+    """The exposure windows in words, such as '≤ 1 ms (shortest tested) to 22 ms'."""
+    if not answer["windows_s"]:
+        return "no exposure works"
+    if len(answer["exposures_s"]) == 1:
+        return f"{exposure_text(answer['exposures_s'][0])} (the only exposure tested)"
+    ends = [[exposure_text(low), exposure_text(high)] for low, high in answer["windows_s"]]
+    if answer["open_low"]:
+        ends[0][0] = f"≤ {ends[0][0]} (shortest tested)"
+    if answer["open_high"]:
+        ends[-1][1] = f"≥ {ends[-1][1]} (longest tested)"
+    return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends)
+
+
+def failure_text(curve: dict[str, Any]) -> str:
+    """Where a curve over blur fails: '12.1 px', 'beyond 24 px' or 'below throughout'."""
+    if curve["fails_at"] is None:
+        return f"beyond {curve['x'][-1]:.3g} px"
+    return "below throughout" if curve["fails_at"] == curve["x"][0] else f"{curve['fails_at']:.3g} px"
+
+
+def interval_text(curve: dict[str, Any]) -> str | None:
+    """The 95 % interval of a failure point over blur, None where it says nothing more than the point."""
+    low, high = curve["fails_low"], curve["fails_high"]
+    if low is None or low == high:
+        return None
+    return f"95 %: {low:.3g} to {high:.3g} px" if high is not None else f"95 %: from {low:.3g} px"
+
+
+def best_common_exposure(answers: list[dict[str, Any]], threshold: float) -> tuple[float, int] | None:
+    """The tested exposure, in s, that reaches the threshold in most answers, and in how many.
+
+    Ties go to the higher mean confidence, then to the shorter exposure. None where nothing was measured.
+    """
+    reached: dict[float, list[float]] = {}
+    for answer in answers:
+        for exposure_s, confidence in zip(answer["exposures_s"], answer["confidence"], strict=True):
+            if confidence is not None:
+                reached.setdefault(exposure_s, []).append(confidence)
+    if not reached:
+        return None
+    counts = {exposure_s: sum(c >= threshold for c in found) for exposure_s, found in reached.items()}
+    best = max(sorted(reached), key=lambda exposure_s: (counts[exposure_s], fmean(reached[exposure_s])))
+    return best, counts[best]
+
+
+def summary(data: RunData) -> list[str]:
+    """The answer in words: which model holds best, how often any exposure works, and the one that works most."""
+    if not data.answers:
+        return ["The pictures hold no targets, so no exposure can be recommended."]
+    names = model_names(data)
+    if len(names) == 1:
+        return _answer_lines(data.answers, data.manifest["threshold"])
+    return [*_ranking(data), *_leaders(data)]
+
+
+def _answer_lines(answers: list[dict[str, Any]], threshold: float) -> list[str]:
+    total, working = len(answers), count_working(answers)
+    if working == 0:
+        return [
+            f"No tested exposure reaches a mean confidence of {threshold:g} for any target, light or speed."
+        ]
+    lines = [
+        f"An exposure that keeps the mean confidence at or above {threshold:g} exists in {working} of "
+        f"{total} combinations of target, light and speed."
+    ]
+    if total > 1 and (best := best_common_exposure(answers, threshold)):
+        lines.append(
+            f"If the camera must use one exposure for all of them: {exposure_text(best[0])} works in "
+            f"{best[1]} of {total}; no other tested exposure works in more."
+        )
+    return lines
+
+
+def _ranking(data: RunData) -> list[str]:
+    """How often an exposure works for each model, the best first, and the best one's own answer."""
+    threshold = data.manifest["threshold"]
+    of_model = {
+        name: answers
+        for name in model_names(data)
+        if (answers := [answer for answer in data.answers if answer["model"] == name])
+    }
+    share = {name: count_working(answers) / len(answers) for name, answers in of_model.items()}
+    best = max(share.values())
+    if best == 0:
+        return [f"No model reaches a mean confidence of {threshold:g} at any tested exposure."]
+    order = sorted(share, key=lambda name: -share[name])
+    first = [name for name in order if share[name] == best]
+    counts = [f"{name} {count_working(of_model[name])} of {len(of_model[name])}" for name in order]
+    listed = ", ".join(counts[:MAX_LISTED]) + (", …" if len(counts) > MAX_LISTED else "")
+    lines = [
+        f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of target, light and speed in "
+        f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}."
+    ]
+    common = best_common_exposure(of_model[first[0]], threshold)
+    if common and len(of_model[first[0]]) > 1:
+        lines.append(
+            f"If the camera must use one exposure for all of them: with {first[0]}, {exposure_text(common[0])} "
+            f"works in {common[1]} of {len(of_model[first[0]])}."
+        )
+    return lines
+
+
+def _leaders(data: RunData) -> list[str]:
+    """The model ahead in each measure of robustness."""
+    leaders = []
+    for measure, name in ROBUSTNESS.items():
+        rows = [(value, row["model"]) for row in data.models if (value := finite(row[measure])) is not None]
+        if len(rows) > 1:
+            value, model = max(rows, key=lambda row: row[0])
+            leaders.append(f"{name}: {model} ({value:.2f})")
+    return [f"Ahead in {'; '.join(leaders)}."] if leaders else []
+
+
+def count_working(answers: Iterable[dict[str, Any]]) -> int:
+    """In how many answers some exposure works."""
+    return sum(bool(answer["windows_s"]) for answer in answers)
+
+
+def alarms(data: RunData) -> list[str]:
+    """What makes a model's whole answer doubtful."""
+    alarms = []
+    for model in data.manifest["models"]:
+        name = model["name"]
+        highest = [row["highest_confidence"] for row in data.groups if row["model"] == name]
+        if highest and not any(highest):
+            alarms.append(
+                f"{name}: every target in every condition, the untouched pictures included, has confidence 0. "
+                "The model file or its contract is probably wrong: colour order, scale, resize, class list, "
+                "or a broken int8 export."
+            )
+        if count := model.get("non_finite_values"):
+            alarms.append(f"{name}: {count} output values were NaN or infinite.")
+        alarms += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
+    errors = data.manifest["errors"]
+    alarms += [
+        f"{row['model']}: {_cells(row['cells'])} failed: {row['error']}" for row in errors[:MAX_LISTED]
+    ]
+    if len(errors) > MAX_LISTED:
+        alarms.append(f"… and {len(errors) - MAX_LISTED} further kinds of error; see results.csv.")
+    return alarms
+
+
+def warnings(data: RunData) -> list[str]:
+    """What limits the answers: the run's own warnings, weak groups, skipped pictures."""
+    threshold = data.manifest["threshold"]
+    warnings = list(data.manifest["warnings"])
+    names = model_names(data)
+    if len(names) > 1 and not data.manifest["images"].get("labelled", True):
+        warnings.append(
+            "The pictures have no labels: each model is held to what it found itself in the untouched pictures, "
+            "so the models answer for different targets."
+        )
+    weak = [
+        (name, group, clean)
+        for name in names
+        for group in largest_groups(data, MAX_LISTED)
+        if (clean := clean_confidence(data, name, group)) is not None and clean < threshold
+    ]
+    warnings += [
+        f"{name}, {group}: {clean:.2f} on the untouched pictures, below the threshold {threshold:g}. "
+        "The model, not the exposure, sets the limit."
+        for name, group, clean in weak[:MAX_LISTED]
+    ]
+    if len(weak) > MAX_LISTED:
+        warnings.append(f"… and {len(weak) - MAX_LISTED} more targets below the threshold when untouched.")
+    warnings += [f"Skipped {row['image']}: {row['reason']}" for row in data.skipped[:MAX_LISTED]]
+    if len(data.skipped) > MAX_LISTED:
+        warnings.append(f"… and {len(data.skipped) - MAX_LISTED} more skipped pictures.")
+    return warnings
+
+
+def assumptions(data: RunData) -> list[str]:
+    """What nobody stated: the fields of contracts and camera whose source says that they were assumed."""
+    parts = [(f"{model['name']}: contract", model["contract"]) for model in data.manifest["models"]]
+    return [
+        f"{part}: {name} = {value}; {source}"
+        for part, fields in [*parts, ("camera", data.manifest["camera"])]
+        for name, value, source, assumed in sourced(fields)
+        if assumed
+    ]
+
+
+def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
+    """(field, value, source, whether it was assumed) of a contract or camera."""
+    sources = fields.get("sources", {})
+    rows = []
+    for name, value in fields.items():
+        if name != "sources":
+            source = str(sources.get(name, ""))
+            rows.append((name, shown(value), source, "assum" in source.lower()))
+    return rows
+
+
+def shown(value: Any) -> str:
+    """A value as text: six digits, lists joined and cut when long, None as 'not stated'."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        value = [f"{name}: {shown(entry)}" for name, entry in value.items()]
+    if isinstance(value, (list, tuple)):
+        text = ", ".join(shown(entry) for entry in value)
+        count = f" … ({len(value)} entries)"
+        return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + count
+    return "not stated" if value is None else str(value)
+
+
+def run_facts(data: RunData) -> dict[str, str]:
+    """The circumstances of the run, by name, with the median time of a simulated picture."""
+    manifest = data.manifest
+    pictures = {name: value for name, value in manifest["images"].items() if name != "notes"}
+    facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
+    facts |= {
+        "confidence threshold": manifest["threshold"],
+        "pictures": pictures,
+        "cells, of all models": manifest["n_cells"],
+        "target rows": manifest["n_target_rows"],
+        "skipped pictures": len(data.skipped),
+    }
+    if manifest.get("wall_s") is not None:
+        facts["wall time"] = f"{manifest['wall_s']:.1f} s"
+    if manifest["simulate_ms"] is not None:
+        facts["simulation per picture"] = f"{manifest['simulate_ms']:.3g} ms (median)"
+    return {name: shown(value) for name, value in facts.items()}
+
+
+def _cells(count: int) -> str:
+    return f"{count} cell" if count == 1 else f"{count} cells"
+
+
+def _joined(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

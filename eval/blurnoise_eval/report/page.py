@@ -1,0 +1,137 @@
+"""The page of a run: one HTML file that works offline and asks the network for nothing.
+
+Domain: confidences in [0, 1], exposures in s (shown in ms), light in lux, speeds in px/s. Names of models,
+classes, files and targets are untrusted: the template escapes all of them, and the script never receives one.
+"""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import cv2
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from blurnoise_eval import pictures
+from blurnoise_eval.files import write_whole
+from blurnoise_eval.pictures import velocity_of, velocity_text
+from blurnoise_eval.report import figures, findings, interactive, tables
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.measured import by_speed, largest_groups, model_names, spread_examples
+
+MAX_GROUPS = 12  # target groups on the page
+MAX_SIDE_BY_SIDE = 4  # models
+MAX_PICTURES = 16
+PICTURE_PX = 480  # longest side of a picture on the page
+PICTURE_BYTES = 40_000  # of one picture as JPEG: 16 of them and plotly stay below 6 MB
+
+FIGURES = {
+    "confidence_exposure.png": figures.confidence_exposure,
+    "confidence_blur.png": figures.confidence_blur,
+    "confidence_speed.png": figures.confidence_speed,
+    "examples.png": figures.contact_sheet,
+}
+TABLES = ("models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv", "results.json")
+COMPARISONS = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
+
+
+def write_report(data: RunData, folder: Path) -> Path:
+    """Write ``folder``/report.html and ``folder``/figures/*.png; return the page's path.
+
+    Raises ``OSError`` where the folder cannot be written.
+    """
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    drawn = FIGURES | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
+    for name, draw in drawn.items():
+        draw(data).savefig(folder / "figures" / name, dpi=150)
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = folder / "report.html"
+    text = environment.get_template("report.html.j2").render(_page(data, folder), figures=list(drawn))
+    write_whole(page, text.encode("utf-8", errors="replace"))
+    return page
+
+
+def _page(data: RunData, folder: Path) -> dict[str, Any]:
+    manifest, camera = data.manifest, data.manifest["camera"]
+    groups = largest_groups(data, MAX_GROUPS)
+    exposed = [*data.answers, *(row for row in data.scores if not row["clean"])]
+    lights = sorted({row["illuminance_lux"] for row in exposed})
+    velocities = sorted({velocity_of(row) for row in exposed}, key=by_speed)
+    names = model_names(data)
+    return {
+        "title": manifest["title"],
+        "threshold": manifest["threshold"],
+        "models": names,
+        "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
+        "camera_name": camera.get("name", "camera"),
+        "groups": groups,
+        "lights": lights,
+        "velocities": [velocity_text(velocity) for velocity in velocities],
+        "answers": tables.model_answers(data, groups, lights, velocities),
+        "model_rows": tables.model_rows(data),
+        "failures": tables.failures(data, groups, lights),
+        "summary": findings.summary(data),
+        "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
+        "alarms": findings.alarms(data),
+        "warnings": findings.warnings(data),
+        "assumptions": findings.assumptions(data),
+        "numbers": interactive.numbers(data, groups, lights, velocities),
+        "examples": _examples(data, folder),
+        "tables": TABLES,
+        "n_examples": len(data.examples),
+        "other_score": pictures.OTHER_SCORE,
+        "run": findings.run_facts(data),
+        "contracts": [_contract(model) for model in manifest["models"]],
+        "camera": findings.sourced(camera),
+        "versions": {name: findings.shown(value) for name, value in manifest.get("versions", {}).items()},
+        "hardware": {name: findings.shown(value) for name, value in manifest.get("hardware", {}).items()},
+        "plotly_js": Markup(get_plotlyjs()),  # the library's own text, no user input
+    }
+
+
+def _contract(model: dict[str, Any]) -> dict[str, Any]:
+    facts = {key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model}
+    return {"facts": facts, "fields": findings.sourced(model["contract"])}
+
+
+def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
+    """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
+    threshold = data.manifest["threshold"]
+    names = model_names(data)
+    shown = []
+    for example in spread_examples(data, MAX_PICTURES):
+        picture = pictures.drawn_example(example, PICTURE_PX, threshold)
+        path = Path(example["path"]).absolute()
+        near = path.is_relative_to(folder.absolute())
+        shown.append(
+            {
+                "image": example["image"],
+                "model": names.index(example["model"]),
+                "jpeg": None if picture is None else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)),
+                "condition": pictures.condition_text(example),
+                "outcome": pictures.outcome_text(example, threshold),
+                "file": quote(path.relative_to(folder.absolute()).as_posix(), errors="surrogateescape")
+                if near
+                else None,
+            }
+        )
+    return shown
+
+
+def _jpeg_base64(bgr: Any) -> str:
+    """The picture as JPEG in base64, at the best of a few qualities that keeps it below PICTURE_BYTES."""
+    for quality in (88, 75, 60, 40, 20):
+        encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        if len(encoded) <= PICTURE_BYTES:
+            break
+    return base64.b64encode(encoded).decode("ascii")

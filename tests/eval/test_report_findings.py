@@ -1,0 +1,69 @@
+"""What a report says in words and tables: which model holds best, what is missing, what limits the answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from blurnoise_eval.report import findings, tables
+from made_runs import EXPOSURES_S, made_run
+
+TWO = ("yolox-nano", "fastestdet")
+
+
+def test_equally_good_models_share_the_first_place(tmp_path: Path) -> None:
+    data = made_run(tmp_path, models=TWO, n_examples=0)
+    alike = [a for a in data.answers if a["model"] == TWO[0]]
+    data = replace(data, answers=alike + [a | {"model": TWO[1]} for a in alike])
+    assert findings.summary(data)[0].startswith("yolox-nano and fastestdet hold best. ")
+    none = [a | {"windows_s": [], "recommended_s": None} for a in data.answers]
+    assert findings.summary(replace(data, answers=none))[0].startswith("No model reaches")
+
+
+def test_the_table_of_models_marks_the_best_and_explains_gaps(tmp_path: Path) -> None:
+    data = made_run(tmp_path, models=TWO, n_examples=0)
+    data.models[1].update(ap50=None, p=None, false_positives_per_image=0.5)
+    rows = {row["name"]: row["cells"] for row in tables.model_rows(data)}
+    assert [cell["text"] for cell in rows["mPC"]] == ["0.780", "0.680"]
+    assert [cell["best"] for cell in rows["mPC"]] == [True, False]
+    assert [cell["best"] for cell in rows["Latency, median"]] == [False, True]  # less is better
+    assert [cell["best"] for cell in rows["False positives per picture, untouched"]] == [True, False]
+    assert [cell["best"] for cell in rows["Threads for the latency"]] == [False, False]
+    assert rows["AP50, untouched"][1]["text"] is None
+    assert "no labelled target" in rows["AP50, untouched"][1]["why"]
+    assert not rows["AP50, untouched"][0]["best"]  # nothing to compare with
+
+
+def test_unlabelled_pictures_of_several_models_are_said_to_be_hard_to_compare(tmp_path: Path) -> None:
+    data = made_run(tmp_path, models=TWO, n_examples=0)
+    assert not any("different targets" in line for line in findings.warnings(data))
+    data.manifest["images"]["labelled"] = False
+    assert any("different targets" in line for line in findings.warnings(data))
+
+
+@pytest.mark.parametrize(
+    ("windows_s", "open_low", "open_high", "expected"),
+    [
+        ([], False, False, "no exposure works"),
+        ([[0.001, 0.022]], True, False, "≤ 1 ms (shortest tested) to 22 ms"),
+        ([[0.00123, 0.064]], False, True, "1.23 ms to ≥ 64 ms (longest tested)"),
+        ([[0.002, 0.003], [0.01, 0.012]], False, False, "2 ms to 3 ms, and 10 ms to 12 ms"),
+        ([[0.004, 0.004]], False, False, "4 ms"),
+    ],
+)
+def test_window_text(windows_s: list[list[float]], open_low: bool, open_high: bool, expected: str) -> None:
+    answer = {
+        "windows_s": windows_s,
+        "open_low": open_low,
+        "open_high": open_high,
+        "exposures_s": EXPOSURES_S,
+    }
+    assert findings.window_text(answer) == expected
+
+
+def test_best_common_exposure_counts_answers_then_compares_means() -> None:
+    curves = [[0.7, 0.9, 0.1], [0.7, 0.8, None], [0.1, 0.2, 0.9]]
+    answers = [{"exposures_s": [0.001, 0.002, 0.003], "confidence": curve} for curve in curves]
+    assert findings.best_common_exposure(answers, 0.6) == (0.002, 2)
+    assert findings.best_common_exposure([], 0.6) is None
