@@ -41,6 +41,20 @@ List the camera presets, or show every figure of one camera and its source.
 
 A file may hold 'base: imx250' and only the fields that differ.
 """
+_INSPECT = """\
+Show a model's inputs, outputs and metadata, the family it belongs to and why, every
+field of its contract and where that came from, and what nothing in the file tells.
+
+  blurnoise inspect M.onnx                        warnings come from a picture drawn for it
+  blurnoise inspect M.onnx --probe photo.jpg      ... from yours, with its detections drawn on it
+  blurnoise inspect M.onnx --contract yolov6 --probe photo.jpg    ... as another family
+
+Red and blue swapped, or values 0-1 instead of 0-255, often still find something:
+with --probe it says where the opposite would find markedly more.
+
+Presets: yolov5 yolov6 yolov6e2e yolov7 yolov8 yolov10 yolox rtdetr detr rfdetr ppyoloe
+mmdeploy nanodet nanodetplus fastestdet torchvision tfod; of text recognisers: ppocr.
+"""
 _BENCH = """\
 Measure on this machine.
 
@@ -266,9 +280,23 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     )
     _json_option(report)
 
-    inspect = command("inspect", "what a model takes and gives, and how it would be read")
+    detections = command("detections", "write what a run's models found as COCO results files")
+    detections.add_argument("run", type=Path, metavar="RUN")
+    detections.add_argument(
+        "-o", "--output", type=Path, metavar="DIR",
+        help="a folder per model: instances.json and a file per condition and repeat (default RUN/coco)",
+    )  # fmt: skip
+    _json_option(detections)
+
+    inspect = command("inspect", "what a model takes and gives, and how it would be read", _INSPECT)
     inspect.add_argument("model", type=Path, metavar="M.onnx")
     inspect.add_argument("--contract", metavar="FILE|PRESET", help="how to read it; see 'sweep --help'")
+    inspect.add_argument(
+        "--probe", type=Path, metavar="IMAGE", help="list and draw what it finds in this picture"
+    )
+    inspect.add_argument(
+        "-o", "--output", type=Path, metavar="OUT.png", help="of --probe (default MODEL-IMAGE-probe.png)"
+    )
     _json_option(inspect)
 
     bench = command("bench", "measure: speed beside accuracy; what a training gains", _BENCH)
@@ -277,6 +305,9 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     )
     bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
     bench.add_argument("--contract", metavar="FILE|PRESET")
+    bench.add_argument(
+        "--heavy", action="store_true", help="for sweep: a network of 0.15 s per picture instead of --model"
+    )
     bench.add_argument(
         "--images", type=Path, metavar="DIR",
         help="for sweep (default: rendered signs); for training: the folder of --coco's photographs",
@@ -311,23 +342,47 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--model",
         type=Path,
+        action="append",
         metavar="M.onnx",
-        help="a detector of a known family; 'blurnoise inspect M.onnx' says which",
+        help="a detector or a text recogniser; 'blurnoise inspect M.onnx' says what it is taken for; several "
+        "may be named, each with its own --model, to see them side by side (default: the built-in detector)",
     )
     what.add_argument(
         "--contract",
+        action="append",
         metavar="FILE|PRESET",
-        help="how pictures enter the model and what its classes are: a JSON or YAML file, or yolov5, yolov7, "
-        "yolov8, yolov10, yolox, rtdetr, rfdetr, detr, mmdeploy, ppyoloe, fastestdet (default: MODEL.contract.json "
-        "beside the model, then its metadata, then its shape)",
+        help="how pictures enter the model and what its classes are: a JSON or YAML file, or a preset; see "
+        "'blurnoise inspect --help' (default: MODEL.contract.json beside the model, then its metadata, then "
+        "its shape); one for all models, or one for each in their order",
     )
     what.add_argument(
-        "--images", type=Path, metavar="DIR", help="a folder; targets: what is found when clean"
-    )
-    what.add_argument("--coco", type=Path, metavar="FILE", help="COCO instances; with --images: their folder")
+        "--ocr", nargs="?", const="crop", choices=("crop", "find"),
+        help="read text with PP-OCR of the installed package rapidocr: in known boxes (crop, the default), or "
+        "found by its text detector first (find)",
+    )  # fmt: skip
     what.add_argument(
-        "--target", action="append", default=[], metavar="CLASS", help="only these COCO classes"
+        "--dictionary", type=Path, metavar="FILE", help="a recogniser's characters, a line each"
     )
+    what.add_argument(
+        "--text-detector", type=Path, metavar="D.onnx",
+        help="find text with this (PP-OCR's) before it is read; without it the known boxes are read",
+    )  # fmt: skip
+    what.add_argument(
+        "--images", type=Path, metavar="DIR",
+        help="a folder; targets: what is found when clean. With one of the files below: their folder",
+    )  # fmt: skip
+    what.add_argument("--coco", type=Path, metavar="FILE", help="COCO instances")
+    what.add_argument("--yolo", type=Path, metavar="DATA.yaml|DIR", help="YOLO's text labels")
+    what.add_argument("--split", metavar="NAME", help="of DATA.yaml (default val, else train)")
+    what.add_argument("--bdd", type=Path, metavar="FILE", help="BDD100K detection labels")
+    what.add_argument("--text", type=Path, metavar="FILE", help="PP-OCR labels: texts, or texts and places")
+    what.add_argument(
+        "--target", action="append", default=[], metavar="CLASS", help="only this class, and pictures with it"
+    )
+    what.add_argument(
+        "--keep-empty", action="store_true",
+        help="with --target: pictures without it count by what is found in them",
+    )  # fmt: skip
     what.add_argument("--limit", type=int, metavar="N", help="only the first N pictures")
     grid = sweep.add_argument_group(f"conditions, each {_LIST_HELP}")
     for name, default, about in (

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write ``data`` to ``path``; what stood there stays until all of it is on disk.
+def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Write ``data``, at once or piece by piece, to ``path``; what stood there stays until all is on disk.
 
     Raises ``OSError`` that names ``path``, and leaves nothing behind, where it cannot be written.
     """
     unfinished = path.with_name(f".{path.name}.partial")
     try:
-        unfinished.write_bytes(data)
+        with unfinished.open("wb") as file:
+            file.writelines([data] if isinstance(data, bytes) else data)
         unfinished.replace(path)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from None

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from blurnoise_eval.curves import Surface
+
 NEAR_BEST = 0.02
 """Confidences this close to the window's best count as equally good when one exposure is recommended."""
-_RESAMPLES = 400
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What to do for one kind of target at one light and speed.
+    """What to do for one model and kind of target at one light and speed.
 
-    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples (targets x repeats) at each; low,
-    high: 95 %
-    bootstrap interval of that mean, None below three samples. windows_s: stretches of exposure in which the
+    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples (targets x repeats) at
+    each; low, high: its 95 % bootstrap interval over pictures, or over noise fields below three pictures,
+    None below three of either. windows_s: stretches of exposure in which the
     mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
     window reaches the shortest or longest exposure tested. recommended_s: a tested exposure, None when no
     exposure works.
     """
 
+    model: str
     group: str
     illuminance_lux: float
     velocity_x_px_s: float
@@ -85,60 +86,48 @@ def recommend(
     return exposures_s[chosen], confidence[chosen]
 
 
-def answers(target_rows: Iterable[dict[str, Any]], threshold: float, seed: int = 0) -> list[Answer]:
-    """One :class:`Answer` for every group, light and velocity among the store's target rows."""
-    curves: dict[tuple[str, float, float, float], dict[float, list[float]]] = {}
-    for row in target_rows:
-        if row["clean"] or row["confidence"] is None:
+def answers(surface: Surface, threshold: float, generator: np.random.Generator) -> list[Answer]:
+    """One :class:`Answer` for every velocity of the surface."""
+    drawn = surface.resampled(generator)
+    mean = surface.mean
+    found = []
+    for v, (vx, vy) in enumerate(surface.velocities_px_s):
+        measured = np.isfinite(mean[:, v])
+        if not measured.any():
             continue
-        key = (row["group"], row["illuminance_lux"], row["velocity_x_px_s"], row["velocity_y_px_s"])
-        curves.setdefault(key, {}).setdefault(row["exposure_s"], []).append(row["confidence"])
-    generator = np.random.default_rng(seed)
-    ordered = sorted(curves, key=lambda key: (_natural(key[0]), *key[1:]))
-    return [_answer(key, curves[key], threshold, generator) for key in ordered]
+        exposures = tuple(np.array(surface.exposures_s)[measured].tolist())
+        means = tuple(mean[measured, v].tolist())
+        low = high = None
+        if drawn is not None:
+            ends = np.nanquantile(drawn[:, measured, v], (0.025, 0.975), axis=0)
+            low, high = (tuple(end.tolist()) for end in ends)
+        choice = recommend(exposures, means, threshold)
+        found.append(
+            Answer(
+                surface.model,
+                surface.group,
+                surface.illuminance_lux,
+                vx,
+                vy,
+                n_targets=len(surface.confidence),
+                exposures_s=exposures,
+                confidence=means,
+                low=low,
+                high=high,
+                windows_s=tuple(windows(exposures, means, threshold)),
+                open_low=means[0] >= threshold,
+                open_high=means[-1] >= threshold,
+                recommended_s=choice[0] if choice else None,
+                confidence_at_recommended=choice[1] if choice else None,
+            )
+        )
+    return found
 
 
-def _natural(text: str) -> list[tuple[int, float, str]]:
+def natural(text: str) -> list[tuple[int, float, str]]:
     """A sort key that puts 32 px before 100 px."""
     parts = re.split(r"(\d+)", text)
     return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
-
-
-def _answer(
-    key: tuple[str, float, float, float],
-    curve: dict[float, list[float]],
-    threshold: float,
-    generator: np.random.Generator,
-) -> Answer:
-    exposures = tuple(sorted(curve))
-    means = tuple(float(np.mean(curve[exposure])) for exposure in exposures)
-    fewest = min(len(values) for values in curve.values())
-    low = high = None
-    if fewest >= 3:
-        intervals = [_interval(curve[exposure], generator) for exposure in exposures]
-        low, high = (tuple(ends) for ends in zip(*intervals, strict=True))
-    found = windows(exposures, means, threshold)
-    choice = recommend(exposures, means, threshold)
-    return Answer(
-        *key,
-        n_targets=max(len(values) for values in curve.values()),
-        exposures_s=exposures,
-        confidence=means,
-        low=low,
-        high=high,
-        windows_s=tuple(found),
-        open_low=means[0] >= threshold,
-        open_high=means[-1] >= threshold,
-        recommended_s=choice[0] if choice else None,
-        confidence_at_recommended=choice[1] if choice else None,
-    )
-
-
-def _interval(values: Sequence[float], generator: np.random.Generator) -> tuple[float, float]:
-    sample = np.asarray(values)
-    picks = generator.integers(0, len(sample), (_RESAMPLES, len(sample)))
-    low, high = np.quantile(sample[picks].mean(axis=1), (0.025, 0.975))
-    return float(low), float(high)
 
 
 def _crossing(

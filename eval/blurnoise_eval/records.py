@@ -39,3 +39,6 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.scores)
+
+    def __getitem__(self, index: NDArray[np.bool_] | slice) -> Detections:
+        return Detections(self.boxes_xyxy[index], self.scores[index], self.class_ids[index])

@@ -5,35 +5,55 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from blurnoise.camera import Camera
+from blurnoise_eval.coco_files import truths, write_truth
 from blurnoise_eval.conditions import Plan
+from blurnoise_eval.curves import Endurance, endurances, mean_auc, surfaces
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.files import write_whole
+from blurnoise_eval.judging import Model
 from blurnoise_eval.onnx_model import Detector
-from blurnoise_eval.optimum import answers
+from blurnoise_eval.optimum import Answer, answers, natural
 from blurnoise_eval.report import RunData
-from blurnoise_eval.store import Store, StoreError
+from blurnoise_eval.scores import performance, score_rows
+from blurnoise_eval.store import Store, StoreError, csv_lines, unpack
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
+_BOOTSTRAP_SEED = 0
 
 
 def open_run(
-    store: Store, detector: Detector, camera: Camera, pictures: PictureSet, plan: Plan, facts: dict[str, Any]
+    store: Store,
+    models: Sequence[Model],
+    camera: Camera,
+    pictures: PictureSet,
+    plan: Plan,
+    facts: dict[str, Any],
 ) -> None:
     """Note in the store what the run is; a store that holds another run is refused.
 
     ``facts``: what else the report shows (command, threads). Raises :class:`StoreError` that lists what
-    differs.
+    differs, ``ValueError`` for two models of one name.
     """
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise ValueError(f"model = {names}: names must differ, since results are told apart by them")
     identity = {
-        "model": {"sha256": detector.sha256, "contract": _without_sources(detector.contract.to_dict())},
-        "camera": _without_sources(camera.to_dict()),
+        "model": [
+            {"name": model.name, "sha256": model.sha256, "contract": _unsourced(model.contract.to_dict())}
+            for model in models
+        ],
+        "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
-        "pictures": [picture.identity for picture in pictures],
+        "pictures": _digest(repr([picture.identity for picture in pictures])),
         "choice of targets": _digest(repr([picture.targets for picture in pictures])),
     }
     identity = _as_json(identity)
@@ -44,26 +64,41 @@ def open_run(
             f"run = {str(store.folder)!r}: holds a run with another {' and '.join(differing)}; "
             "choose another folder, or repeat that run's command to resume it"
         )
+    write_truth(pictures, store.folder)
     store.set_about("identity", identity)
-    contract = detector.contract.to_dict()
     store.set_about(
         "manifest",
         {
-            "title": f"{detector.name} seen through {camera.name}",
-            "model": {
-                "name": detector.name,
-                "file": str(detector.path),
-                "sha256": detector.sha256,
-                "contract": {**contract, "input_size_px": list(detector.input_size_px)},
-            },
+            "title": f"{', '.join(names)} seen through {camera.name}",
+            "models": [_about(model) for model in models],
             "camera": camera.to_dict(),
-            "images": {"kind": pictures.kind, "source": pictures.source, "count": len(pictures)},
+            "images": {
+                "kind": pictures.kind,
+                "source": pictures.source,
+                "count": len(pictures),
+                "labelled": any(picture.targets is not None for picture in pictures),
+                "notes": list(pictures.notes),
+            },
             "seed": plan.seed,
             "versions": {name: metadata.version(name) for name in _PACKAGES},
             "hardware": hardware(),
             **facts,
         },
     )
+
+
+def _about(model: Model) -> dict[str, Any]:
+    contract = model.contract.to_dict()
+    if isinstance(model, Detector):
+        contract["input_size_px"] = list(model.input_size_px)
+    kind = "detector" if isinstance(model, Detector) else "reader"
+    return {
+        "name": model.name,
+        "kind": kind,
+        "file": str(model.path),
+        "sha256": model.sha256,
+        "contract": contract,
+    }
 
 
 def hardware() -> dict[str, Any]:
@@ -83,70 +118,170 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def read_run(store: Store, *, threshold: float) -> RunData:
-    """Everything that the report of this run shows. Raises :class:`StoreError` for a run that never began."""
+def read_run(
+    store: Store, *, threshold: float, progress: Callable[[int], None] = lambda scores: None
+) -> RunData:
+    """Everything that the report of this run shows; ``progress`` is told of each condition scored.
+
+    Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
+    """
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
-    targets = store.targets()
-    cells = store.cells()
-    manifest = {**manifest, "threshold": threshold, "warnings": _warnings(cells, store.skipped())}
+    order = {model["name"]: place for place, model in enumerate(manifest["models"])}
+    scores = _scores(store, list(order), progress)
+    found_answers: list[Answer] = []
+    found_endurances: list[Endurance] = []
+    rows = store.rows('SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", illuminance_lux')
+    for surface in surfaces(rows):
+        # Its own generator each: a model's intervals do not depend on what else is in the run.
+        found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+        found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+    found_answers.sort(
+        key=lambda each: (order[each.model], natural(each.group))
+    )  # stable: lights, velocities
+    found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
+    manifest |= {"threshold": threshold, **_counts(store)}
+    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,
-        cells=cells,
-        targets=targets,
+        models=[_summary(store, model, scores, found_endurances) for model in manifest["models"]],
+        scores=scores,
+        groups=list(store.rows(_GROUPS)),
         skipped=store.skipped(),
-        answers=[
-            {**asdict(answer), "windows_s": [list(window) for window in answer.windows_s]}
-            for answer in answers(targets, threshold)
-        ],
-        examples=_examples(store, cells, targets, manifest["model"]["contract"]["classes"]),
+        answers=[{**asdict(each), "windows_s": [list(w) for w in each.windows_s]} for each in found_answers],
+        endurances=[asdict(each) for each in found_endurances],
+        examples=list(_examples(store, manifest)),
     )
 
 
-def _examples(
-    store: Store, cells: list[dict[str, Any]], targets: list[dict[str, Any]], classes: list[str]
-) -> list[dict[str, Any]]:
-    by_cell: dict[str, list[dict[str, Any]]] = {}
-    for row in targets:
-        box = [row[edge] for edge in ("x0", "y0", "x1", "y1")]
-        shown = {"box_xyxy": box, "label": row["label"], "confidence": row["confidence"]}
-        by_cell.setdefault(row["cell_id"], []).append(shown)
-    examples = []
-    for cell in cells:
-        if cell["example"] is None:
-            continue
-        found = store.detections(cell["cell_id"])
-        rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
-        examples.append(
-            {
-                **cell,
-                "path": str(store.folder / cell["example"]),
-                "detections": [
-                    {"box_xyxy": box, "score": score, "label": classes[class_id]}
-                    for box, score, class_id in rows
-                ],
-                "targets": by_cell.get(cell["cell_id"], []),
-            }
-        )
-    return examples
-
-
-def _warnings(cells: list[dict[str, Any]], skipped: list[dict[str, Any]]) -> list[str]:
-    without = {cell["image"] for cell in cells if cell["clean"] and cell["n_targets"] == 0}
-    if not without:
-        return []
-    return [
-        f"{len(without)} pictures have no target that the model knows; they count for no curve "
-        f"(first: {min(without)})"
+def write_tables(data: RunData, folder: Path) -> list[Path]:
+    """Write scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    curves = [
+        {name: value for name, value in row.items() if name not in ("x", "confidence")}
+        for row in data.endurances
     ]
+    written = []
+    for name, rows in (("scores.csv", data.scores), ("curves.csv", curves), ("models.csv", data.models)):
+        columns = list(rows[0]) if rows else []
+        write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
+        written.append(folder / name)
+    return written
+
+
+_TOLD = ("label", "confidence", "truth", "text", "read_confidence")
+_GROUPS = """
+SELECT model, "group", COUNT(*) AS n_targets, AVG(CASE WHEN clean THEN confidence END) AS clean_confidence,
+  MAX(confidence) AS highest_confidence
+FROM targets GROUP BY model, "group"
+"""
+
+
+def _scores(store: Store, models: list[str], progress: Callable[[int], None]) -> list[dict[str, Any]]:
+    (count,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
+    kept = store.about("scores")
+    if kept is None or kept["of"] != count:
+        rows = list(score_rows(store, models, truths(store), progress))
+        kept = {"of": count, "rows": rows}
+        store.set_about("scores", kept)
+    scores: list[dict[str, Any]] = kept["rows"]
+    return scores
+
+
+def _counts(store: Store) -> dict[str, Any]:
+    """Numbers of cells and targets, median times, and what models failed on."""
+    (counts,) = store.rows(
+        "SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) AS n_cells,"
+        " (SELECT COUNT(*) FROM targets) AS n_target_rows"
+    )
+    errors = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"
+    return {
+        **counts,
+        "simulate_ms": _median(store, "simulate_ms"),
+        "errors": list(store.rows(f"{errors} ORDER BY cells DESC")),
+    }
+
+
+def _median(store: Store, column: str) -> float | None:
+    where = f"FROM cells WHERE clean = 0 AND {column} IS NOT NULL"
+    middle = f"SELECT COUNT(*) / 2 {where}"
+    query = f"SELECT {column} AS ms {where} ORDER BY {column} LIMIT 1 OFFSET ({middle})"
+    return next((float(row["ms"]) for row in store.rows(query)), None)
+
+
+def _summary(
+    store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
+) -> dict[str, Any]:
+    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike."""
+    own = [row for row in scores if row["model"] == model["name"]]
+    clean = [performance(row) for row in own if row["clean"]]
+    exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
+    p = clean[0] if clean else None
+    mpc = float(np.mean(exposed)) if exposed else None
+    held = [each for each in curves if each.model == model["name"]]
+    untouched = next((row for row in own if row["clean"]), {})
+    latency = model.get("latency", {})
+    return {
+        "model": model["name"],
+        "kind": model["kind"],
+        "measure": "AP" if model["kind"] == "detector" else "exact match",
+        "p": p,
+        "mpc": mpc,
+        "rpc": mpc / p if p and mpc is not None else None,
+        "auc_exposure": mean_auc(held, "exposure_s"),
+        "auc_blur": mean_auc(held, "blur_px"),
+        **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},
+        "false_positives_per_image": untouched.get("false_positives_per_image"),
+        "calibration_error": untouched.get("calibration_error"),
+        "latency_ms": latency.get("median_ms"),
+        "latency_p95_ms": latency.get("p95_ms"),
+        "latency_threads": latency.get("threads"),
+    }
+
+
+def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
+    order = "image, clean DESC, exposure_s, velocity_x_px_s, velocity_y_px_s"
+    for cell in list(store.rows(f"SELECT * FROM cells WHERE example IS NOT NULL ORDER BY {order}")):
+        found = unpack(cell.pop("detections"))
+        rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
+        names = classes[cell["model"]]
+        query = "SELECT * FROM targets WHERE cell_id = ? AND model = ? ORDER BY target_id"
+        yield {
+            **cell,
+            "path": str(store.folder / cell["example"]),
+            "detections": [
+                {"box_xyxy": box, "score": score, "label": names[class_id]} for box, score, class_id in rows
+            ],
+            "targets": [
+                {
+                    "box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")],
+                    **{name: row[name] for name in _TOLD},
+                }
+                for row in store.rows(query, cell["cell_id"], cell["model"])
+            ],
+        }
+
+
+def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
+    query = """SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells
+      WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
+    warnings = []
+    for model in manifest["models"]:
+        (without,) = store.rows(query, model["name"])
+        if without["pictures"]:
+            warnings.append(
+                f"{model['name']}: {without['pictures']} pictures have no target that the model knows; they "
+                f"count for no curve, but by what is found in them (first: {without['first']})"
+            )
+    return warnings
 
 
 def _digest(text: str) -> str:
     return hashlib.blake2b(text.encode("utf-8", "backslashreplace"), digest_size=16).hexdigest()
 
 
-def _without_sources(values: dict[str, Any]) -> dict[str, Any]:
+def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key != "sources"}
 
 

@@ -12,27 +12,36 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.records import Detections
 
 MATCH_IOU = 0.5
+FOUND_SCORE = 0.25
+"""From this score on a detection is one that somebody would act upon."""
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
 _RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 
-def iou(boxes_xyxy: NDArray[np.float32], box_xyxy: Sequence[float]) -> NDArray[np.float32]:
-    """Intersection over union of each of ``boxes_xyxy`` (N, 4) with one box, (N,)."""
-    x0, y0, x1, y1 = box_xyxy
-    width = np.minimum(boxes_xyxy[:, 2], x1) - np.maximum(boxes_xyxy[:, 0], x0)
-    height = np.minimum(boxes_xyxy[:, 3], y1) - np.maximum(boxes_xyxy[:, 1], y0)
-    overlap = np.maximum(width, 0) * np.maximum(height, 0)
-    areas = (boxes_xyxy[:, 2] - boxes_xyxy[:, 0]) * (boxes_xyxy[:, 3] - boxes_xyxy[:, 1])
-    union = areas + (x1 - x0) * (y1 - y0) - overlap
-    return np.asarray(overlap / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
+def iou(boxes_xyxy: ArrayLike, targets_xyxy: ArrayLike) -> NDArray[np.float32]:
+    """Intersection over union of boxes (N, 4) with targets (M, 4), (N, M), in single precision."""
+    a, b = (np.asarray(each, np.float32).reshape(-1, 4).T[:, None] for each in (boxes_xyxy, targets_xyxy))
+    a = a.transpose(0, 2, 1)  # four columns (N, 1) against four rows (1, M)
+    width = np.minimum(a[2], b[2]) - np.maximum(a[0], b[0])
+    height = np.minimum(a[3], b[3]) - np.maximum(a[1], b[1])
+    shared = np.maximum(width, 0) * np.maximum(height, 0)
+    union = (a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared
+    return np.asarray(shared / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
 
 
 def target_confidence(detections: Detections, box_xyxy: Sequence[float], class_id: int) -> float:
     """Highest score of the right class with an IoU of at least 0.5 with the target's box, else 0."""
-    right = detections.class_ids == class_id
-    matched = right & (iou(detections.boxes_xyxy, box_xyxy) >= MATCH_IOU)
-    return float(detections.scores[matched].max(initial=0.0))
+    return float(target_confidences(detections, [box_xyxy], [class_id])[0])
+
+
+def target_confidences(
+    detections: Detections, boxes_xyxy: Sequence[Sequence[float]], class_ids: Sequence[int]
+) -> NDArray[np.float32]:
+    """:func:`target_confidence` of each of N targets, (N,)."""
+    right = detections.class_ids[:, None] == np.asarray(class_ids, np.int64)
+    right &= iou(detections.boxes_xyxy, boxes_xyxy) >= MATCH_IOU
+    return np.asarray(np.where(right, detections.scores[:, None], 0).max(axis=0, initial=0), np.float32)
 
 
 def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDArray[np.bool_]:
@@ -54,6 +63,13 @@ def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDAr
         found[index] = open_to_it[best] >= MATCH_IOU
         free[best] &= not found[index]
     return found
+
+
+def share_inside(boxes_xyxy: NDArray[np.float32], regions_xyxy: ArrayLike) -> NDArray[np.float64]:
+    """The largest share of each box (N, 4) that lies in one of the regions (M, 4), (N,): COCO's crowd overlap."""
+    boxes, regions = _far_corners(_xywh(boxes_xyxy)), _far_corners(_xywh(regions_xyxy))
+    shares = _shared(boxes, regions) / np.maximum(boxes[:, None, 2:4].prod(axis=-1), 1e-12)
+    return np.asarray(shares.max(axis=1, initial=0.0))
 
 
 class AveragePrecision(NamedTuple):
@@ -213,8 +229,13 @@ def _far_corners(boxes_xywh: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _ious(boxes: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
     """Overlaps (n, N) of boxes (n, 6) and targets (N, 6): left, top, width, height, right, bottom."""
+    shared = _shared(boxes, targets)
+    union = boxes[:, None, 2:4].prod(axis=-1) + targets[None, :, 2:4].prod(axis=-1) - shared
+    return np.asarray(np.divide(shared, union, out=np.zeros_like(shared), where=union > 0))
+
+
+def _shared(boxes: NDArray[np.float64], targets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Areas (n, N) that boxes (n, 6) and targets (N, 6) share."""
     a, b = boxes[:, None], targets[None]
     sides = np.minimum(a[..., 4:], b[..., 4:]) - np.maximum(a[..., :2], b[..., :2])
-    shared: NDArray[np.float64] = np.clip(sides, 0, None).prod(axis=-1)
-    union = a[..., 2:4].prod(axis=-1) + b[..., 2:4].prod(axis=-1) - shared
-    return np.asarray(np.divide(shared, union, out=np.zeros_like(shared), where=union > 0))
+    return np.asarray(np.clip(sides, 0, None).prod(axis=-1))

@@ -1,7 +1,7 @@
 """Results that survive: one SQLite file per run, written as cells finish.
 
-A cell is committed whole, with its targets and detections, or not at all; a killed run loses the cells in
-flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
+A cell is committed whole, for all models, with its targets and detections, or not at all; a killed run loses
+the cells in flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ import csv
 import io
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -23,22 +24,26 @@ from blurnoise_eval.files import write_whole
 from blurnoise_eval.records import Detections
 
 FILE_NAME = "results.sqlite"
+_VERSION = 2  # of the tables below
 
 _CONDITIONS = (
     "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, exposure_s REAL, "
     "illuminance_lux REAL, velocity_x_px_s REAL, velocity_y_px_s REAL, blur_px REAL"
 )
+_CONDITION_COLUMNS = "model, clean, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s"
 _SCHEMA = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_CONDITIONS}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
   detection_rate REAL, n_detections INTEGER, simulate_ms REAL, infer_ms REAL, error TEXT, example TEXT,
-  detections BLOB, PRIMARY KEY (cell_id));
+  detections BLOB, PRIMARY KEY (cell_id, model));
+CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
+CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells ({_CONDITION_COLUMNS});
 CREATE TABLE IF NOT EXISTS targets ({_CONDITIONS}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
-  y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL,
-  PRIMARY KEY (cell_id, target_id));
+  y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, truth TEXT, text TEXT,
+  read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """
-_ORDER = "image, repeat, clean DESC, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s"
+_ORDER = "image, repeat, clean DESC, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s, model"
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 
 
@@ -48,7 +53,7 @@ class StoreError(ValueError):
 
 @dataclass(frozen=True)
 class CellResult:
-    """One finished cell: its row, one row per target, its detections. Keys are the store's columns."""
+    """One finished cell of one model: its row, one row per target, its detections. Keys are columns."""
 
     cell: dict[str, Any]
     targets: tuple[dict[str, Any], ...]
@@ -70,7 +75,11 @@ class Store:
             self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
-            self._db.executescript(_SCHEMA)
+            (version,) = self._db.execute("PRAGMA user_version").fetchone()
+            if version != _VERSION and self._db.execute("SELECT name FROM sqlite_master").fetchone():
+                self._db.close()
+                raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
+            self._db.executescript(f"PRAGMA user_version = {_VERSION}; {_SCHEMA}")
 
     def __enter__(self) -> Store:
         return self
@@ -87,68 +96,66 @@ class Store:
 
     def about(self, key: str) -> Any:
         """The JSON value under ``key``, None when there is none."""
-        rows = self._rows("SELECT value FROM about WHERE key = ?", key)
+        rows = list(self.rows("SELECT value FROM about WHERE key = ?", key))
         return json.loads(rows[0]["value"]) if rows else None
 
     def add(self, results: Sequence[CellResult]) -> None:
         """Commit finished cells, all of them or none."""
         with self._transaction() as db:
-            for result in results:
-                _insert(db, "cells", {**result.cell, "detections": _pack(result.detections)})
-                for target in result.targets:
-                    _insert(db, "targets", target)
+            cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
+            _insert(db, "cells", cells)
+            _insert(db, "targets", [target for result in results for target in result.targets])
 
     def skip(self, image: str, reason: str) -> None:
         """Note a picture that cannot be used."""
         with self._transaction() as db:
             db.execute("INSERT OR REPLACE INTO skipped VALUES (?, ?)", (image, reason))
 
-    def done(self) -> set[str]:
-        """The ids of finished cells."""
-        return {row["cell_id"] for row in self._rows("SELECT cell_id FROM cells")}
+    def done(self, image: str) -> set[str]:
+        """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
+        return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
 
-    def cells(self) -> list[dict[str, Any]]:
+    def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""
-        return self._rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {_ORDER}")
+        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {_ORDER}")
 
-    def targets(self) -> list[dict[str, Any]]:
+    def targets(self) -> Iterator[dict[str, Any]]:
         """One row per cell and target, in the order of cells."""
-        return self._rows(f"SELECT * FROM targets ORDER BY {_ORDER}, target_id")
+        return self.rows(f"SELECT * FROM targets ORDER BY {_ORDER}, target_id")
 
     def skipped(self) -> list[dict[str, Any]]:
         """Pictures that could not be used, with the reason."""
-        return self._rows("SELECT * FROM skipped ORDER BY image")
+        return list(self.rows("SELECT * FROM skipped ORDER BY image"))
 
-    def detections(self, cell_id: str) -> Detections:
-        """What the detector found in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
-        rows = self._rows("SELECT detections FROM cells WHERE cell_id = ?", cell_id)
-        if not rows:
-            raise KeyError(cell_id)
-        packed = np.frombuffer(rows[0]["detections"], _DETECTION)
-        return Detections(packed["box_xyxy"], packed["score"], packed["class_id"])
+    def detections(self, cell_id: str, model: str) -> Detections:
+        """What a model found in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
+        query = "SELECT detections FROM cells WHERE cell_id = ? AND model = ?"
+        for row in self.rows(query, cell_id, model):
+            return unpack(row["detections"])
+        raise KeyError(cell_id, model)
+
+    def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
+        """The answer to a question in SQL, a row at a time."""
+        with self._explained():
+            for row in self._db.execute(query, values):
+                found = dict(row)
+                if "clean" in found:
+                    found["clean"] = bool(found["clean"])
+                yield found
 
     def export(self) -> list[Path]:
-        """Write results.csv (a row per cell), targets.csv (a row per cell and target) and results.json.
+        """Write results.csv (a row per cell and model), targets.csv (a row per target of these), results.json.
 
         Each file appears whole or stays what it was. Raises ``OSError`` where it cannot be written.
         """
-        cells = self.cells()
         tables = {
-            "results.csv": _csv(self._columns("cells"), cells),
-            "targets.csv": _csv(self._columns("targets"), self.targets()),
-            "results.json": json.dumps(cells, indent=1),
+            "results.csv": csv_lines(self._columns("cells"), self.cells()),
+            "targets.csv": csv_lines(self._columns("targets"), self.targets()),
+            "results.json": _json_lines(self.cells()),
         }
-        for name, text in tables.items():
-            write_whole(self.folder / name, text.encode("utf-8"))
+        for name, lines in tables.items():
+            write_whole(self.folder / name, (line.encode("utf-8") for line in lines))
         return [self.folder / name for name in tables]
-
-    def _rows(self, query: str, *values: str) -> list[dict[str, Any]]:
-        with self._explained():
-            rows = [dict(row) for row in self._db.execute(query, values)]
-        for row in rows:
-            if "clean" in row:
-                row["clean"] = bool(row["clean"])
-        return rows
 
     def _columns(self, table: str) -> list[str]:
         """Names of the columns that people read."""
@@ -177,10 +184,12 @@ class Store:
             raise StoreError(f"{run}: {FILE_NAME} is damaged ({error})") from None
 
 
-def _insert(db: sqlite3.Connection, table: str, row: dict[str, Any]) -> None:
-    names = ", ".join(f'"{name}"' for name in row)
-    marks = ", ".join("?" * len(row))
-    db.execute(f"INSERT OR REPLACE INTO {table} ({names}) VALUES ({marks})", list(row.values()))
+def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:
+    """Add rows, those of the same columns at once."""
+    for columns, alike in groupby(rows, key=tuple):
+        names, marks = ", ".join(f'"{name}"' for name in columns), ", ".join("?" * len(columns))
+        into = f"INSERT OR REPLACE INTO {table} ({names}) VALUES ({marks})"
+        db.executemany(into, [list(row.values()) for row in alike])
 
 
 def _pack(detections: Detections) -> bytes:
@@ -191,9 +200,29 @@ def _pack(detections: Detections) -> bytes:
     return packed.tobytes()
 
 
-def _csv(columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=columns)
+def unpack(packed: bytes) -> Detections:
+    """Detections as the column ``detections`` holds them."""
+    found = np.frombuffer(packed, _DETECTION)
+    return Detections(found["box_xyxy"], found["score"], found["class_id"])
+
+
+def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """A table as lines of CSV, its header first."""
+    line = io.StringIO()
+    writer = csv.DictWriter(line, fieldnames=columns)
     writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    for row in rows:
+        writer.writerow(row)
+        yield line.getvalue()
+        line.seek(0)
+        line.truncate()
+    yield line.getvalue()
+
+
+def _json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """A list of rows as JSON, a line each."""
+    before = "["
+    for row in rows:
+        yield f"{before}\n {json.dumps(row)}"
+        before = ","
+    yield "[]\n" if before == "[" else "\n]\n"

@@ -1,7 +1,7 @@
-"""Every picture under every condition through one detector: model x camera x conditions x pictures -> rows.
+"""Every picture under every condition before every model: models x camera x conditions x pictures -> rows.
 
 A cell (see :mod:`blurnoise_eval.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
-whoever computes it and in whatever order; here it is computed with what cells of one picture share.
+whoever computes it and in whatever order; :func:`compute` is all that a worker does.
 """
 
 from __future__ import annotations
@@ -19,25 +19,20 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
-from blurnoise import rng, sensor
 from blurnoise.camera import Camera
-from blurnoise.plan import plan as needs_of
-from blurnoise.simulate import frame_pattern, lens_and_motion, scene_reflectance
 from blurnoise_eval import datasets
 from blurnoise_eval.conditions import Cell, Conditions, Plan, cell_seed
-from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
-from blurnoise_eval.onnx_model import Detector
-from blurnoise_eval.records import Detections
-from blurnoise_eval.scoring import target_confidence
+from blurnoise_eval.contract import ModelError
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture
+from blurnoise_eval.exposing import Frame, Scene, frames
+from blurnoise_eval.judging import Model, Sight, View, view
+from blurnoise_eval.scoring import FOUND_SCORE
 from blurnoise_eval.store import CellResult, Store
 
-OWN_TARGET_SCORE = 0.25
-"""Without boxes, what the detector finds in the clean picture at this score or above is the target."""
 _BLOCK = 8  # cells that one task computes before it reports
 _EXAMPLE_PICTURES = 3
+_HOPELESS = 8  # failures of a model, without one answer, after which a sweep gives up
 
 
 @dataclass
@@ -50,8 +45,31 @@ class Outcome:
     wall_s: float = 0.0
 
 
+class Stage:
+    """A picture as light, and every model before it."""
+
+    def __init__(self, picture: Picture, models: Sequence[Model]) -> None:
+        image = picture.load()
+        self.scene = Scene(image)
+        self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
+
+
+def compute(
+    stage: Stage, cells: Sequence[Cell], camera: Camera, temperature_c: float, keep: _Keep | None = None
+) -> Iterator[CellResult]:
+    """Simulate each cell's picture and ask every model: one result per cell and model.
+
+    This is all of a worker's task: it needs the picture, the models, the camera and plain cells.
+    """
+    for frame in frames(stage.scene, cells, camera, temperature_c):
+        example = keep(frame) if keep else None
+        for each in stage.views:
+            sight = each.clean if frame.cell.conditions is None else each.look(frame.image)
+            yield _result(frame, each.model.name, camera.name, sight, example)
+
+
 def run(
-    detector: Detector,
+    models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
     plan: Plan,
@@ -62,24 +80,22 @@ def run(
 ) -> Outcome:
     """Compute every cell that ``store`` does not hold yet; ``progress`` is told how many cells are settled.
 
-    Simulation and inference of a cell run in the same task, ``threads`` tasks at a time over the detector's
-    one session; the rows do not depend on ``threads``. A picture that cannot be read is noted and skipped.
-    KeyboardInterrupt leaves the store whole; the same call resumes.
+    Each picture is simulated once for all models. Simulation and inference of a cell run in the same task,
+    ``threads`` tasks at a time over each model's one session; the rows do not depend on ``threads``. A
+    picture that cannot be read is noted and skipped; one on which a model fails is noted in its row. Raises
+    :class:`ModelError` where a model does nothing but fail. KeyboardInterrupt leaves the store whole; the
+    same call resumes.
     """
     started = time.perf_counter()
     outcome = Outcome()
-    done = store.done()
-    scenes = _Scenes(detector, camera, capacity=threads + 2)
-    examples = plan.example_conditions() if plan.examples else set()
-    shown = _example_pictures(pictures)
-    folder = store.folder / "examples"
-    if examples:
-        folder.mkdir(exist_ok=True)
+    stages = _Stages(models, capacity=threads + 2)
+    shown = _example_pictures(pictures) if plan.examples else set()
+    keep = _Keep(store.folder, plan.example_conditions())
+    hopes = {model.name: _Hope() for model in models}
 
-    def compute(picture: Picture, cells: Sequence[Cell], keep: bool) -> list[CellResult]:
-        scene = scenes.get(picture)
-        kept = folder if keep and examples else None
-        return list(_expose_block(scene, cells, detector, camera, plan, examples, kept))
+    def work(picture: Picture, cells: Sequence[Cell]) -> list[CellResult]:
+        kept = keep if picture.name in shown else None
+        return list(compute(stages.get(picture), cells, camera, plan.temperature_c, kept))
 
     def settle(picture: Picture, cells: int, finished: Future[list[CellResult]]) -> None:
         try:
@@ -89,7 +105,9 @@ def run(
             store.skip(picture.name, str(error))
         else:
             store.add(results)
-            outcome.computed += len(results)
+            outcome.computed += cells
+            for result in results:
+                hopes[result.cell["model"]].learn(result.cell["error"])
         progress(cells)
 
     settings = (torch.get_num_threads(), cv2.getNumThreads())
@@ -99,13 +117,14 @@ def run(
     flying: dict[Future[list[CellResult]], tuple[Picture, int]] = {}
     try:
         for picture, cells in _blocks(pictures, plan):
+            done = store.done(picture.name)
             todo = [cell for cell in cells if cell.cell_id not in done]
             outcome.resumed += len(cells) - len(todo)
             progress(len(cells) - len(todo))
             if not todo or picture.name in outcome.skipped:
                 progress(len(todo))
                 continue
-            flying[pool.submit(compute, picture, todo, picture.name in shown)] = (picture, len(todo))
+            flying[pool.submit(work, picture, todo)] = (picture, len(todo))
             while len(flying) >= 2 * threads:
                 _settle_some(flying, settle)
         while flying:
@@ -132,8 +151,64 @@ def _settle_some(
         settle(*flying.pop(future), future)
 
 
+class _Hope:
+    """Whether a model has ever answered; after enough failures without one, the first is the run's."""
+
+    def __init__(self) -> None:
+        self._answered, self._failures, self._first = False, 0, ""
+
+    def learn(self, error: str | None) -> None:
+        self._answered |= error is None
+        if error is not None and not self._answered:
+            self._failures += 1
+            self._first = self._first or error
+            if self._failures >= _HOPELESS:
+                raise ModelError(f"{self._first} (and so on every one of {self._failures} pictures)")
+
+
+class _Keep:
+    """Writes the pictures that people will look at."""
+
+    def __init__(self, run: Path, conditions: set[Conditions]) -> None:
+        self._folder, self._conditions = run / "examples", conditions
+
+    def __call__(self, frame: Frame) -> str | None:
+        """The file's path within the run, None where the cell's picture is not kept."""
+        cell = frame.cell
+        if cell.conditions is not None and (cell.repeat > 0 or cell.conditions not in self._conditions):
+            return None
+        self._folder.mkdir(exist_ok=True)
+        path = self._folder / f"{cell.cell_id}.png"
+        datasets.write_picture(path, np.asarray(frame.image, np.uint8))
+        return f"{self._folder.name}/{path.name}"
+
+
+class _Stages:
+    """The stages of the pictures in flight, each made once, by whichever task needs it first."""
+
+    def __init__(self, models: Sequence[Model], capacity: int) -> None:
+        self._models, self._capacity = models, capacity
+        self._stages: OrderedDict[str, Future[Stage]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, picture: Picture) -> Stage:
+        with self._lock:
+            stage = self._stages.get(picture.name)
+            mine = stage is None
+            if stage is None:
+                stage = self._stages[picture.name] = Future()
+                while len(self._stages) > self._capacity:
+                    self._stages.popitem(last=False)
+        if mine:
+            try:
+                stage.set_result(Stage(picture, self._models))
+            except BaseException as error:
+                stage.set_exception(error)
+        return stage.result()
+
+
 def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
-    """The pictures with the largest targets, or the first, where the detector still has to find them."""
+    """The pictures with the largest targets, or the first, where the model still has to find them."""
 
     def largest(picture: Picture) -> float:
         boxes = (target.box_xyxy for target in picture.targets or ())
@@ -143,7 +218,7 @@ def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
 
 
 def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[Picture, list[Cell]]]:
-    """Cells in tasks. A picture's clean cell, which makes its scene, comes before the last one's conditions."""
+    """Cells in tasks. A picture's clean cell, which makes its stage, comes before the last one's conditions."""
     conditions = plan.conditions()
     waiting: Picture | None = None
     for picture in pictures:
@@ -158,168 +233,26 @@ def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[Picture, 
 def _condition_blocks(
     picture: Picture, conditions: Sequence[Conditions], plan: Plan
 ) -> Iterator[tuple[Picture, list[Cell]]]:
-    """Blocks of conditions of one displacement, which share a blur."""
+    """Blocks of conditions of one displacement, which share a blur; those of one exposure stay together."""
     for repeat in range(plan.repeats):
         seed = cell_seed(plan.seed, picture.name, repeat)
         for _, same in groupby(conditions, key=lambda at: at.displacement_px):
-            cells = [Cell(picture.name, repeat, at, seed) for at in same]
-            for start in range(0, len(cells), _BLOCK):
-                yield picture, cells[start : start + _BLOCK]
+            block: list[Cell] = []
+            for _, lights in groupby(same, key=lambda at: at.exposure_s):
+                block += [Cell(picture.name, repeat, at, seed) for at in lights]
+                if len(block) >= _BLOCK:
+                    yield picture, block
+                    block = []
+            if block:
+                yield picture, block
 
 
-class _Scene:
-    """What all conditions of one picture share."""
-
-    def __init__(self, picture: Picture, detector: Detector, camera: Camera) -> None:
-        image = picture.load()
-        self.image8 = datasets.eight_bit(image)
-        self.sharp = _reflectance(image).contiguous()
-        started = time.perf_counter()
-        self.clean = detector.detect(self.image8)
-        self.clean_ms = 1e3 * (time.perf_counter() - started)
-        classes = detector.contract.classes
-        self.targets = _own_targets(self.clean, classes) if picture.targets is None else picture.targets
-        ids = {name: index for index, name in enumerate(classes)}
-        self.class_ids = [ids.get(target.label) for target in self.targets]  # None: unknown to the model
-        self._fields: OrderedDict[int, Tensor] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def normal(self, seed: int) -> Tensor:
-        """The noise field of a seed, (1, 3, H, W); the last two are kept."""
-        with self._lock:
-            if seed not in self._fields:
-                self._fields[seed] = rng.standard_normal([seed], self.sharp)
-                while len(self._fields) > 2:
-                    self._fields.popitem(last=False)
-            return self._fields[seed]
-
-
-class _Scenes:
-    """The scenes of the pictures in flight, each made once, by whichever task needs it first."""
-
-    def __init__(self, detector: Detector, camera: Camera, capacity: int) -> None:
-        self._detector, self._camera, self._capacity = detector, camera, capacity
-        self._scenes: OrderedDict[str, Future[_Scene]] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, picture: Picture) -> _Scene:
-        with self._lock:
-            scene = self._scenes.get(picture.name)
-            mine = scene is None
-            if scene is None:
-                scene = self._scenes[picture.name] = Future()
-                while len(self._scenes) > self._capacity:
-                    self._scenes.popitem(last=False)
-        if mine:
-            try:
-                scene.set_result(_Scene(picture, self._detector, self._camera))
-            except BaseException as error:
-                scene.set_exception(error)
-        return scene.result()
-
-
-def _reflectance(image: datasets.Image) -> Tensor:
-    """``scene_reflectance`` of a picture (H, W, 3), (1, 3, H, W): looked up, since its codes are integers."""
-    codes = torch.arange(np.iinfo(image.dtype).max + 1, dtype=torch.float32) / float(
-        np.iinfo(image.dtype).max
-    )
-    table = scene_reflectance(codes[None, None, None], "srgb").flatten()
-    planes = [torch.from_numpy(plane.astype(np.int32)).flatten() for plane in cv2.split(image)]
-    looked_up = torch.stack([table.index_select(0, plane) for plane in planes])
-    return looked_up.view(1, 3, *image.shape[:2])
-
-
-def _own_targets(clean: Detections, classes: Sequence[str]) -> tuple[Target, ...]:
-    targets = []
-    for box, score, class_id in zip(clean.boxes_xyxy, clean.scores, clean.class_ids, strict=True):
-        if score >= OWN_TARGET_SCORE:
-            x0, y0, x1, y1 = (float(edge) for edge in box)
-            group = datasets.size_group(x1 - x0, y1 - y0, "found when clean")
-            targets.append(Target(classes[class_id], group, (x0, y0, x1, y1)))
-    return tuple(targets)
-
-
-def _expose_block(
-    scene: _Scene,
-    cells: Sequence[Cell],
-    detector: Detector,
-    camera: Camera,
-    plan: Plan,
-    examples: set[Conditions],
-    folder: Path | None,
-) -> Iterator[CellResult]:
-    """Simulate and infer cells of one displacement: the lines below are ``simulate``, its blur shared."""
-    if cells[0].conditions is None:
-        path = _keep(scene.image8, folder, cells[0])
-        yield _result(cells[0], scene, scene.clean, detector, camera, 0.0, scene.clean_ms, path)
-        return
-    on_sensor: dict[tuple[float, bool], Tensor] = {}  # by defocus, and whether it moves
-    displacement = cells[0].conditions.displacement_px
-    per_lux_s = sensor.electrons_per_lux_s(camera)
-    for cell in cells:
-        at = cell.conditions
-        if at is None:
-            continue
-        started = time.perf_counter()
-        # As float32 and in this order, as simulate computes it.
-        lux, exposure_s = np.float32(at.illuminance_lux), np.float32(at.exposure_s)
-        needs = needs_of(
-            camera,
-            exposure_s=float(exposure_s),
-            illuminance_lux=float(lux),
-            displacement_px=displacement,
-            temperature_c=float(np.float32(plan.temperature_c)),
-        )
-        through = (needs.camera.defocus_radius_px, needs.moves)
-        if through not in on_sensor:
-            motion = displacement if needs.moves else (0.0, 0.0)
-            on_sensor[through] = lens_and_motion(scene.sharp, needs.camera, motion)
-        seen = sensor.read_out(
-            on_sensor[through],
-            needs.camera,
-            white_e=float(lux * exposure_s * np.float32(per_lux_s)),
-            exposure_s=at.exposure_s,
-            temperature_c=plan.temperature_c,
-            generator=[cell.seed],
-            fixed_pattern=frame_pattern(needs.camera, scene.sharp, 0),
-            noise=needs.noisy,
-            normal=scene.normal(cell.seed),
-            tones=sensor.tones_8bit(camera),
-        )
-        image = np.asarray(cv2.merge(list(seen[0].numpy())), np.uint8)
-        simulate_ms = 1e3 * (time.perf_counter() - started)
-        started = time.perf_counter()
-        detections = detector.detect(image)
-        infer_ms = 1e3 * (time.perf_counter() - started)
-        path = _keep(
-            np.asarray(image, np.uint8), folder if at in examples and cell.repeat == 0 else None, cell
-        )
-        yield _result(cell, scene, detections, detector, camera, simulate_ms, infer_ms, path)
-
-
-def _keep(image: NDArray[np.uint8], folder: Path | None, cell: Cell) -> str | None:
-    if folder is None:
-        return None
-    path = folder / f"{cell.cell_id}.png"
-    datasets.write_picture(path, image)
-    return f"{folder.name}/{path.name}"
-
-
-def _result(
-    cell: Cell,
-    scene: _Scene,
-    detections: Detections,
-    detector: Detector,
-    camera: Camera,
-    simulate_ms: float,
-    infer_ms: float,
-    example: str | None,
-) -> CellResult:
-    at = cell.conditions
+def _result(frame: Frame, model: str, camera: str, sight: Sight, example: str | None) -> CellResult:
+    cell, at = frame.cell, frame.cell.conditions
     shared = {
         "cell_id": cell.cell_id,
-        "model": detector.name,
-        "camera": camera.name,
+        "model": model,
+        "camera": camera,
         "image": cell.image,
         "repeat": cell.repeat,
         "clean": at is None,
@@ -329,25 +262,17 @@ def _result(
         "velocity_y_px_s": at and at.velocity_y_px_s,
         "blur_px": at and at.blur_px,
     }
-    rows: list[dict[str, Any]] = []
-    for index, (target, class_id) in enumerate(zip(scene.targets, scene.class_ids, strict=True)):
-        if class_id is None:
-            continue
-        x0, y0, x1, y1 = target.box_xyxy
-        row = {"target_id": index, "group": target.group, "label": target.label}
-        row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}
-        row["confidence"] = target_confidence(detections, target.box_xyxy, class_id)
-        rows.append({**shared, **row})
-    confidences = [row["confidence"] for row in rows]
+    rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]
+    confidences = np.array([row["confidence"] for row in rows])
     summary = {
         "seed": cell.seed,
         "n_targets": len(rows),
-        "target_confidence": float(np.mean(confidences)) if rows else None,
-        "detection_rate": float(np.mean(np.array(confidences) >= OWN_TARGET_SCORE)) if rows else None,
-        "n_detections": len(detections),
-        "simulate_ms": simulate_ms,
-        "infer_ms": infer_ms,
-        "error": None,
+        "target_confidence": float(confidences.mean()) if rows else None,
+        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        "n_detections": len(sight.detections),
+        "simulate_ms": frame.simulate_ms,
+        "infer_ms": sight.infer_ms,
+        "error": sight.error,
         "example": example,
     }
-    return CellResult({**shared, **summary}, tuple(rows), detections)
+    return CellResult({**shared, **summary}, tuple(rows), sight.detections)

@@ -102,7 +102,7 @@ def test_every_network_sees_everything(judged: Judged, models: list[Model]) -> N
 def test_rows_are_what_the_store_holds(judged: Judged) -> None:
     bench, folder, _, _ = judged
     with Store(folder / "runs" / "scenes" / "none-1") as store:
-        targets = store.targets()
+        targets = list(store.targets())
     for row in bench.rows:
         if (row.arm, row.seed) == ("none", 1) and row.at is not None:
             held = [
@@ -150,7 +150,7 @@ def test_stopped_comparison_goes_on(
     judged: Judged, models: list[Model], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench, folder, part, _ = judged
-    monkeypatch.setattr(training.sweep, "_expose_block", None)  # nothing is left to compute
+    monkeypatch.setattr(training.sweep, "compute", None)  # nothing is left to compute
     again = training.measure(models, [part], folder)
     assert again.rows == bench.rows
     assert again.verdicts() == bench.verdicts()

@@ -211,19 +211,6 @@ def test_chart(tmp_path: Path, kind: str) -> None:
     assert np.array_equal(cv2.imread(str(turned), cv2.IMREAD_UNCHANGED), eight) == (kind == "flat-patch")
 
 
-def test_inspect(capsys: Output, model: Path) -> None:
-    facts = told(capsys, "inspect", model)
-    assert facts["contract"]["family"] == "yolov8"
-    assert facts["contract"]["classes"] == ["stop sign"]
-    assert facts["inputs"] == ["images [1, 3, 64, 64] tensor(float)"]
-    assert len(facts["sha256"]) == 64
-    assert facts["assumed"] == []
-    assert main(["inspect", str(model)]) == 0
-    text = capsys.readouterr().out
-    assert "metadata blurnoise.contract" in text
-    assert "output0 [1, 5, 84]" in text
-
-
 def test_sweep_leaves_a_folder_that_answers(run: Path, capsys: Output) -> None:
     for name in (
         "report.html",

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.optimum import NEAR_BEST, answers, recommend, windows
+from blurnoise_eval import optimum
+from blurnoise_eval.curves import surfaces
+from blurnoise_eval.optimum import NEAR_BEST, Answer, recommend, windows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -100,15 +102,29 @@ def test_recommended_is_inside_a_window_and_works(
     assert any(low <= exposure <= high for low, high in windows(exposures, confidence, threshold))
 
 
+def answers(table: list[dict[str, Any]], threshold: float) -> list[Answer]:
+    """The answers of rows in any order, each a picture of its own."""
+    exposed = [
+        {"model": "m", "image": f"p{place}", "repeat": 0, "target_id": 0, **row}
+        for place, row in enumerate(table)
+        if not row["clean"]
+    ]
+    exposed.sort(key=lambda row: (row["group"], row["illuminance_lux"]))
+    generator = np.random.default_rng(0)
+    return [
+        answer for surface in surfaces(exposed) for answer in optimum.answers(surface, threshold, generator)
+    ]
+
+
 def rows(
     curve: dict[float, list[float]], group: str = "sign", lux: float = 50.0, speed: float = 0.0
 ) -> list[dict[str, Any]]:
     """Target rows as the store gives them: one per exposure and sample."""
     at = {"group": group, "illuminance_lux": lux, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0}
     return [
-        {**at, "clean": False, "exposure_s": exposure, "confidence": value}
+        {**at, "clean": False, "exposure_s": exposure, "confidence": value, "image": f"p{place}"}
         for exposure, values in curve.items()
-        for value in values
+        for place, value in enumerate(values)
     ]
 
 
@@ -161,12 +177,12 @@ def test_answers_keep_groups_lights_and_speeds_apart() -> None:
     assert (found["b", 50.0, 0.0].open_low, found["b", 50.0, 0.0].open_high) == (False, False)
 
 
-def test_only_clean_rows_and_rows_without_confidence_give_no_answer() -> None:
-    assert answers([CLEAN, {**CLEAN, "clean": False, "confidence": None}], 0.6) == []
+def test_only_clean_rows_give_no_answer() -> None:
+    assert answers([CLEAN], 0.6) == []
 
 
 def test_no_interval_below_three_samples() -> None:
-    (answer,) = answers(rows({0.01: [0.4, 0.6], 0.1: [0.5, 0.5, 0.5]}), 0.6)
+    (answer,) = answers(rows({0.01: [0.4, 0.6], 0.1: [0.5, 0.5]}), 0.6)
     assert answer.low is None
     assert answer.high is None
 

@@ -44,13 +44,14 @@ def detections(*rows: tuple[tuple[float, float, float, float], float, int]) -> D
     ],
 )
 def test_iou_by_hand(other: tuple[float, ...], expected: float) -> None:
-    assert iou(np.array([other], np.float32), BOX)[0] == pytest.approx(expected, abs=1e-6)
-    assert iou(np.array([BOX], np.float32), other)[0] == pytest.approx(expected, abs=1e-6)
+    assert iou([other], [BOX])[0, 0] == pytest.approx(expected, abs=1e-6)
+    assert iou([BOX], [other])[0, 0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_iou_of_two_empty_boxes_and_of_none() -> None:
-    assert iou(np.array([[5, 5, 5, 5]], np.float32), (5, 5, 5, 5)).tolist() == [0.0]
-    assert iou(np.zeros((0, 4), np.float32), BOX).shape == (0,)
+    assert iou([[5, 5, 5, 5]], [(5, 5, 5, 5)]).tolist() == [[0.0]]
+    assert iou(np.zeros((0, 4)), [BOX, BOX]).shape == (0, 2)
+    assert iou([BOX, BOX, BOX], [BOX, (0, 0, 1, 1)]).tolist() == [[1.0, 0.0]] * 3
 
 
 edges = st.tuples(*[st.integers(0, 50)] * 4).map(
@@ -62,9 +63,9 @@ edges = st.tuples(*[st.integers(0, 50)] * 4).map(
 def test_iou_lies_in_0_to_1_and_ignores_the_origin(
     a: tuple[int, ...], b: tuple[int, ...], shift: int
 ) -> None:
-    found = float(iou(np.array([a], np.float32), b)[0])
+    found = float(iou([a], [b])[0, 0])
     assert 0 <= found <= 1
-    moved = float(iou(np.array([a], np.float32) + shift, [edge + shift for edge in b])[0])
+    moved = float(iou(np.array([a]) + shift, np.array([b]) + shift)[0, 0])
     assert moved == pytest.approx(found, abs=1e-6)
 
 

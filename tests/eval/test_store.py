@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -41,7 +43,8 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
     cell |= {"n_detections": len(detections), "simulate_ms": 1.5, "infer_ms": 2.5, "error": None}
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
-    target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1)}
+    target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
+    target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
     rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
     return CellResult({**shared, **cell, "example": None}, rows, detections)
 
@@ -60,17 +63,20 @@ def test_cells_and_detections_come_back(tmp_path: Path) -> None:
     with Store(tmp_path / "a" / "run", create=True) as store:
         store.add([result(0, detections=found), result(1)])
     with Store(tmp_path / "a" / "run") as store:
-        assert store.done() == {"cell0", "cell1"}
-        again = store.detections("cell0")
+        assert store.done(result(0).cell["image"]) == {"cell0"}
+        assert store.done("another") == set()
+        again = store.detections("cell0", "m")
         for name in ("boxes_xyxy", "scores", "class_ids"):
             np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
             assert getattr(again, name).dtype == getattr(found, name).dtype
-        assert len(store.detections("cell1")) == 0
+        assert len(store.detections("cell1", "m")) == 0
         with pytest.raises(KeyError):
-            store.detections("another")
-        cells = store.cells()
+            store.detections("another", "m")
+        with pytest.raises(KeyError):
+            store.detections("cell0", "another")
+        cells = list(store.cells())
         assert cells[0] == result(0, detections=found).cell
-        assert store.targets()[1] == result(1).targets[0]
+        assert list(store.targets())[1] == result(1).targets[0]
 
 
 def test_facts_and_skipped_pictures_come_back(tmp_path: Path) -> None:
@@ -96,10 +102,9 @@ def test_cells_are_added_all_or_none(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         with pytest.raises(StoreError, match="no such column"):
             store.add([result(0), broken])
-        assert store.done() == set()
-        assert store.targets() == []
+        assert list(store.cells()) == list(store.targets()) == []
         store.add([result(0)])
-        assert store.done() == {"cell0"}
+        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
 
 
 def test_same_cell_again_replaces_it(tmp_path: Path) -> None:
@@ -130,7 +135,7 @@ def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> N
         with Store(tmp_path / name, create=True) as store:
             store.add(results[::turn])
             assert [cell["cell_id"] for cell in store.cells()] == [r.cell["cell_id"] for r in results]
-            assert store.targets() == [target for r in results for target in r.targets]
+            assert list(store.targets()) == [target for r in results for target in r.targets]
 
 
 def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> None:
@@ -148,7 +153,7 @@ def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> Non
         assert str(tmp_path) in told.stdout
         store.add([result(1)])  # the first one goes on
     with Store(tmp_path) as store:
-        assert len(store.done()) == 2
+        assert len(list(store.cells())) == 2
 
 
 def test_idle_store_keeps_its_lock(tmp_path: Path) -> None:
@@ -234,22 +239,64 @@ def test_export_that_fails_keeps_the_file_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """A disk that is full half-way through the file."""
-    write_bytes = Path.write_bytes
+    opened = Path.open
 
-    def full(path: Path, data: bytes) -> int:
-        if name in path.name:
-            write_bytes(path, data[: len(data) // 2])
+    class Full(io.BytesIO):
+        def __init__(self, path: Path) -> None:
+            super().__init__()
+            self.path = path
+
+        def writelines(self, pieces: Any) -> None:
+            with opened(self.path, "wb") as file:
+                file.write(next(iter(pieces)))
             raise OSError(28, "No space left on device")
-        return write_bytes(path, data)
+
+    def nearly_full(path: Path, mode: str = "r", **options: Any) -> Any:
+        return Full(path) if name in path.name else opened(path, mode, **options)
 
     with Store(tmp_path, create=True) as store:
         store.add([result(0)])
         store.export()
         before = (tmp_path / name).read_bytes()
         store.add([result(1)])
-        monkeypatch.setattr(Path, "write_bytes", full)
+        monkeypatch.setattr(Path, "open", nearly_full)
         with pytest.raises(OSError, match="No space left"):
             store.export()
+        monkeypatch.undo()
     assert (tmp_path / name).read_bytes() == before
     files = {path.name for path in tmp_path.iterdir()}
     assert files == {FILE_NAME, "results.csv", "targets.csv", "results.json"}
+
+
+def test_disk_full_while_storing_keeps_what_was_stored(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        (used,) = store.rows("PRAGMA page_count")
+        list(store.rows(f"PRAGMA max_page_count = {used['page_count'] + 8}"))
+        large = Detections(np.zeros((5000, 4)), np.zeros(5000), np.zeros(5000))
+        with pytest.raises(StoreError, match="full"):
+            store.add([result(1), result(2, detections=large)])
+        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
+        list(store.rows("PRAGMA max_page_count = 1000000"))
+        store.add([result(1), result(2, detections=large)])  # room again: it goes on
+    with Store(tmp_path) as store:
+        assert len(list(store.cells())) == 3
+
+
+def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0, model="b"), result(0, model="a"), result(1, model="a")])
+        assert [(c["cell_id"], c["model"]) for c in store.cells()] == [
+            ("cell0", "a"), ("cell0", "b"), ("cell1", "a"),
+        ]  # fmt: skip
+        assert [t["model"] for t in store.targets()] == ["a", "b", "a"]
+
+
+def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True):
+        pass
+    database = sqlite3.connect(tmp_path / FILE_NAME)
+    database.execute("PRAGMA user_version = 1")
+    database.close()
+    with pytest.raises(StoreError, match="another version"):
+        Store(tmp_path)

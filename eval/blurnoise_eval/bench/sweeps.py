@@ -50,7 +50,7 @@ def sweep_speed(
         cells = sweep.count_cells(pictures, plan)
         bare.append(_bare_rate(detector, blobs, threads, max(100, int(seconds * np.median(bare or [0])))))
         with Store(folder / f"turn-{turn}", create=True) as store:
-            outcome = sweep.run(detector, Camera.preset("imx250"), pictures, plan, store, threads=threads)
+            outcome = sweep.run([detector], Camera.preset("imx250"), pictures, plan, store, threads=threads)
         swept.append(cells / outcome.wall_s)
         seconds = outcome.wall_s
         peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

@@ -295,8 +295,8 @@ def _about(model: Model, detector: Detector) -> dict[str, Any]:
 def _run(detector: Detector, part: Part, folder: Path, threads: int, progress: Progress) -> set[str]:
     """Sweep, or go on sweeping; returns the names of the pictures that cannot be read."""
     with Store(folder, create=True) as store:
-        results.open_run(store, detector, CAMERA, part.pictures, part.plan, {"threads": threads})
-        sweep.run(detector, CAMERA, part.pictures, part.plan, store, threads=threads, progress=progress)
+        results.open_run(store, [detector], CAMERA, part.pictures, part.plan, {"threads": threads})
+        sweep.run([detector], CAMERA, part.pictures, part.plan, store, threads=threads, progress=progress)
         return {entry["image"] for entry in store.skipped()}
 
 
@@ -330,7 +330,8 @@ def _judge(
         class_id = detector.contract.classes.index(LABEL)
         with Store(runs[model]) as store:
             for index, at in enumerate(part.conditions):
-                found = [store.detections(Cell(each.name, 0, at, 0).cell_id) for each in pictures]
+                cells = [Cell(each.name, 0, at, 0).cell_id for each in pictures]
+                found = [store.detections(cell, detector.name) for cell in cells]
                 drawn = _scores(found, boxes, class_id, of_pictures)
                 for score, values in drawn.items():
                     into = scores.setdefault(

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from blurnoise_eval.arguments import parse
-from blurnoise_eval.cli import benches, commands, networks
+from blurnoise_eval.cli import benches, commands, inspecting, networks, sweeping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,13 +23,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 COMMANDS = {
-    "sweep": commands.sweep,
+    "sweep": sweeping.sweep,
     "simulate": commands.simulate,
     "gallery": commands.gallery,
     "motion": commands.motion,
     "chart": commands.chart,
-    "report": commands.report,
-    "inspect": commands.inspect,
+    "report": sweeping.report,
+    "detections": sweeping.detections,
+    "inspect": inspecting.inspect,
     "bench": benches.bench,
     "train": networks.train,
     "scenes": networks.scenes,

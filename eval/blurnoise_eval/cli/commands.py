@@ -4,90 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.printing import ProgressBar, print_answers, print_assumptions, print_facts, print_stages
-
-if TYPE_CHECKING:
-    from blurnoise_eval.sweep import Outcome
-
-
-def sweep(options: argparse.Namespace) -> int:
-    """Detector x exposures x lights x speeds x pictures, then the report."""
-    camera = given.camera(options)
-    from blurnoise.checks import in_range
-    from blurnoise_eval import results, sweep
-    from blurnoise_eval.conditions import Plan
-    from blurnoise_eval.store import Store
-
-    in_range("threshold", options.threshold, 0.0, 1.0)
-    threads = given.threads(options)
-    pictures = given.pictures(options)
-    repeats = options.repeats if options.repeats is not None else (3 if pictures.kind == "rendered" else 1)
-    plan = Plan(
-        exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
-        illuminances_lux=tuple(options.lux),
-        velocities_x_px_s=tuple(options.dx),
-        velocities_y_px_s=tuple(options.dy),
-        repeats=repeats,
-        seed=options.seed,
-        temperature_c=options.temperature_c,
-    )
-    detector = given.detector(options)  # before a folder is made
-    with Store(options.output, create=True) as store:
-        print_assumptions(detector.contract, options.model)
-        facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
-        results.open_run(store, detector, camera, pictures, plan, facts)
-        with ProgressBar("sweep", sweep.count_cells(pictures, plan)) as advance:
-            outcome = sweep.run(detector, camera, pictures, plan, store, threads=threads, progress=advance)
-        if outcome.skipped and len(outcome.skipped) == len(pictures):
-            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        manifest = store.about("manifest")
-        store.set_about("manifest", {**manifest, "wall_s": manifest.get("wall_s", 0.0) + outcome.wall_s})
-        return _finish(store, options, outcome)
-
-
-def report(options: argparse.Namespace) -> int:
-    """Tables, figures and page of a run again."""
-    from blurnoise.checks import in_range
-    from blurnoise_eval.store import Store
-
-    in_range("threshold", options.threshold, 0.0, 1.0)
-    with Store(options.run) as store:
-        return _finish(store, options, None)
-
-
-def _finish(store: Any, options: argparse.Namespace, outcome: Outcome | None) -> int:
-    """Tables, figures and page of a run; the answer in the terminal."""
-    from blurnoise_eval import report, results
-    from blurnoise_eval.files import write_whole
-
-    store.export()
-    data = results.read_run(store, threshold=options.threshold)
-    summary = {
-        "run": str(store.folder),
-        "report": str(store.folder / "report.html"),
-        "cells": len(data.cells),
-        "skipped": data.skipped,
-        "threshold": options.threshold,
-        "answers": data.answers,
-    }
-    if outcome is not None:
-        summary |= {"computed": outcome.computed, "resumed": outcome.resumed, "wall_s": outcome.wall_s}
-    write_whole(store.folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
-    report.write_report(data, store.folder)
-    for entry in data.skipped:
-        print(f"skipped: {entry['reason']}", file=sys.stderr)
-    if options.json:
-        print(json.dumps(summary))
-        return 0
-    print_answers(data.answers, options.threshold)
-    took = f" in {outcome.wall_s:.1f} s" if outcome is not None else ""
-    print(f"{len(data.cells)} cells{took}, pictures skipped: {len(data.skipped)}")
-    print(f"open {summary['report']}")
-    return 0
+from blurnoise_eval.printing import print_facts, print_stages
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -243,31 +162,4 @@ def chart(options: argparse.Namespace) -> int:
     )
     write_picture(options.output, coded[..., 0] if coded.shape[2] == 1 else coded)
     print(options.output)
-    return 0
-
-
-def inspect(options: argparse.Namespace) -> int:
-    """What a model takes and gives."""
-    from blurnoise_eval.onnx_model import Detector
-
-    detector = Detector(options.model, contract=options.contract)
-    contract = detector.contract
-    facts = {
-        "model": str(options.model),
-        "sha256": detector.sha256,
-        "inputs": [f"{value.name} {value.shape} {value.type}" for value in detector.session.get_inputs()],
-        "outputs": [f"{value.name} {value.shape} {value.type}" for value in detector.session.get_outputs()],
-        "metadata": sorted(detector.session.get_modelmeta().custom_metadata_map),
-    }
-    if options.json:
-        print(json.dumps({**facts, "contract": contract.to_dict(), "assumed": contract.assumptions}))
-        return 0
-    print_facts(facts, False)
-    print("contract")
-    for name, source in contract.sources.items():
-        value = getattr(contract, name)
-        if name == "classes":
-            value = f"{len(value)}: {', '.join(value[:4])}{', ...' if len(value) > 4 else ''}"
-        print(f"  {name:15s} {value!s:28s} {source}")
-    print_assumptions(contract, options.model)
     return 0
