@@ -24,12 +24,16 @@ when the picture gets dark, noisy and blurred?
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
 """
 _SWEEP = """\
-Run a detector over exposures x lights x speeds x pictures; write curves,
-pictures, tables and a page that answers with the exposure to use.
+Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures, tables
+and a page that answers with the exposure to use.
 
-Without --model: the built-in stop-sign detector, a small trained network. Without
---images or --coco: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was
-when the same command is given again.
+  blurnoise sweep -o run                                             rendered stop signs, the built-in detector
+  blurnoise sweep --model a.onnx --coco instances.json -o run        boxes from COCO: AP and all that
+  blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
+  blurnoise sweep --ocr -o run                                       the rendered STOP, read
+
+Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
+the same command is given again.
 """
 _CAMERAS = """\
 List the camera presets, or show every figure of one camera and its source.

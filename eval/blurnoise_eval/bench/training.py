@@ -366,7 +366,8 @@ def _compare(bench: Bench, part: Part, arms: list[str], scores: dict[str, Array]
 
 def _boxes(pictures: Iterable[Picture]) -> Boxes:
     return [
-        [target.box_xyxy for target in picture.targets or () if target.label == LABEL] for picture in pictures
+        [t.box_xyxy for t in picture.targets or () if t.label == LABEL and not t.crowd]
+        for picture in pictures
     ]
 
 

@@ -7,6 +7,7 @@ classes, files and targets are untrusted: the template escapes all of them, and 
 from __future__ import annotations
 
 import base64
+import warnings
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -47,7 +48,9 @@ def write_report(data: RunData, folder: Path) -> Path:
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     drawn = FIGURES | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
     for name, draw in drawn.items():
-        draw(data).savefig(folder / "figures" / name, dpi=150)
+        with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")
+            draw(data).savefig(folder / "figures" / name, dpi=150)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,
