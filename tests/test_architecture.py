@@ -28,7 +28,7 @@ FLOORS = {
             "presets",
         },
         {"camera", "motion", "psf", "packed"},
-        {"fourier", "frames", "sensor"},
+        {"fourier", "frames", "sensor", "metrics"},
         {"blur", "moments", "plan"},
         {"simulate"},
         {"augment"},

@@ -27,6 +27,7 @@ def bench(options: argparse.Namespace) -> int:
     if options.what != "sweep":
         return _bench_room(options, threads)
     import tempfile
+    from dataclasses import replace
 
     from blurnoise_eval.bench.sweeps import sweep_speed
     from blurnoise_eval.datasets import image_folder, rendered_signs
@@ -39,6 +40,8 @@ def bench(options: argparse.Namespace) -> int:
 
             options.model = matched_filter.build(Path(folder) / "heavy.onnx", input_px=HEAVY_INPUT_PX)
         pictures = image_folder(options.images) if options.images else rendered_signs()
+        if options.heavy:
+            pictures = replace(pictures, pictures=pictures.pictures[:1])
         facts = sweep_speed(given.detector(options), pictures, threads, Path(folder))
     print_facts(facts, options.json)
     return 0
