@@ -110,20 +110,19 @@ class Judge:
 
         repeats = {repeat for _, repeat, _ in found}
         numbered = [(image_id + repeat * _REPEAT, each) for image_id, repeat, each in found]
-        present = {number for number, _ in numbered}
         annotations = [
             {**each, "id": place, "image_id": each["image_id"] + repeat * _REPEAT}
             for place, (repeat, each) in enumerate(
                 ((repeat, each) for repeat in sorted(repeats) for each in self._truth.coco["annotations"]), 1
             )
         ]
-        truth = {
-            "images": [{"id": number} for number in sorted(present)],
-            "annotations": [each for each in annotations if each["image_id"] in present],
+        if not annotations:
+            return dict.fromkeys(COCO_SCORES)
+        truth = {  # of pictures that are not listed, annotations do not count
+            "images": [{"id": number} for number in sorted({number for number, _ in numbered})],
+            "annotations": annotations,
             "categories": self._truth.coco["categories"],
         }
-        if not truth["annotations"]:
-            return dict.fromkeys(COCO_SCORES)
         coco = COCO(truth)
         categories = self._truth.category_of
         answers = [row for number, each in numbered for row in coco_results(each, number, categories)]

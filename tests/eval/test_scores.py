@@ -215,7 +215,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
 def test_rows_of_a_reader(tmp_path: Path) -> None:
     at = {"exposure_s": 0.01, "illuminance_lux": 5.0, "velocity_x_px_s": 1.0, "velocity_y_px_s": 0.0}
     shared = {"cell_id": "x", "model": "m", "image": "p", "repeat": 0, "clean": False, **at}
-    read = [("STOP", 0.9, 0.0), ("STOO", 0.8, 0.25), ("", 0.0, 1.0), ("STOP", 0.5, 0.0)]
+    read = [("STOP", 0.9, 0.0), ("STOO", 0.8, 0.25), ("", 0.0, 1.0), ("STOP", 0.5, 0.0), ("STP", 0.8, 0.25)]
     rows = tuple(
         {**shared, "target_id": place, "group": "g", "confidence": sure if text == "STOP" else 0.0}
         | {"truth": "STOP", "text": text, "read_confidence": sure, "character_error_rate": error}
@@ -225,8 +225,8 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([CellResult(shared, rows, nothing)])
         (row,) = score_rows(store, ["m"], lambda _: None)
-    assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.5, 0.55))
-    assert row["character_error_rate"] == pytest.approx(1.25 / 4)
-    assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.35, 0.5))
+    assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
+    assert row["character_error_rate"] == pytest.approx(1.5 / 5)
+    assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
-    assert performance(row) == 0.5
+    assert performance(row) == 0.4

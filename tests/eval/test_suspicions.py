@@ -143,5 +143,6 @@ def test_of_several_pictures_only_what_half_of_them_raise_counts(tmp_path: Path)
     raised = common_suspicions(dim, [reddish(), grey, reddish(), reddish()])
     assert len(raised) == 1
     assert raised[0].startswith(f"{3 if not suspicions(dim, grey) else 4} of 4 pictures: value_range")
+    assert common_suspicions(dim, [reddish(), *[np.zeros_like(grey) + 20] * 3]) == []
     right = red_detector(tmp_path / "right.onnx")
     assert common_suspicions(right, [reddish()] * 3) == common_suspicions(right, []) == []

@@ -204,6 +204,12 @@ def test_a_reader_without_labels_reads_what_it_read_when_clean(tmp_path: Path) -
     assert data.models[0]["p"] == 1
 
 
+def test_crowds_are_no_targets(first: Detector, tmp_path: Path) -> None:
+    data, cells = run(tmp_path, [first], pictures(SIGN, replace(SIGN, crowd=True, annotation={})))
+    assert {cell["n_targets"] for cell in cells} == {1}
+    assert data.models[0]["false_positives_per_image"] == 0
+
+
 def test_truth_is_kept_as_coco_has_it(first: Detector, tmp_path: Path) -> None:
     crowd = replace(SIGN, crowd=True, area_px2=None, annotation={})
     shown = pictures(SIGN, crowd, Target("dog", "dogs", BOX))
