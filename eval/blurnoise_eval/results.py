@@ -28,6 +28,7 @@ from blurnoise_eval.store import Store, StoreError, csv_lines, unpack
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 _BOOTSTRAP_SEED = 0
+_LISTED = 8  # labels that a warning names
 
 
 def open_run(
@@ -70,7 +71,7 @@ def open_run(
         "manifest",
         {
             "title": f"{', '.join(names)} seen through {camera.name}",
-            "models": [_about(model) for model in models],
+            "models": [_about(model, pictures) for model in models],
             "camera": camera.to_dict(),
             "images": {
                 "kind": pictures.kind,
@@ -87,14 +88,16 @@ def open_run(
     )
 
 
-def _about(model: Model) -> dict[str, Any]:
+def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
     contract = model.contract.to_dict()
+    unknown: list[str] = []
     if isinstance(model, Detector):
         contract["input_size_px"] = list(model.input_size_px)
-    kind = "detector" if isinstance(model, Detector) else "reader"
+        unknown = sorted(set(pictures.categories) - set(model.contract.classes))
     return {
         "name": model.name,
-        "kind": kind,
+        "kind": "detector" if isinstance(model, Detector) else "reader",
+        "unknown_labels": unknown,
         "file": str(model.path),
         "sha256": model.sha256,
         "contract": contract,
@@ -268,6 +271,11 @@ def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
       WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
     warnings = []
     for model in manifest["models"]:
+        if unknown := model["unknown_labels"]:
+            named = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
+            warnings.append(
+                f"{model['name']}: does not know {len(unknown)} of the labels ({named}); nothing counts of them"
+            )
         (without,) = store.rows(query, model["name"])
         if without["pictures"]:
             warnings.append(
