@@ -1,0 +1,35 @@
+"""What can be wrong with a slanted edge, each by a name that travels with the numbers."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Flag(Enum):
+    """A reason to doubt a measured edge; those of ``WITHHELD`` leave no number at all."""
+
+    NOT_FINITE = "the region holds NaN or Inf"
+    CLIPPED = "more than 0.5 % of the pixels stand at black or at full scale"
+    NO_EDGE = "no step stands out of the noise"
+    TWO_EDGES = "more than one edge, or other structure, beside the edge"
+    EDGE_LEAVES_REGION = "the edge does not cross the region from end to end"
+    REGION_TOO_SMALL = "no flat level beside the edge: the blur fills the region"
+    TOO_FEW_PHASES = "the rows cut the edge at too few positions within a pixel"
+    NEVER_REACHES_50 = "the response stays above 50 % up to 1 cycle/px"
+    NOISE_DOMINATED = "noise moves MTF50 by more than 10 % (one standard deviation)"
+    SHARPENED = "the edge overshoots its sides, which no lens does: sharpening"
+    WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
+    NON_LINEAR_SUSPECTED = "the edge is lopsided, or its bright side quieter, as after a tone curve"
+
+
+WITHHELD = frozenset(
+    {
+        Flag.NOT_FINITE,
+        Flag.CLIPPED,
+        Flag.NO_EDGE,
+        Flag.TWO_EDGES,
+        Flag.EDGE_LEAVES_REGION,
+        Flag.REGION_TOO_SMALL,
+    }
+)
+"""With one of these the response cannot be told, and every number is NaN."""

@@ -1,0 +1,258 @@
+"""Capacity, quanta and the ideal observer: published anchors, closed forms, limits."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+
+from blurnoise import transfer
+from blurnoise.metrics.information import (
+    at,
+    ideal_observer_snr,
+    neq,
+    separable,
+    shannon_capacity_radial,
+    shannon_capacity_square,
+    square_integral,
+)
+
+DOUBLE = torch.float64
+SNR_300 = {"signal_pp": 60.0, "noise_variance": 1.0}  # 60² / 12
+
+
+def band(count, stop=0.5):
+    return torch.linspace(0, stop, count, dtype=DOUBLE)
+
+
+def test_perfect_camera_is_the_area_times_the_logarithm():
+    f = band(7)
+    radial = shannon_capacity_radial(f, power=torch.ones(7), **SNR_300)
+    square = shannon_capacity_square(f, f, power=torch.ones(7, 7), **SNR_300)
+    assert float(radial) == pytest.approx(math.pi / 4 * math.log2(301), rel=1e-13)
+    assert float(square) == pytest.approx(math.log2(301), rel=1e-13)
+    assert round(float(radial), 4) == 6.4667
+    assert round(float(square), 4) == 8.2336
+
+
+@pytest.mark.parametrize(
+    ("length_px", "radial", "square"),
+    [(0, 5.974, 7.403), (3, 2.599, 4.317), (6, 1.489, 2.877), (10, 0.889, 2.007), (30, 0.222, 0.812)],
+)
+def test_motion_before_the_pixel(length_px, radial, square):
+    f = band(201)
+    across = (transfer.sinc(f) * transfer.sinc(length_px * f)) ** 2
+    along = transfer.sinc(f) ** 2
+    assert float(shannon_capacity_radial(f, power=across, **SNR_300)) == pytest.approx(radial, abs=2e-3)
+    both = separable(across, along)
+    assert float(shannon_capacity_square(f, f, power=both, **SNR_300)) == pytest.approx(square, abs=2e-3)
+
+
+def test_radial_integral_in_closed_form():
+    # 1 + S/N = exp2(-8 f) once power is (exp2(a - 8f) - 1)/snr; then the integral of (a - 8f) f is exact in pieces
+    f = band(2001)
+    power = (torch.exp2(4 - 8 * f) - 1) / 300
+    exact = 2 * math.pi * (4 * 0.5**2 / 2 - 8 * 0.5**3 / 3)
+    assert float(shannon_capacity_radial(f, power=power, **SNR_300)) == pytest.approx(exact, rel=1e-6)
+
+
+def test_coloured_noise_is_weighed_per_frequency():
+    f = band(801)
+    noise = 1 + f
+    got = shannon_capacity_radial(f, power=(1 + f) / 300 * 3, signal_pp=60.0, noise_variance=noise)
+    assert float(got) == pytest.approx(math.pi / 4 * 2, rel=1e-12)  # S/N = 3 everywhere
+
+
+def test_grid_beyond_the_band_is_cut_at_one_half():
+    inside, beyond = band(101), torch.arange(0, 0.73, 0.0049, dtype=DOUBLE)
+    whole = torch.linspace(-0.61, 0.61, 301, dtype=DOUBLE)
+
+    def power(f):
+        return transfer.gaussian(f, 0.5) ** 2
+
+    expected = shannon_capacity_radial(inside, power=power(inside), **SNR_300)
+    assert float(shannon_capacity_radial(beyond, power=power(beyond), **SNR_300)) == pytest.approx(
+        float(expected), rel=1e-4
+    )
+    square = shannon_capacity_square(inside, inside, power=separable(power(inside), power(inside)), **SNR_300)
+    again = shannon_capacity_square(whole, beyond, power=separable(power(whole), power(beyond)), **SNR_300)
+    assert float(again) == pytest.approx(float(square), rel=1e-4)
+
+
+def test_straight_density_is_integrated_exactly_on_any_grid() -> None:
+    fx, fy = torch.arange(0, 0.73, 0.049, dtype=DOUBLE), torch.arange(-0.62, 0.7, 0.037, dtype=DOUBLE)
+    density = 3 + 4 * fx + 5 * fy[:, None]  # fy's part is odd and drops out; mean of |fx| is 1/4
+    assert float(square_integral(fx, fy, density)) == pytest.approx(4, rel=1e-13)
+
+
+def test_diagonal_motion_needs_and_gets_both_signs():
+    """Along the diagonal and along the other one the capacity is the same, unlike for a product of two."""
+    fx, fy = band(161), torch.linspace(-0.5, 0.5, 321, dtype=DOUBLE)
+
+    def capacity(dx, dy):
+        otf = transfer.motion(fx[None, :], fy[:, None], torch.tensor([dx, dy], dtype=DOUBLE))
+        return float(shannon_capacity_square(fx, fy, power=otf**2, **SNR_300))
+
+    assert capacity(6.0, 6.0) == pytest.approx(capacity(6.0, -6.0), rel=1e-12)
+    one_axis = separable(transfer.sinc(6 * fx) ** 2, transfer.sinc(6 * fy) ** 2)
+    assert capacity(6.0, 6.0) > 1.2 * float(shannon_capacity_square(fx, fy, power=one_axis, **SNR_300))
+
+
+def test_noise_around_no_power_makes_up_for_itself():
+    """S/N = 0 +- 0.03: cut at 0 it would give 0.6 x 0.03 bits per area; what stays is -0.03^2 / 2 / ln 2.
+
+    4000 x 51 samples, the middle ones counting most: the mean of 0.03 / ln 2 is known to 1e-4.
+    """
+    f = band(51)
+    noise = torch.randn(4000, 51, generator=torch.Generator().manual_seed(5), dtype=DOUBLE) * 1e-4
+    got = shannon_capacity_radial(f, power=noise, **SNR_300).mean() / (math.pi / 4)
+    assert float(got) == pytest.approx(-(0.03**2) / 2 / math.log(2), abs=5e-4)
+    least = shannon_capacity_radial(f, power=torch.full((51,), -0.1), **SNR_300)
+    assert float(least) == pytest.approx(math.pi / 4 * math.log2(0.1))
+
+
+def test_resamples_give_an_interval_that_covers():
+    """S/N from resampled powers and noises: the quantiles of the capacity hold the truth as often as they say."""
+    f, g = band(41), torch.Generator().manual_seed(8)
+    truth = transfer.gaussian(f, 1.0) ** 2
+    exact = float(shannon_capacity_radial(f, power=truth, **SNR_300))
+
+    def measured(count, around):
+        return around * (1 + 0.05 * torch.randn(count, 1, generator=g, dtype=DOUBLE))
+
+    covered = 0
+    for _ in range(200):
+        once = measured(1, truth)
+        bounds = torch.quantile(
+            shannon_capacity_radial(f, power=measured(300, once), **SNR_300),
+            torch.tensor([0.025, 0.975], dtype=DOUBLE),
+        )
+        covered += float(bounds[0]) < exact < float(bounds[1])
+    assert 180 <= covered <= 198  # binomial, p 0.95: -+ 3 sigma = 9
+
+
+def test_leading_axes_are_apart_and_differentiable():
+    f = band(31)
+    power = torch.stack([transfer.gaussian(f, s) ** 2 for s in (0.5, 1.0, 2.0)]).requires_grad_()
+    signal = torch.tensor([[30.0], [60.0], [90.0]])
+    together = shannon_capacity_radial(f, power=power, signal_pp=signal, noise_variance=2.0)
+    for i in range(3):
+        alone = shannon_capacity_radial(f, power=power[i], signal_pp=float(signal[i]), noise_variance=2.0)
+        assert float(together[i].detach()) == float(alone.detach())
+    together.sum().backward()
+    assert bool((power.grad[:, 1:] > 0).all())
+    assert torch.autograd.gradcheck(
+        lambda p: shannon_capacity_radial(f, power=p, **SNR_300), (power[0].detach().requires_grad_(),)
+    )
+
+
+def test_no_noise_is_infinite_and_nan_stays_in_its_curve():
+    f, power = torch.arange(0, 0.6, 0.05, dtype=DOUBLE), torch.ones(2, 12)
+    assert float(shannon_capacity_radial(f, power=power[0], signal_pp=1.0, noise_variance=0.0)) == math.inf
+    assert float(shannon_capacity_radial(f, power=0 * power[0], signal_pp=1.0, noise_variance=0.0)) == 0
+    assert float(neq(torch.tensor(1.0), mean_signal=2.0, noise_power_spectrum=0.0)) == math.inf
+    power[1, 3] = math.nan
+    got = shannon_capacity_radial(f, power=power, **SNR_300)
+    assert math.isfinite(float(got[0]))
+    assert math.isnan(float(got[1]))
+
+
+def test_neq_is_the_photons_that_an_ideal_sensor_would_need():
+    electrons, read_e, gain = 1000.0, 3.0, 0.25
+    nps = gain**2 * (electrons + read_e**2) + 1 / 12
+    f = band(65)
+    flat = torch.ones(65, 65)
+    curve = neq(flat, mean_signal=gain * electrons, noise_power_spectrum=nps)
+    assert round(nps, 2) == 63.15
+    assert round(float(curve[0, 0]), 1) == 989.8
+    assert float(square_integral(f, f, curve)) == pytest.approx(float(curve[0, 0]), rel=1e-13)
+    ideal = neq(torch.ones(1), mean_signal=gain * electrons, noise_power_spectrum=gain**2 * electrons)
+    assert float(ideal) == pytest.approx(electrons, rel=1e-13)  # not 1/K, as eq. 8 as printed gives
+
+
+def test_neq_integral_of_a_gaussian_and_of_negative_power():
+    f, sigma = band(201), 2.0
+    power = separable(transfer.gaussian(f, sigma) ** 2, transfer.gaussian(f, sigma) ** 2)
+    got = square_integral(f, f, neq(power, mean_signal=10.0, noise_power_spectrum=4.0))
+    one = math.erf(math.pi * sigma) / (
+        2 * math.sqrt(math.pi) * sigma
+    )  # of exp(-4 pi² s² f²) from -1/2 to 1/2
+    assert float(got) == pytest.approx(25 * one**2, rel=1e-3)
+    assert float(neq(torch.tensor(-0.01), mean_signal=10.0, noise_power_spectrum=4.0)) == pytest.approx(-0.25)
+
+
+def square_target(side_px, height, shape=(96, 101)):
+    target = torch.zeros(shape)
+    target[7 : 7 + side_px, 20 : 20 + side_px] = height
+    return target
+
+
+def test_ideal_observer_of_a_square_in_white_noise():
+    got = ideal_observer_snr(square_target(50, 5.0), power=1.0, noise_power_spectrum=400.0)
+    assert float(got) == pytest.approx(12.5, rel=1e-6)
+
+
+def test_ideal_observer_agrees_with_blur_in_space():
+    """|G|² MTF² summed over frequencies is the energy of the blurred target summed over pixels."""
+    target, sigma = square_target(12, 8.0).double(), 2.0
+    fx, fy = (torch.fft.fftfreq(n, dtype=DOUBLE) for n in (101, 96))
+    power = separable(transfer.gaussian(fx, sigma) ** 2, transfer.gaussian(fy, sigma) ** 2)
+    blurred = gaussian_filter(target.numpy(), sigma, mode="wrap", truncate=8)
+    got = ideal_observer_snr(target, power=power, noise_power_spectrum=9.0)
+    assert float(got) == pytest.approx(math.sqrt((blurred**2).sum() / 9), rel=1e-6)
+
+
+def test_ideal_observer_on_measured_curves():
+    f = band(501, 0.6)
+    fx, fy = (torch.fft.fftfreq(n, dtype=DOUBLE) for n in (101, 96))
+    curve, target = transfer.gaussian(f, 1.5) ** 2, square_target(12, 8.0)
+    measured = separable(at(f, curve, fx), at(f, curve, fy))
+    exact = separable(transfer.gaussian(fx, 1.5) ** 2, transfer.gaussian(fy, 1.5) ** 2)
+    got, wanted = (ideal_observer_snr(target, power=p, noise_power_spectrum=9.0) for p in (measured, exact))
+    assert float(got) == pytest.approx(float(wanted), rel=1e-4)
+    assert float(ideal_observer_snr(target, power=1.0, noise_power_spectrum=0.0)) == math.inf
+    assert float(ideal_observer_snr(0 * target, power=1.0, noise_power_spectrum=0.0)) == 0
+
+
+def test_separable_keeps_the_sign_of_a_doubly_negative_power():
+    got = separable(torch.tensor([1.0, -0.1]), torch.tensor([1.0, 0.5, -0.2]))
+    assert got.shape == (3, 2)
+    assert torch.allclose(got, torch.tensor([[1.0, -0.1], [0.5, -0.05], [-0.2, -0.02]], dtype=DOUBLE))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"frequency": band(11, 0.4)}, "frequency: must run from 0"),
+        ({"frequency": band(11) + 0.01}, "frequency: must run from 0"),
+        ({"frequency": band(11).flip(0)}, "rising"),
+        ({"frequency": torch.tensor([])}, "frequency"),
+        ({"frequency": torch.full((11,), math.nan)}, "finite"),
+        ({"frequency": torch.linspace(-0.5, 0.5, 11)}, "start at 0"),
+        ({"power": torch.ones(10)}, "does not fit"),
+        ({"power": torch.ones(0, 11)}, "none of 0"),
+        ({"power": torch.tensor(1.0)}, "1 or more dimensions"),
+        ({"noise_variance": -1.0}, "noise_variance: must be >= 0"),
+        ({"noise_variance": torch.tensor([[1.0], [-1.0]])}, "noise_variance: must be >= 0"),
+    ],
+)
+def test_wrong_arguments_are_named(change, message):
+    right = {"frequency": band(11), "power": torch.ones(11), **SNR_300}
+    shannon_capacity_radial(**right)
+    with pytest.raises(ValueError, match=message):
+        shannon_capacity_radial(**{**right, **change})
+
+
+def test_wrong_kinds_are_named():
+    with pytest.raises(TypeError, match="power: must be a torch"):
+        shannon_capacity_radial(band(3), power=[1.0, 1.0, 1.0], **SNR_300)
+    with pytest.raises(TypeError, match="real numbers"):
+        shannon_capacity_radial(band(3), power=torch.ones(3, dtype=torch.complex64), **SNR_300)
+    with pytest.raises(ValueError, match=r"density.*frequency_y"):
+        shannon_capacity_square(band(3), band(4), power=torch.ones(3, 3), **SNR_300)
+    with pytest.raises(ValueError, match="power: must be a number or end in"):
+        ideal_observer_snr(torch.ones(4, 4), power=torch.ones(4, 5), noise_power_spectrum=1.0)
+    with pytest.raises(ValueError, match="wanted"):
+        at(band(3), torch.ones(3), torch.tensor([0.6]))
