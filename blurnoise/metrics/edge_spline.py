@@ -29,8 +29,9 @@ _PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases 
 class Spline:
     """coefficients: (B, 2 K + 1), for knots at KNOT_PX * (-K ... K) from the edge.
 
-    covariance: of the coefficients, (B, 2 K + 1, 2 K + 1). pixels: what was fitted; inverse: of the equations of
-    the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals are too small to stand for errors, as in a jackknife.
+    covariance: of the coefficients, (B, 2 K + 1, 2 K + 1). pixels: what was fitted. inverse: of the equations of
+    the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals are too small to stand for
+    errors, as in a jackknife.
     """
 
     coefficients: Tensor

@@ -17,10 +17,11 @@ from blurnoise import checks
 from blurnoise.metrics import regions
 from blurnoise.metrics.edge_flags import WITHHELD, Flag
 from blurnoise.metrics.edge_geometry import is_horizontal, slope
+from blurnoise.metrics.edge_information import EdgeInformation, information_of
 from blurnoise.metrics.edge_iso import iso_response
 from blurnoise.metrics.edge_numbers import intervals, numbers, row_weights
 from blurnoise.metrics.edge_response import Response, exact_response, peak
-from blurnoise.metrics.edge_shape import Flags, Shape, doubts, locate, shape_of, suspicions
+from blurnoise.metrics.edge_shape import NOISY, Flags, Shape, doubts, locate, shape_of, suspicions
 from blurnoise.metrics.edge_sides import Sides
 from blurnoise.metrics.edge_spline import KNOT_PX, Spline
 from blurnoise.metrics.regions import Roi
@@ -83,6 +84,15 @@ class SlantedEdge:
     esf: Tensor = _NONE
     lsf: Tensor = _NONE
     resamples: Resamples | None = None
+
+    def information(self, across: SlantedEdge | None = None, *, target_px: int = 10) -> EdgeInformation:
+        """Shannon capacity (radial, square), NEQ (curve, at 0, integral) and SNRI, each with its interval.
+
+        across: an edge along the other axis; without it the blur counts as the same in both. target_px: side of
+        the square, as bright as the bright side on the dark one, that SNRI is told for. Raises ``ValueError``
+        for an edge measured without bootstrap.
+        """
+        return information_of(self, across, target_px)
 
 
 def slanted_edge(
@@ -161,6 +171,10 @@ def _told(
     read = {name: value.tolist() for name, value in scalars.items()}
     frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
     samples, ranges = _resamples(response, sides, ends, weights)
+    flags = [
+        names | _by_interval(each, middle)
+        for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
+    ]
     esf, lsf = _profiles(shape.spline, rising, sides)
     edges = []
     for index, names in enumerate(flags):
@@ -201,6 +215,13 @@ def _told(
 def _named(flags: Flags, batch: int) -> list[frozenset[Flag]]:
     raised = {flag: raised.tolist() for flag, raised in flags.items()}
     return [frozenset(flag for flag, where in raised.items() if where[index]) for index in range(batch)]
+
+
+def _by_interval(ranges: Mapping[str, tuple[float, float]], mtf50: float) -> frozenset[Flag]:
+    """Whether draws of rows scatter as far as the flag says, of which 95 % span four standard deviations."""
+    low, high = ranges.get("mtf50", (mtf50, mtf50))
+    wide = math.isfinite(mtf50) and not high - low <= 4 * NOISY * mtf50
+    return frozenset({Flag.NOISE_DOMINATED}) if wide else frozenset()
 
 
 def _reached(frequency: float) -> float:

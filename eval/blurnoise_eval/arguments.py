@@ -7,12 +7,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from blurnoise_eval import arguments_measure, arguments_quality
+
 Command = Callable[[argparse.Namespace], int]
 
 EXPOSURES_MS = "1,2,5,10,15,20,30,45,60,90"
 ILLUMINANCES_LUX = "0.5,50,5000"
 VELOCITIES_PX_S = "0,200,500,1000"
-_LISTS = ("--exposure-ms", "--lux", "--dx", "--dy")
+_LISTS = ("--exposure-ms", "--lux", "--dx", "--dy", "--roi")
 CHARTS = ("slanted-edge", "siemens-star", "stop-sign", "flat-patch")
 
 _DESCRIPTION = """\
@@ -65,6 +67,7 @@ Measure on this machine.
   simulate   the whole chain and its stages, beside other libraries
   blur       every way to blur by motion, time beside error
   noise      every way to draw noise, time beside distance from the exact law
+  metrics    every way to measure a slanted edge, time beside error
   sweep      a sweep against bare onnxruntime
   augment    what the augmentations cost beside a training step
   training   whether training with the exposure augmentation helps
@@ -222,6 +225,19 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
     cameras.add_argument("--plot", type=Path, metavar="FILE.png", help="draw its photon transfer, measured")
     _json_option(cameras)
 
+    quality = command(
+        "quality", "charts -> every image-quality metric, over exposure and blur", arguments_quality.ABOUT
+    )
+    arguments_quality.add_options(quality, numbers)
+    _camera_options(quality)
+    _json_option(quality)
+
+    measure = command(
+        "measure", "slanted edges of a picture -> sharpness, noise, information", arguments_measure.ABOUT
+    )
+    arguments_measure.add_options(measure)
+    _json_option(measure)
+
     motion = command("motion", "road speed -> px/s and blur length")
     motion.add_argument("--speed-kmh", type=float, required=True, help="across the line of sight, km/h")
     motion.add_argument("--distance-m", type=float, required=True)
@@ -305,7 +321,9 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
 
     bench = command("bench", "measure: speed beside accuracy; what a training gains", _BENCH)
     bench.add_argument(
-        "what", choices=("simulate", "sweep", "blur", "noise", "augment", "training"), help="see above"
+        "what",
+        choices=("simulate", "sweep", "blur", "noise", "metrics", "augment", "training"),
+        help="see above",
     )
     bench.add_argument("--model", type=Path, metavar="M.onnx", help="for sweep (default: the built-in one)")
     bench.add_argument("--contract", metavar="FILE|PRESET")

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from blurnoise_eval.arguments import parse
-from blurnoise_eval.cli import benches, commands, inspecting, networks, sweeping
+from blurnoise_eval.cli import benches, commands, inspecting, measuring, networks, quality, sweeping
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,6 +26,8 @@ COMMANDS = {
     "sweep": sweeping.sweep,
     "simulate": commands.simulate,
     "gallery": commands.gallery,
+    "measure": measuring.measure,
+    "quality": quality.quality,
     "motion": commands.motion,
     "chart": commands.chart,
     "report": sweeping.report,

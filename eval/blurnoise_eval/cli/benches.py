@@ -50,9 +50,23 @@ def bench(options: argparse.Namespace) -> int:
 def _bench_room(options: argparse.Namespace, threads: int) -> int:
     from rich.console import Console
 
-    from blurnoise_eval.bench import blur, blur_view, chain, chain_view, noise, noise_view
+    from blurnoise_eval.bench import (
+        blur,
+        blur_view,
+        chain,
+        chain_view,
+        metrics,
+        metrics_view,
+        noise,
+        noise_view,
+    )
 
-    rooms = {"blur": (blur, blur_view), "noise": (noise, noise_view), "simulate": (chain, chain_view)}
+    rooms = {
+        "blur": (blur, blur_view),
+        "metrics": (metrics, metrics_view),
+        "noise": (noise, noise_view),
+        "simulate": (chain, chain_view),
+    }
     room: Any
     view: Any
     room, view = rooms[options.what]

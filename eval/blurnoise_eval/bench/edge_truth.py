@@ -17,7 +17,6 @@ from itertools import product
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import ndtr
 from torch import Tensor
 
 _THIN_PX = 1e-3  # a box below it is a Gaussian of its variance, to w^4 = 1e-12
@@ -49,19 +48,20 @@ def edge_spread(
             below + shift, len(boxes_px), sigma_px
         )
     total /= math.prod(boxes_px)
-    return np.where(distance_px > 0, 1 - total, total)
+    return np.asarray(np.where(distance_px > 0, 1 - total, total))
 
 
 def _antiderivative(x: NDArray[np.float64], order: int, sigma: float) -> NDArray[np.float64]:
     """Of the normal distribution function of standard deviation ``sigma`` (0: of the step), ``order`` times."""
     if not sigma:
-        return np.maximum(x, 0) ** order / math.factorial(order)
+        return np.asarray(np.maximum(x, 0) ** order / math.factorial(order))
     t = x / sigma
-    density = np.exp(-t * t / 2) / math.sqrt(2 * math.pi)
-    before, now = density, ndtr(t)  # n I_n = t I_(n-1) + I_(n-2)
+    density: NDArray[np.float64] = np.exp(-t * t / 2) / math.sqrt(2 * math.pi)
+    below = torch.special.ndtr(torch.from_numpy(t)).numpy()
+    before, now = density, below  # n I_n = t I_(n-1) + I_(n-2)
     for n in range(1, order + 1):
         before, now = now, (t * now + before) / n
-    return now * sigma**order
+    return np.asarray(now * sigma**order)
 
 
 def closed_edge(
@@ -95,7 +95,7 @@ def closed_mtf(
     boxes, sigma = _boxes_and_sigma(angle_deg, sigma_px, motion_px)
     f = np.asarray(frequency, np.float64)
     gaussian = np.exp(-2 * (math.pi * sigma * f) ** 2)
-    return gaussian * np.abs(np.prod([np.sinc(width * f) for width in boxes], axis=0))
+    return np.asarray(gaussian * np.abs(np.prod([np.sinc(width * f) for width in boxes], axis=0)))
 
 
 def closed_mtf50(

@@ -1,0 +1,204 @@
+"""What slanted edges tell an ideal observer: Shannon capacity, noise-equivalent quanta, SNR, each with an interval.
+
+Domain: edges of :func:`blurnoise.metrics.slanted_edge` in digital numbers with the black level removed, measured
+with a bootstrap. Noise is taken for white: its power spectrum is its variance, on the average over both sides.
+
+Noise in a measured response makes curved functions of it come out wrong: of log2(1 + S/N), with power cut at 0, the
+upward strokes stay where there is no response left. Resamples carry that noise twice, so their mean C* is off by
+twice as much as the estimate C; what is given is C - (C* - C). For 6 px of motion at CNR 6 that takes the capacity's
+error from +23 to +2 %, for 20 px at CNR 20 from +53 to +1 %; power that keeps its sign, uncorrected: +3 and -13 %.
+Intervals are the resamples' about their mean, moved to that value. Nothing given is below 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import torch
+from torch import Tensor
+
+from blurnoise.metrics import information
+
+if TYPE_CHECKING:
+    from blurnoise.metrics.slanted_edge import SlantedEdge
+
+_GRID = torch.arange(129, dtype=torch.float64) / 256
+"""Cycles/px of both axes of two-dimensional integrals: half the step that 128 px resolve."""
+_RESAMPLES_2D = 60
+_CANVAS_PX = 128
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A number between ``low`` and ``high`` at 95 %, and the names of what speaks against it.
+
+    NaN in value: it cannot be told, and the flags say why. NaN in low and high: no interval.
+    """
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+    flags: frozenset[str] = frozenset()
+
+    @property
+    def told(self) -> bool:
+        """Whether there is a number."""
+        return math.isfinite(self.value)
+
+
+def flag_names(*edges: SlantedEdge) -> frozenset[str]:
+    """The flags of all these edges, as words_in_lower_case."""
+    return frozenset(flag.name.lower() for edge in edges for flag in edge.flags)
+
+
+def capacity_radial(edge: SlantedEdge) -> Reading:
+    """Shannon information capacity were the blur the same in all directions, bits/px; see :mod:`..information`."""
+
+    def bits(edges: list[_Told]) -> Tensor:
+        (told,) = edges
+        return information.shannon_capacity_radial(
+            told.frequencies, power=told.power.clamp_min(0), signal_pp=told.step, noise_variance=told.noise
+        )
+
+    return _read(bits, edge, most=10_000)
+
+
+def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
+    """Shannon information capacity over the whole square of frequencies, bits/px, of blur separable in x and y."""
+
+    def bits(edges: list[_Told]) -> Tensor:
+        step, noise = (
+            (a + b)[..., None] / 2 for a, b in zip(*((e.step, e.noise) for e in edges), strict=True)
+        )
+        return information.shannon_capacity_square(
+            _GRID, _GRID, power=_plane(edges, _GRID).clamp_min(0), signal_pp=step, noise_variance=noise
+        )
+
+    return _read(bits, across_x, across_y)
+
+
+def neq_0(edge: SlantedEdge) -> Reading:
+    """Noise-equivalent quanta of the bright side at frequency 0: its squared ratio of mean to noise."""
+    if math.isnan(edge.bright) or edge.resamples is None:
+        return Reading(math.nan)
+    if edge.noise_variance_bright <= 0:
+        return Reading(math.nan, flags=frozenset({"noiseless"}))
+    drawn = edge.resamples.bright**2 / edge.resamples.noise_variance_bright
+    low, high = torch.quantile(drawn, torch.tensor([0.025, 0.975], dtype=drawn.dtype)).tolist()
+    return Reading(edge.bright**2 / edge.noise_variance_bright, low, high)
+
+
+def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
+    """Noise-equivalent quanta of the bright side, integrated over the square of frequencies, quanta per pixel."""
+
+    def quanta(edges: list[_Told]) -> Tensor:
+        bright, noise = (
+            (a + b)[..., None] / 2 for a, b in zip(*((e.bright, e.noise_bright) for e in edges), strict=True)
+        )
+        density = information.neq(_plane(edges, _GRID), mean_signal=bright, noise_power_spectrum=noise)
+        return information.square_integral(_GRID, _GRID, density)
+
+    return _read(quanta, across_x, across_y)
+
+
+def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Reading:
+    """Ideal observer's SNR (SNRI, a ratio) for a square of ``side_px`` as bright as one side, on the other."""
+    target = torch.zeros(_CANVAS_PX, _CANVAS_PX, dtype=torch.float64)
+    target[:side_px, :side_px] = 1
+    frequency = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
+
+    def ratio(edges: list[_Told]) -> Tensor:
+        step, noise = ((a + b)[..., 0] / 2 for a, b in zip(*((e.step, e.noise) for e in edges), strict=True))
+        ideal = information.ideal_observer_snr(
+            target, power=_plane(edges, frequency), noise_power_spectrum=1.0
+        )
+        snr: Tensor = ideal * step / noise.sqrt()
+        return snr
+
+    return _read(ratio, across_x, across_y)
+
+
+class EdgeInformation(NamedTuple):
+    """What an edge tells an ideal observer, with the noise of its own sides, taken for white.
+
+    sic_radial, sic_square: Shannon information capacity, bits/px. neq: (F,), noise-equivalent quanta per pixel at
+    the edge's frequencies; neq_0: at 0; neq_integral: over the square of frequencies. snri: of a bright square.
+    """
+
+    sic_radial: Reading
+    sic_square: Reading
+    neq: Tensor
+    neq_0: Reading
+    neq_integral: Reading
+    snri: Reading
+
+
+def information_of(edge: SlantedEdge, across: SlantedEdge | None, target_px: int) -> EdgeInformation:
+    """All of them; see :meth:`blurnoise.metrics.SlantedEdge.information`."""
+    both = edge, across or edge
+    density = information.neq(
+        edge.power, mean_signal=edge.bright, noise_power_spectrum=edge.noise_variance_bright
+    )
+    return EdgeInformation(
+        capacity_radial(edge),
+        capacity_square(*both),
+        density,
+        neq_0(edge),
+        neq_integral(*both),
+        square_snr(*both, side_px=target_px),
+    )
+
+
+class _Told(NamedTuple):
+    """One edge or its resamples: frequencies (F,), power (n, F); the rest (n, 1)."""
+
+    frequencies: Tensor
+    power: Tensor
+    step: Tensor
+    noise: Tensor
+    bright: Tensor
+    noise_bright: Tensor
+
+
+def _plane(edges: list[_Told], frequency: Tensor) -> Tensor:
+    across_x, across_y = (information.at(edge.frequencies, edge.power, frequency) for edge in edges)
+    return information.separable(across_x, across_y)
+
+
+def _read(number: Callable[[list[_Told]], Tensor], *edges: SlantedEdge, most: int = _RESAMPLES_2D) -> Reading:
+    flags = flag_names(*edges)
+    if any(math.isnan(edge.bright) for edge in edges):
+        return Reading(math.nan, flags=flags)
+    plain = float(number([_measurement(edge) for edge in edges])[0])
+    drawn = number([_resampled(edge, most) for edge in edges])
+    if not (
+        math.isfinite(plain) and bool(torch.isfinite(drawn).all())
+    ):  # without noise all of it is infinite
+        return Reading(math.nan, flags=flags | {"noiseless"})
+    mean = float(drawn.mean())
+    low, high = torch.quantile(drawn, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
+    value = 2 * plain - mean
+    value, low, high = (max(0.0, number) for number in (value, value + low - mean, value + high - mean))
+    return Reading(value, low, high, flags)
+
+
+def _measurement(edge: SlantedEdge) -> _Told:
+    levels = (edge.dark, edge.bright, edge.noise_variance_dark, edge.noise_variance_bright)
+    return _told(edge.frequencies, edge.power[None], *(torch.tensor([value]) for value in levels))
+
+
+def _resampled(edge: SlantedEdge, most: int) -> _Told:
+    if edge.resamples is None:
+        raise ValueError("edge: must be measured with bootstrap > 0, whose resamples say how sure it is")
+    power, *levels = (value[:most] for value in vars(edge.resamples).values())
+    return _told(edge.frequencies, power, *levels)
+
+
+def _told(
+    frequencies: Tensor, power: Tensor, dark: Tensor, bright: Tensor, noise_dark: Tensor, noise_bright: Tensor
+) -> _Told:
+    columns = (bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
+    return _Told(frequencies, power, *(column.double()[:, None] for column in columns))
