@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.files import json_lines, write_whole
 from blurnoise_eval.scores import CONDITIONS, Truth, coco_results
 from blurnoise_eval.store import Store, StoreError, unpack
 
@@ -110,7 +110,7 @@ def write_detections(
         for at in list(store.rows(query, model["name"])):
             rows = _results(store, model["name"], at, truth)
             path = place / f"{_condition_name(at)}.json"
-            write_whole(path, (piece.encode("utf-8") for piece in _listed(rows)))
+            write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
             progress(1)
     return written
@@ -132,11 +132,3 @@ def _condition_name(at: dict[str, Any]) -> str:
         f"{at['velocity_x_px_s']:g}_{at['velocity_y_px_s']:g}px_s",
     )
     return f"{exposure}-{at['illuminance_lux']:g}lux-{speed}-{at['repeat']}"
-
-
-def _listed(rows: Iterator[dict[str, Any]]) -> Iterator[str]:
-    before = "["
-    for row in rows:
-        yield f"{before}{json.dumps(row)}"
-        before = ",\n"
-    yield "[]" if before == "[" else "]"

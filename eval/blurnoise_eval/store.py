@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.files import json_lines, write_whole
 from blurnoise_eval.records import Detections
 
 FILE_NAME = "results.sqlite"
@@ -151,7 +151,7 @@ class Store:
         tables = {
             "results.csv": csv_lines(self._columns("cells"), self.cells()),
             "targets.csv": csv_lines(self._columns("targets"), self.targets()),
-            "results.json": _json_lines(self.cells()),
+            "results.json": json_lines(self.cells()),
         }
         for name, lines in tables.items():
             write_whole(self.folder / name, (line.encode("utf-8") for line in lines))
@@ -217,12 +217,3 @@ def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterato
         line.seek(0)
         line.truncate()
     yield line.getvalue()
-
-
-def _json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """A list of rows as JSON, a line each."""
-    before = "["
-    for row in rows:
-        yield f"{before}\n {json.dumps(row)}"
-        before = ","
-    yield "[]\n" if before == "[" else "\n]\n"
