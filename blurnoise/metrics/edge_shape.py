@@ -15,7 +15,7 @@ from blurnoise.metrics.edge_flags import Flag
 from blurnoise.metrics.edge_geometry import Upright, find_line, largest_phase_gap_px, smooth, straighten
 from blurnoise.metrics.edge_response import Response, scatter
 from blurnoise.metrics.edge_sides import REACH_FACTOR, REACH_PX, STRIP_PX, Sides, measure_sides, reach_of
-from blurnoise.metrics.edge_spline import KNOT_PX, LINE_ORDER, Spline, refine
+from blurnoise.metrics.edge_spline import BLOCK_PX, KNOT_PX, LINE_ORDER, Spline, refine
 
 Flags = dict[Flag, Tensor]
 """Which of the regions each flag stands for, (B,) bool."""
@@ -30,6 +30,8 @@ OVERSHOOT = 0.01
 """Share of the step by which a sharpened edge goes beyond its sides: light only adds, so no blur does."""
 WINDOW_REACHES = 10
 """Width of a region, in distances from the edge to the end of its blur, below which the standard's window tells."""
+UNEVEN = 0.025
+"""Mean misfit of a block, as a share of the step, that counts as noise at least: shading and curves leave as much."""
 NOISY = 0.08
 """Standard deviation of MTF50, as a share of it, from which noise dominates."""
 NOISELESS = 1e-8
@@ -117,6 +119,12 @@ def suspicions(shape: Shape, mode: str, width_px: int) -> Flags:
         Flag.SHARPENED: _overshoots(shape.spline) & ~few,
         Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
     }
+
+
+def not_alone(shape: Shape) -> Tensor:
+    """Whether something stands off the edge's own shape, (B,): a blurred corner passes for a wide edge else."""
+    noise = (shape.sides.variance.amax(1) / shape.sides.step**2).sqrt()
+    return shape.spline.largest_misfit() > (CERTAIN + 1) * (noise / BLOCK_PX).clamp_min(UNEVEN)
 
 
 def doubts(response: Response, mtf50: Tensor) -> Flags:

@@ -16,12 +16,14 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from blurnoise.metrics.edge_geometry import Upright, row_basis, slope
 
 KNOT_PX = 0.25
 LINE_ORDER = 3
 """Order of the polynomial that the edge may follow: a lens bends straight edges."""
+BLOCK_PX = 5
 _PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
 
 
@@ -45,6 +47,11 @@ class Spline:
         """Place of the knots, (2 K + 1,)."""
         half = self.coefficients.shape[-1] // 2
         return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
+
+    def largest_misfit(self) -> Tensor:
+        """The largest mean over a block of BLOCK_PX squared px by which pixels are off the spline, (B,)."""
+        off = self.pixels.in_place(self.pixels.off(self.coefficients)[0].float())
+        return avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
 
     def resampled(self, weights: Tensor) -> Tensor:
         """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
@@ -84,11 +91,14 @@ def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tenso
 class _Pixels:
     """The pixels within reach of the edge, n of all regions in one line, and the four B-splines over each.
 
-    row: (n,), number of the pixel's row, counted through all B regions of H rows. value: (n,). first: (n,), index
-    of the first of the four coefficients. place: (n,), between its knots, 0 to 1. cosine: (n,), px along the
-    normal for one along the row. basis: four times (n,). count: pixels of each region, (B,). size: coefficients.
+    pixel: (n,), number of each in the regions' ``shape``, (B, H, W). row: (n,), number of the pixel's row, counted
+    through all B regions of H rows. value: (n,). first: (n,), index of the first of the four coefficients.
+    place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four
+    times (n,). count: pixels of each region, (B,). size: coefficients.
     """
 
+    pixel: Tensor
+    shape: torch.Size
     row: Tensor
     value: Tensor
     first: Tensor
@@ -115,11 +125,27 @@ class _Pixels:
         basis = [ss * s / 6, tt * (t / 2 - 1) + 2 / 3, ss * (s / 2 - 1) + 2 / 3, tt * t / 6]
         value, count = upright.values.flatten()[chosen], near.sum((1, 2))
         first = knot.long() + (half - 1)
-        return cls(row, value, first, t, cosines[row // height], basis, count, height, 2 * half + 1)
+        return cls(
+            chosen,
+            near.shape,
+            row,
+            value,
+            first,
+            t,
+            cosines[row // height],
+            basis,
+            count,
+            height,
+            2 * half + 1,
+        )
 
     @property
     def batch(self) -> int:
         return len(self.count)
+
+    def in_place(self, values: Tensor) -> Tensor:
+        """The regions with ``values`` (n,) at these pixels and 0 elsewhere, (B, H, W)."""
+        return values.new_zeros(math.prod(self.shape)).index_copy_(0, self.pixel, values).view(self.shape)
 
     def off(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
         """By how much the values exceed the spline, (n,), and the spline's slope along the row, 1/px, (n,)."""

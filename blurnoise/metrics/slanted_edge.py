@@ -21,7 +21,7 @@ from blurnoise.metrics.edge_information import EdgeInformation, information_of
 from blurnoise.metrics.edge_iso import iso_response
 from blurnoise.metrics.edge_numbers import intervals, numbers, row_weights
 from blurnoise.metrics.edge_response import Response, exact_response, peak
-from blurnoise.metrics.edge_shape import NOISY, Flags, Shape, doubts, locate, shape_of, suspicions
+from blurnoise.metrics.edge_shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
 from blurnoise.metrics.edge_sides import Sides
 from blurnoise.metrics.edge_spline import KNOT_PX, Spline
 from blurnoise.metrics.regions import Roi
@@ -147,9 +147,10 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
     kept = [index for index, edge in enumerate(edges) if not edge.flags & WITHHELD]
     if kept:
         weights = row_weights(bootstrap, values.shape[1], seed) if bootstrap else None
-        told = _told(values[kept], shape_of(found.only(kept)), mode, horizontal, weights)
-        for index, edge in zip(kept, told, strict=True):
-            edges[index] = edge
+        shape = shape_of(found.only(kept))
+        told = _told(values[kept], shape, mode, horizontal, weights)
+        for index, edge, doubtful in zip(kept, told, not_alone(shape).tolist(), strict=True):
+            edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
     return edges
 
 

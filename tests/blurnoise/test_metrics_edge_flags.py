@@ -235,3 +235,23 @@ def test_noise_leaves_no_number_without_its_flag(cnr: float) -> None:
     silent = [edge for edge in found if not edge.flags]
     assert len(silent) < 10
     assert all(abs(edge.mtf50 / closed_mtf50() - 1) < 0.3 for edge in silent)
+
+
+@pytest.mark.parametrize(
+    ("length_px", "shape", "offset_px"),
+    [(20.23, (107, 107), (-1.0, 40.8)), (27.46, (138, 123), (-30.1, 2.9)), (8.72, (143, 86), (20.9, 38.9))],
+)
+def test_the_corner_of_a_blurred_square_is_no_wide_edge(
+    length_px: float, shape: tuple[int, int], offset_px: tuple[float, float]
+) -> None:
+    """Motion rounds a corner until it passes for one straight edge, with numbers and without a flag."""
+
+    def ramp(**how: object) -> Tensor:
+        edge = closed_edge(*shape, **how)  # type: ignore[arg-type]
+        return (edge - edge.min()) / (edge.max() - edge.min())
+
+    upright = ramp(angle_deg=5.0, motion_px=(length_px, 0.0), offset_px=(offset_px[0], 0.0))
+    lying = ramp(angle_deg=95.0, offset_px=(0.0, offset_px[1]))
+    edge = measured(0.1 + 0.7 * upright * lying + noise(shape, 0.003))
+    assert Flag.TWO_EDGES in edge.flags
+    assert withheld(edge)
