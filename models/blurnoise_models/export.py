@@ -59,6 +59,7 @@ def write_onnx(
     if program is None:
         raise RuntimeError("torch.onnx.export returned nothing")
     model = program.model_proto
+    _forget_origins(model)
     properties = {"blurnoise.contract": json.dumps(contract(input_px))}
     if facts:
         properties["blurnoise.training"] = json.dumps(facts)
@@ -68,6 +69,13 @@ def write_onnx(
     partial.write_bytes(model.SerializeToString())
     partial.replace(path)
     return path
+
+
+def _forget_origins(model: onnx.ModelProto) -> None:
+    """Drop the exporter's notes on every node and value: they hold the source's place on the machine it ran on."""
+    graph = model.graph
+    for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
+        part.ClearField("metadata_props")
 
 
 @contextmanager

@@ -61,6 +61,16 @@ def test_export_states_its_own_contract(miniature: tuple[SignNet, list[Step]], t
     assert detector.detect(np.zeros((40, 60, 3), np.uint8)).boxes_xyxy.shape[1] == 4
 
 
+def test_export_says_nothing_of_the_machine_it_ran_on(
+    miniature: tuple[SignNet, list[Step]], tmp_path: Path
+) -> None:
+    written = write_onnx(miniature[0], tmp_path / "mini.onnx", input_px=SIZE_PX).read_bytes()
+    shipped = Path(training.__file__).with_name("stop_sign.onnx").read_bytes()
+    for data in (written, shipped):
+        for trace in (str(Path(training.__file__).parent), "network.py", "site-packages", "stack_trace"):
+            assert trace.encode() not in data, trace
+
+
 def test_same_arguments_same_network_and_the_global_generator_stays(scenes: Pool) -> None:
     torch.default_generator.manual_seed(5)
     state = torch.get_rng_state()
