@@ -64,8 +64,31 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+class Sourced:
+    """Mixin of frozen dataclasses whose fields each carry, in ``sources``, where they came from."""
+
+    sources: Mapping[str, str]
+
+    @property
+    def assumptions(self) -> list[str]:
+        """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
+        return [
+            f"{name} = {_shown(getattr(self, name))} is {source}; "
+            f"to state it, put {name!r} into <model>.contract.json beside the model"
+            for name, source in self.sources.items()
+            if source.startswith("assumed")
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field in JSON's types, and ``sources``; a contract file may hold it, its sources are made anew."""
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()  # type: ignore[call-overload]  # what mixes it in is a dataclass
+        }
+
+
 @dataclass(frozen=True)
-class Contract:
+class Contract(Sourced):
     """How a picture becomes the network's input, and what the outputs mean.
 
     family: output layout, a name in :data:`PRESETS`. colour: "rgb" or "bgr". value_range: "0-1" or "0-255".
@@ -105,22 +128,6 @@ class Contract:
         if self.input_size_px is not None:
             object.__setattr__(self, "input_size_px", _size(self.input_size_px))
         object.__setattr__(self, "sources", {name: self.sources.get(name, "given") for name in FIELDS})
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
-        return [
-            f"{name} = {_shown(getattr(self, name))} is {source}; "
-            f"to state it, put {name!r} into <model>.contract.json beside the model"
-            for name, source in self.sources.items()
-            if source.startswith("assumed")
-        ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types; :func:`parse_contract` reads it back (``sources`` are made anew)."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
-        }
 
 
 FIELDS = tuple(f.name for f in fields(Contract) if f.name != "sources")
@@ -207,12 +214,16 @@ def load_contract(name_or_path: str | Path) -> Contract:
         raise ModelError(
             f"contract {str(path)!r}: neither a file nor a preset ({', '.join(map(repr, PRESETS))})"
         )
+    return parse_contract(read_mapping(path), f"file {path.name}")
+
+
+def read_mapping(path: Path) -> object:
+    """Return what a JSON or YAML file holds. Raises :class:`ModelError` if it cannot be read."""
     try:
         text = path.read_text(encoding="utf-8")
-        stated = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        return json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
-    return parse_contract(stated, f"file {path.name}")
 
 
 def stated_contract(

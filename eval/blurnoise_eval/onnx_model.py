@@ -44,7 +44,7 @@ class Detector:
         self.path = Path(path)
         self.name = self.path.stem
         self.session = open_session(self.path, threads)
-        self.sha256 = _sha256(self.path)
+        self.sha256 = file_sha256(self.path)
         metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         stated = stated_contract(self.path, metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
@@ -226,7 +226,8 @@ def _load_problem(path: Path, error: Exception) -> str:
     return f"onnxruntime cannot load it: {reason[:300]}"
 
 
-def _sha256(path: Path) -> str:
+def file_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file, read a block at a time."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(1 << 20):

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.scoring import MATCH_IOU, iou
+
 OTHER_SCORE = 0.3  # detections that belong to no target are drawn from this score on
 
 FOUND_RGB = (0, 200, 90)
@@ -40,10 +42,10 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     picture = cv2.cvtColor(cv2.resize(bgr, (width, height), interpolation=method), cv2.COLOR_BGR2RGB)
     for other in example["detections"]:
-        targets = (t for t in example["targets"] if t["label"] == other["label"])
-        if other["score"] >= OTHER_SCORE and not any(
-            _iou(t["box_xyxy"], other["box_xyxy"]) >= 0.5 for t in targets
-        ):
+        if other["score"] < OTHER_SCORE:
+            continue
+        alike = [t["box_xyxy"] for t in example["targets"] if t["label"] == other["label"]]
+        if not (iou([other["box_xyxy"]], alike) >= MATCH_IOU).any():
             _draw_box(
                 picture, other["box_xyxy"], scale, OTHER_RGB, 1, f"{other['label']} {other['score']:.2f}"
             )
@@ -131,12 +133,3 @@ def _draw_box(
     y = top - 3 if top > text_height + 6 else min(bottom + text_height + 4, picture.shape[0] - 3)
     cv2.rectangle(picture, (x, y - text_height - 3), (x + text_width + 3, y + 3), (20, 20, 20), cv2.FILLED)
     cv2.putText(picture, plain, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, colour, 1, cv2.LINE_AA)
-
-
-def _iou(a: Sequence[float], b: Sequence[float]) -> float:
-    width = min(a[2], b[2]) - max(a[0], b[0])
-    height = min(a[3], b[3]) - max(a[1], b[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    shared = width * height
-    return shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)

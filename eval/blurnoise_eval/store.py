@@ -134,6 +134,11 @@ class Store:
             return unpack(row["detections"])
         raise KeyError(cell_id, model)
 
+    def count_different(self, *columns: str) -> int:
+        """In how many ways the cells differ in ``columns``."""
+        (counted,) = self.rows(f"SELECT COUNT(*) AS n FROM (SELECT DISTINCT {', '.join(columns)} FROM cells)")
+        return int(counted["n"])
+
     def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
         """The answer to a question in SQL, a row at a time."""
         with self._explained():

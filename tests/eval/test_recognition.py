@@ -349,3 +349,11 @@ def test_unreadable_contract_files(tmp_path: Path) -> None:
         with pytest.raises(ModelError, match=f"file {name}: cannot be read"):
             load_contract(tmp_path / name)
     assert parse_contract({"family": "yolox", "classes": "coco80"}, "x").classes[11] == "stop sign"
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"family": "yolox"', "\x00"])
+def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "m.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match=r"contract file m.json: cannot be read"):
+        load_contract(path)

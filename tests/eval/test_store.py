@@ -290,6 +290,9 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
             ("cell0", "a"), ("cell0", "b"), ("cell1", "a"),
         ]  # fmt: skip
         assert [t["model"] for t in store.targets()] == ["a", "b", "a"]
+        assert [
+            store.count_different(*names) for names in (["model"], ["cell_id"], ["model", "cell_id"])
+        ] == [2, 2, 3]
 
 
 def test_run_of_another_version_is_refused(tmp_path: Path) -> None:

@@ -404,42 +404,6 @@ def test_repeats_and_base_seed_change_the_noise(detector: Detector, tmp_path: Pa
     assert len(set(found)) == 4
 
 
-def test_plan_sorts_and_drops_doubles() -> None:
-    plan = Plan((0.02, 0.01, 0.02), (5, 1))
-    assert plan.exposures_s == (0.01, 0.02)
-    assert plan.illuminances_lux == (1.0, 5.0)
-    assert len(plan.conditions()) == 4
-
-
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
-        ({"exposures_s": (0.0,)}, "exposure_s"),
-        ({"exposures_s": (-1.0,)}, "exposure_s"),
-        ({"exposures_s": (float("nan"),)}, "exposure_s"),
-        ({"exposures_s": ()}, "exposures_s"),
-        ({"illuminances_lux": (-1.0,)}, "illuminance_lux"),
-        ({"velocities_x_px_s": (float("inf"),)}, "velocity"),
-        ({"velocities_y_px_s": (float("nan"),)}, "velocity"),
-        ({"repeats": 0}, "repeats"),
-        ({"seed": -1}, "seed"),
-        ({"temperature_c": float("nan")}, "temperature_c"),
-    ],
-)
-def test_bad_plans_are_refused(changes: dict[str, Any], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        replace(PLAN, **changes)
-
-
-def test_examples_reach_from_end_to_end() -> None:
-    plan = Plan(tuple(0.001 * n for n in range(1, 11)), (1, 2, 3), (-500, 0, 200))
-    chosen = plan.example_conditions()
-    assert {at.exposure_s for at in chosen} >= {plan.exposures_s[0], plan.exposures_s[-1]}
-    assert {at.velocity_x_px_s for at in chosen} == {-500, 0, 200}
-    assert {at.illuminance_lux for at in chosen} == {2}
-    assert chosen <= set(plan.conditions())
-
-
 def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     other = Detector(matched_filter.build(tmp_path / "x.onnx", sizes_px=(22, 16, 10), input_px=64))
     facts = {"command": "a command", "threads": 2}

@@ -68,15 +68,12 @@ def report(options: argparse.Namespace) -> int:
 def detections(options: argparse.Namespace) -> int:
     """What a run's models found, as COCO's results files."""
     from blurnoise_eval.coco_files import write_detections
+    from blurnoise_eval.scores import CONDITIONS
     from blurnoise_eval.store import Store
 
     with Store(options.run) as store:
         folder = options.output or options.run / "coco"
-        (count,) = store.rows(
-            "SELECT COUNT(*) AS files FROM (SELECT DISTINCT model, clean, repeat, exposure_s, illuminance_lux,"
-            " velocity_x_px_s, velocity_y_px_s FROM cells)"
-        )
-        with ProgressBar("write", count["files"]) as advance:
+        with ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance:
             written = write_detections(store, folder, advance)
     if options.json:
         print(json.dumps([str(path) for path in written]))
@@ -107,13 +104,10 @@ def _finish(store: Store, options: argparse.Namespace, outcome: Outcome | None) 
     """Tables, figures and page of a run; the answer in the terminal."""
     from blurnoise_eval import report, results
     from blurnoise_eval.files import write_whole
+    from blurnoise_eval.scores import CONDITIONS
 
     store.export()
-    (count,) = store.rows(
-        "SELECT COUNT(*) AS rows FROM (SELECT DISTINCT model, clean, exposure_s, illuminance_lux,"
-        " velocity_x_px_s, velocity_y_px_s FROM cells)"
-    )
-    with ProgressBar("score", count["rows"]) as advance:
+    with ProgressBar("score", store.count_different(*CONDITIONS, "model")) as advance:
         data = results.read_run(store, threshold=options.threshold, progress=advance)
     results.write_tables(data, store.folder)
     cells = data.manifest["n_cells"]

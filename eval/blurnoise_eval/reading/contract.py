@@ -7,18 +7,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-import yaml
-
 from blurnoise import checks
-from blurnoise_eval.contract import METADATA_KEY, Contract, ModelError
+from blurnoise_eval.contract import METADATA_KEY, Contract, ModelError, Sourced, read_mapping
 
 
 @dataclass(frozen=True)
-class _Stated:
+class _Stated(Sourced):
     """Fields with their sources, and the picture's colours: x of 0-1 enters as (x - mean) / std."""
 
     FAMILY: ClassVar[str]
@@ -47,22 +45,6 @@ class _Stated:
         return Contract(
             self.family, ("text",), colour=self.colour, mean=self.mean, std=self.std, resize="stretch"
         )
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
-        return [
-            f"{name} = {getattr(self, name)!r} is {source}; "
-            f"to state it, put {name!r} into <model>.contract.json beside the model"
-            for name, source in self.sources.items()
-            if source.startswith("assumed")
-        ]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types, and ``sources``."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
-        }
 
 
 @dataclass(frozen=True)
@@ -169,15 +151,6 @@ def contract_file(model_path: Path, contract: object = None) -> Path | None:
         return Path(contract) if Path(contract).is_file() else None
     beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
     return next((path for path in beside if path.is_file()), None)
-
-
-def read_mapping(path: Path) -> object:
-    """Return what a JSON or YAML file holds. Raises :class:`ModelError` if it cannot be read."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
 
 
 def metadata_mapping(metadata: Mapping[str, str]) -> object:

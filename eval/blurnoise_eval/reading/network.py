@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 import warnings
 from pathlib import Path
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.contract import ModelError
 from blurnoise_eval.formats.candidates import FloatArray
-from blurnoise_eval.onnx_model import open_session
+from blurnoise_eval.onnx_model import file_sha256, open_session
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
@@ -30,7 +29,7 @@ class Network:
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
         self._session = open_session(self.path, threads)
-        self.sha256 = hashlib.sha256(self.path.read_bytes()).hexdigest()
+        self.sha256 = file_sha256(self.path)
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         shape, kind = (inputs[0].shape, inputs[0].type) if inputs else ([], "no tensor")

@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.contract import ModelError
+from blurnoise_eval.contract import ModelError, read_mapping
 from blurnoise_eval.formats.candidates import FloatArray
 from blurnoise_eval.formats.placement import lay_in
 from blurnoise_eval.reading.contract import (
@@ -21,7 +21,6 @@ from blurnoise_eval.reading.contract import (
     TextContract,
     contract_file,
     metadata_mapping,
-    read_mapping,
     stated_contract,
 )
 from blurnoise_eval.reading.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
