@@ -7,7 +7,7 @@ the digital numbers that ``camera`` would give; ``develop`` turns those into a p
 from blurnoise.blur import defocus, motion_blur
 from blurnoise.camera import Camera
 from blurnoise.motion import blur_pixels, velocity_px_s
-from blurnoise.sensor import develop, photoelectrons
+from blurnoise.sensor.readout import develop, photoelectrons
 from blurnoise.simulate import simulate
 from blurnoise.spectra import Curve
 

@@ -21,11 +21,11 @@ from kornia.augmentation.random_generator import RandomGeneratorBase, UniformDis
 from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
-from blurnoise import rng
+from blurnoise._core import rng
+from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, per_image
 from blurnoise.camera import Camera
-from blurnoise.checks import Numbers, image_batch, in_range, one_of, per_image
 from blurnoise.encoding import Encoding
-from blurnoise.sensor import Fidelity, develop
+from blurnoise.sensor.readout import Fidelity, develop
 from blurnoise.simulate import simulate
 
 Range = float | Sequence[float]

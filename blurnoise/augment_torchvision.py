@@ -15,7 +15,8 @@ from torch import Tensor
 from torchvision import tv_tensors
 from torchvision.transforms import v2
 
-from blurnoise import rng
+from blurnoise._core import rng
+from blurnoise._core.checks import in_range, one_of
 from blurnoise.augment import (
     Cameras,
     ExposureGenerator,
@@ -25,9 +26,8 @@ from blurnoise.augment import (
     swept_half_px,
     within_picture,
 )
-from blurnoise.checks import in_range, one_of
 from blurnoise.encoding import Encoding
-from blurnoise.sensor import Fidelity
+from blurnoise.sensor.readout import Fidelity
 
 
 class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy

@@ -3,7 +3,7 @@
 Convention: x right, y down, px. A blur keeps the mean of what it sees and its centroid; the border is
 continued by ``border`` ("reflect", "replicate", "circular" or "constant" for black), by default "reflect".
 A transfer function is exact for what the samples can hold, so beside a step that the samples do not resolve
-it may ring, some per cent below black or above white; :func:`blurnoise.sensor.read_out` takes light below 0
+it may ring, some per cent below black or above white; :func:`blurnoise.sensor.readout.read_out` takes light below 0
 as none.
 """
 
@@ -19,9 +19,9 @@ from kornia import filters
 from torch import Tensor
 
 from blurnoise import fourier, psf, transfer
-from blurnoise.borders import BORDERS, Border, extended
-from blurnoise.checks import image_batch, non_negative, one_of
-from blurnoise.threads import WORTH_IT, side_by_side
+from blurnoise._core.borders import BORDERS, Border, extended
+from blurnoise._core.checks import image_batch, non_negative, one_of
+from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]

@@ -22,8 +22,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from blurnoise import presets, rng
-from blurnoise.checks import in_range, non_negative, one_of, positive
+from blurnoise import presets
+from blurnoise._core import rng
+from blurnoise._core.checks import in_range, non_negative, one_of, positive
 from blurnoise.spectra import Curve, Spectrum
 from blurnoise.transfer import Optics
 

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from blurnoise import checks
+from blurnoise._core import checks
 
 # US stop sign R1-1, 30 in size (FHWA, Standard Highway Signs). All lengths in inches.
 _SIGN_IN = 30.0  # flat to flat

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise.threads import in_pieces
+from blurnoise._core.threads import in_pieces
 
 Encoding = Literal["srgb", "linear"]
 

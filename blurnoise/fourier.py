@@ -20,10 +20,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import packed, transfer
-from blurnoise.borders import Border, continued, extended
-from blurnoise.scratch import borrowed
-from blurnoise.threads import side_by_side
+from blurnoise import transfer
+from blurnoise._core import packed_fft as packed
+from blurnoise._core.borders import Border, continued, extended
+from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import side_by_side
 from blurnoise.transfer import SHARP, Optics
 
 _Array = TypeVar("_Array", Tensor, NDArray[Any])

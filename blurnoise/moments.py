@@ -1,7 +1,7 @@
 """What each step of the sensor does to the mean and the variance of a signal: EMVA 1288 release 4, linear model.
 
 Domain: means and variances over frames, tensors of any shape, of electrons (e-) or digital numbers (DN). The
-steps follow each other as in :func:`blurnoise.sensor.read_out`; :func:`frame` is all of them, without clipping,
+steps follow each other as in :func:`~blurnoise.sensor.readout.read_out`; :func:`frame` is all, without clipping,
 and :func:`clipped` what clipping makes of it.
 """
 
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise.camera import Camera
-from blurnoise.sensor import dark_electrons
+from blurnoise.sensor.readout import dark_electrons
 
 
 class Moments(NamedTuple):

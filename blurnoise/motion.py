@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from blurnoise.checks import non_negative, one_of, positive
+from blurnoise._core.checks import non_negative, one_of, positive
 
 Lens = Literal["f-theta", "rectilinear"]
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
-from blurnoise import sensor, transfer
+from blurnoise import transfer
+from blurnoise._core.checks import non_negative, positive
 from blurnoise.camera import Camera
-from blurnoise.checks import non_negative, positive
+from blurnoise.sensor import readout as sensor
 from blurnoise.spectra import Curve
 
 _FIELDS = {

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-from blurnoise import blur, rng, sensor
-from blurnoise.borders import Border
+from blurnoise import blur
+from blurnoise._core import rng
+from blurnoise._core.borders import Border
+from blurnoise._core.checks import Numbers, image_batch, one_of, per_image
 from blurnoise.camera import Camera
-from blurnoise.checks import Numbers, image_batch, one_of, per_image
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.plan import TOLERANCE_DN, plan
+from blurnoise.sensor import readout as sensor
 from blurnoise.spectra import Curve
 
 
@@ -42,7 +44,7 @@ def simulate(
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
-    Order: linear light, lens and motion, light level, then :func:`blurnoise.sensor.read_out`: shot,
+    Order: linear light, lens and motion, light level, then :func:`blurnoise.sensor.readout.read_out`: shot,
     dark, read, full well, gain, black level, rounding, converter limits.
 
     fidelity: "full" models everything, "auto" what :func:`blurnoise.plan.plan` keeps of it for each image

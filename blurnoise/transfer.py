@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from blurnoise.checks import non_negative
+from blurnoise._core.checks import non_negative
 
 
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from blurnoise import checks
+from blurnoise._core import checks
 from blurnoise.metrics import values
 from blurnoise.metrics.noise import normal_quantile
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from blurnoise import checks
+from blurnoise._core import checks
 from blurnoise.metrics import values
 
 CLIPPED_SHARE = 0.005

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from blurnoise import checks
+from blurnoise._core import checks
 
 Roi = tuple[int, int, int, int]
 """Left, top, width and height of a region, px."""

@@ -12,7 +12,7 @@ from kornia.metrics import psnr as kornia_psnr
 from kornia.metrics import ssim as kornia_ssim
 from torch import Tensor
 
-from blurnoise import checks
+from blurnoise._core import checks
 from blurnoise.metrics import values
 
 SSIM_WINDOW_PX = 11

@@ -13,17 +13,17 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from blurnoise import checks
+from blurnoise._core import checks
 from blurnoise.metrics import regions
-from blurnoise.metrics.edge_flags import WITHHELD, Flag
-from blurnoise.metrics.edge_geometry import is_horizontal, slope
+from blurnoise.metrics.edge.flags import WITHHELD, Flag
+from blurnoise.metrics.edge.geometry import is_horizontal, slope
+from blurnoise.metrics.edge.iso import iso_response
+from blurnoise.metrics.edge.numbers import intervals, numbers, row_weights
+from blurnoise.metrics.edge.response import Response, exact_response, peak
+from blurnoise.metrics.edge.shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
+from blurnoise.metrics.edge.sides import Sides
+from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 from blurnoise.metrics.edge_information import EdgeInformation, information_of
-from blurnoise.metrics.edge_iso import iso_response
-from blurnoise.metrics.edge_numbers import intervals, numbers, row_weights
-from blurnoise.metrics.edge_response import Response, exact_response, peak
-from blurnoise.metrics.edge_shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
-from blurnoise.metrics.edge_sides import Sides
-from blurnoise.metrics.edge_spline import KNOT_PX, Spline
 from blurnoise.metrics.regions import Roi
 
 Mode = Literal["exact", "iso"]

@@ -13,8 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blurnoise import Camera, defocus, motion_blur, simulate
+from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise.blur import NEGLIGIBLE, Method, choose, exposure_blur, optical_blur
-from blurnoise.borders import BORDERS, Border, extended
 from blurnoise.transfer import Optics
 
 MOTIONS = st.tuples(st.floats(-30, 30), st.floats(-30, 30))

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from blurnoise import Camera, moments, sensor
+from blurnoise import Camera, moments
 from blurnoise.moments import Moments
+from blurnoise.sensor import readout as sensor
 
 BASE = Camera(
     name="bench",

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from blurnoise import Camera, blur, photoelectrons, sensor, simulate
+from blurnoise import Camera, blur, photoelectrons, simulate
 from blurnoise.encoding import linear_from_srgb, srgb_from_linear
+from blurnoise.sensor import readout as sensor
 from blurnoise.transfer import Optics
 
 CAMERA = Camera.preset("imx250")

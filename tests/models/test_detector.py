@@ -16,14 +16,14 @@ import onnx
 import pytest
 import torch
 from blurnoise_eval.datasets import coco, read_picture, rendered_signs
-from blurnoise_eval.onnx_model import Detector
-from blurnoise_eval.records import Detections
-from blurnoise_eval.scoring import average_precision, hits, target_confidence
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.matching import average_precision, hits, target_confidence
 from blurnoise_models.detector import STOP_SIGN, THRESHOLD
 from blurnoise_models.scenes import scene
 
 from blurnoise import Camera, simulate
-from blurnoise.sensor import develop_8bit
+from blurnoise.sensor.readout import develop_8bit
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "real" / "photos"
 HELD_OUT_SEED = 2

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.onnx_model import Detector
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_models.matched_filter import build, expected_confidence
 from numpy.typing import NDArray
 

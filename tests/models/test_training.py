@@ -10,7 +10,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from blurnoise_eval.onnx_model import Detector
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_models import training
 from blurnoise_models.export import write_onnx
 from blurnoise_models.network import Decoded, SignNet

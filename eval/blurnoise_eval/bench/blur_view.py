@@ -16,7 +16,7 @@ from rich.table import Table
 
 from blurnoise_eval.bench.blur import EXACT, NO_BLUR, Bench
 from blurnoise_eval.bench.contenders import BASELINE
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 _MARKERS = {
     "auto": ("#000000", "o"),

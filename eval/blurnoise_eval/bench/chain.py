@@ -18,9 +18,9 @@ import torch
 from kornia import augmentation
 from torch import Tensor
 
-from blurnoise import sensor
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
+from blurnoise.sensor import readout as sensor
 from blurnoise.simulate import lens_and_motion, scene_reflectance, simulate
 from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles

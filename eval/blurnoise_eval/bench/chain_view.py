@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from rich.table import Table
 
 from blurnoise_eval.bench.chain import BLUR, NOISE, PAPERS_TOOL_S, PICTURE, WHOLE, Bench, Case
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 _COLOURS = {"blur": "#0072b2", "noise": "#e69f00", "rest": "#999999", "other libraries": "#d55e00"}
 _GREY = "0.45"

@@ -15,8 +15,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.conditions import Conditions
-from blurnoise_eval.scoring import FailurePoint, failure_point, mean_over
+from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.scoring.matching import FailurePoint, failure_point, mean_over
 
 Array = NDArray[np.float64]
 Scores = Mapping[str, Array]

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, ROWS, WITH_INTERVALS
 from blurnoise_eval.bench.metrics import BIAS_LIMITS, LIMITS, MTF_MAPPER, SIC_LIMITS, Bench, Row, limit_of
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 _LOOKS = {
     EXACT: ("#000000", "o"),

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from rich.table import Table
 
 from blurnoise_eval.bench.noise import YARDSTICK, Bench, Row
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 _MARKERS = {
     "auto": ("#000000", "o"),

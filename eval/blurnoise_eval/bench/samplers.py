@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import sensor
 from blurnoise.camera import Camera
+from blurnoise.sensor import readout as sensor
 from blurnoise_eval.bench import laws
 from blurnoise_eval.bench.laws import Converter, Law
 

@@ -13,11 +13,12 @@ import numpy as np
 import torch
 
 from blurnoise.camera import Camera
-from blurnoise_eval import datasets, sweep
-from blurnoise_eval.conditions import Plan
-from blurnoise_eval.onnx_model import Detector
-from blurnoise_eval.results import hardware
-from blurnoise_eval.store import Store
+from blurnoise_eval import datasets
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.run_folder import hardware
 
 _PICTURES = 8  # of a sweep
 

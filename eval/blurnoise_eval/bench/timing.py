@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import torch
 
-from blurnoise_eval.results import hardware
+from blurnoise_eval.sweep.run_folder import hardware
 
 K = TypeVar("K", bound=Hashable)
 _LIBRARIES = ("blurnoise", "torch", "kornia", "numpy", "opencv-contrib-python-headless")

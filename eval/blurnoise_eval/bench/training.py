@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval import results, sweep
 from blurnoise_eval.bench.compared import (
     FAILS,
     RESAMPLES,
@@ -35,12 +34,20 @@ from blurnoise_eval.bench.compared import (
 )
 from blurnoise_eval.bench.timing import machine
 from blurnoise_eval.bench.written import write_bench
-from blurnoise_eval.conditions import Cell, Conditions, Plan
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.onnx_model import Detector
-from blurnoise_eval.records import Detections
-from blurnoise_eval.scoring import AveragePrecision, Ranking, average_precision, hits, target_confidence
-from blurnoise_eval.store import Store
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.conditions import Cell, Conditions, Plan
+from blurnoise_eval.scoring.matching import (
+    AveragePrecision,
+    Ranking,
+    average_precision,
+    hits,
+    target_confidence,
+)
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep import run_folder as results
 
 Progress = Callable[[int], None]
 Boxes = Sequence[Sequence[tuple[float, float, float, float]]]
@@ -258,7 +265,7 @@ def measure(
     """Run every model over every part, in ``folder``/runs, and compare; what was stopped goes on.
 
     Raises ``ValueError`` for arms with unequal seeds, a model that does not know ``LABEL``, and a part in
-    which no picture that can be read has a target; :class:`blurnoise_eval.store.StoreError` where ``folder``
+    which no picture that can be read has a target; :class:`blurnoise_eval.store.store.StoreError` where ``folder``
     holds runs of other models, pictures or conditions.
     """
     seeds: dict[str, list[int]] = {}

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from blurnoise.sensor import photoelectrons
+from blurnoise.sensor.readout import photoelectrons
 from blurnoise_eval.bench.compared import FAILS, MOVING, RESAMPLES, THRESHOLD
 from blurnoise_eval.bench.training import CAMERA, OURS, Bench, Difference
-from blurnoise_eval.conditions import Conditions
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.system.files import write_whole
 
 _COLOURS = ("#7a7a7a", "#d55e00", "#0072b2", "#009e73", "#cc79a7")
 _GREY = "0.45"

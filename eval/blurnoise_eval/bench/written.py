@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 
 def write_bench(name: str, records: Sequence[dict[str, Any]], document: dict[str, Any], folder: Path) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from blurnoise_eval.arguments import parse
 from blurnoise_eval.cli import benches, commands, inspecting, measuring, networks, quality, sweeping
+from blurnoise_eval.cli.arguments import parse
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,7 +6,7 @@ import argparse
 import json
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.printing import print_facts, print_stages
+from blurnoise_eval.cli.console import print_facts, print_stages
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -16,9 +16,9 @@ def simulate(options: argparse.Namespace) -> int:
 
     import torch
 
-    from blurnoise.checks import non_negative
+    from blurnoise._core.checks import non_negative
     from blurnoise.plan import plan
-    from blurnoise.sensor import develop_8bit, photoelectrons
+    from blurnoise.sensor.readout import develop_8bit, photoelectrons
     from blurnoise.simulate import simulate
     from blurnoise_eval.datasets import decode, write_picture
 
@@ -69,11 +69,11 @@ def simulate(options: argparse.Namespace) -> int:
 
 def gallery(options: argparse.Namespace) -> int:
     """What ranges of conditions do to a picture."""
+    from blurnoise._core.checks import in_range
     from blurnoise.augment import ExposureRanges
-    from blurnoise.checks import in_range
-    from blurnoise_eval import gallery
-    from blurnoise_eval.cameras import find, plot_suffix
     from blurnoise_eval.datasets import decode
+    from blurnoise_eval.drawing import gallery
+    from blurnoise_eval.drawing.photon_transfer import find, plot_suffix
 
     plot_suffix(options.output)
     in_range("size", options.size, 16, 1 << 14)
@@ -99,7 +99,7 @@ def cameras(options: argparse.Namespace) -> int:
     from rich.console import Console
 
     from blurnoise.camera import PRESETS
-    from blurnoise_eval import cameras
+    from blurnoise_eval.drawing import photon_transfer as cameras
 
     if options.camera is None:
         if options.save or options.plot:

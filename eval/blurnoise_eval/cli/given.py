@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise_eval.datasets import PictureSet
-    from blurnoise_eval.judging import Model
+    from blurnoise_eval.scoring.on_picture import Model
 
 
 def camera(options: argparse.Namespace) -> Camera:
     """The camera, with the lens's f-number if that is given."""
     from dataclasses import replace
 
-    from blurnoise_eval.cameras import find
+    from blurnoise_eval.drawing.photon_transfer import find
 
     camera = find(options.camera)
     if options.f_number is None:
@@ -31,7 +31,7 @@ def detector(options: argparse.Namespace) -> Any:
     """The user's model, or the built-in detector."""
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.onnx_model import Detector
+    from blurnoise_eval.detectors.detector import Detector
 
     return Detector(options.model or STOP_SIGN, contract=options.contract)
 
@@ -43,7 +43,7 @@ def models(options: argparse.Namespace) -> list[Model]:
     """
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.reading import is_recogniser
+    from blurnoise_eval.detectors.ocr import is_recogniser
 
     if options.ocr:
         _choose_packaged(options)
@@ -74,7 +74,7 @@ def models(options: argparse.Namespace) -> list[Model]:
 
 def _choose_packaged(options: argparse.Namespace) -> None:
     """Put the files of the package rapidocr in the place of --model and --text-detector."""
-    from blurnoise_eval.reading import rapidocr_models
+    from blurnoise_eval.detectors.ocr import rapidocr_models
 
     if options.model or options.text_detector or options.dictionary:
         raise ValueError("ocr: brings its own models; leave out --model, --text-detector and --dictionary")
@@ -87,19 +87,19 @@ def _choose_packaged(options: argparse.Namespace) -> None:
 
 def read(models: Sequence[Model]) -> bool:
     """Whether these read text."""
-    from blurnoise_eval.onnx_model import Detector
+    from blurnoise_eval.detectors.detector import Detector
 
     return not isinstance(models[0], Detector)
 
 
 def _detector(path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.onnx_model import Detector
+    from blurnoise_eval.detectors.detector import Detector
 
     return Detector(path, contract=contract)
 
 
 def _reader(options: argparse.Namespace, path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.reading import Recogniser, TextSpotter
+    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
 
     recogniser = Recogniser(path, contract=contract, dictionary=options.dictionary)
     return TextSpotter(options.text_detector, recogniser) if options.text_detector else recogniser
@@ -147,7 +147,7 @@ def _pictures(options: argparse.Namespace, reads: bool) -> PictureSet:
 
 def threads(options: argparse.Namespace) -> int:
     """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
-    from blurnoise_eval.results import usable_cores
+    from blurnoise_eval.sweep.run_folder import usable_cores
 
     threads = options.threads if options.threads is not None else usable_cores()
     if threads < 1:

@@ -7,14 +7,14 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.printing import print_assumptions, print_facts
+from blurnoise_eval.cli.console import print_assumptions, print_facts
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from blurnoise_eval.onnx_model import Detector
-    from blurnoise_eval.reading import Recogniser
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.ocr import Recogniser
 
 DRAWN_SCORE = 0.3  # detections from here on are drawn and listed
 _VALUE_LENGTH = 60  # of metadata, in characters
@@ -25,8 +25,8 @@ def inspect(options: argparse.Namespace) -> int:
     if options.output and not options.probe:
         raise ValueError("output: goes with --probe, whose picture it shows")
     from blurnoise_eval.datasets import eight_bit, read_picture
-    from blurnoise_eval.onnx_model import open_session
-    from blurnoise_eval.reading import is_recogniser
+    from blurnoise_eval.detectors.detector import open_session
+    from blurnoise_eval.detectors.ocr import is_recogniser
 
     picture = eight_bit(read_picture(options.probe)) if options.probe else None
     session = open_session(options.model)
@@ -61,9 +61,9 @@ def _inspect_detector(
     options: argparse.Namespace, picture: NDArray[np.uint8] | None
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
     """The detector, what is known of it, and what it finds in the picture."""
-    from blurnoise_eval.formats import probe
-    from blurnoise_eval.onnx_model import Detector
-    from blurnoise_eval.suspicions import suspicions
+    from blurnoise_eval.detectors.contract_checks import suspicions
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.formats import probe
 
     detector = Detector(options.model, contract=options.contract)
     facts = {
@@ -83,7 +83,7 @@ def _inspect_reader(
     """The text recogniser, what is known of it, and what it reads in the picture, taken as one line of text."""
     if options.output:
         raise ValueError("output: nothing is drawn for a text recogniser")
-    from blurnoise_eval.reading import Recogniser
+    from blurnoise_eval.detectors.ocr import Recogniser
 
     recogniser = Recogniser(options.model, contract=options.contract)
     why = "graph: one picture in, a row of class probabilities per step out"
@@ -103,7 +103,7 @@ def _recognised(detector: Detector) -> str:
 def _probed(detector: Detector, path: Path, picture: NDArray[np.uint8], output: Path) -> dict[str, Any]:
     """Write the picture with its detections to ``output``; return both, and what was below notice."""
     from blurnoise_eval.datasets import write_picture
-    from blurnoise_eval.pictures import drawn_example
+    from blurnoise_eval.drawing.annotate import drawn_example
 
     answers = detector.detect(picture)
     rows = [

@@ -13,17 +13,17 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from blurnoise.metrics.edge_information import Reading
-    from blurnoise_eval.measuring import Measured
+    from blurnoise_eval.quality.picture import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH = 24, 28  # of the table's columns, in characters
 
 
 def measure(options: argparse.Namespace) -> int:
     """Measure the regions given, or those found."""
-    from blurnoise_eval import measuring
-    from blurnoise_eval.cameras import plot_suffix
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.files import write_whole
+    from blurnoise_eval.drawing.photon_transfer import plot_suffix
+    from blurnoise_eval.quality import picture as measuring
+    from blurnoise_eval.system.files import write_whole
 
     if options.plot:
         plot_suffix(options.plot)  # before anything is measured
@@ -42,7 +42,7 @@ def measure(options: argparse.Namespace) -> int:
         writer.writerows(rows)
         write_whole(options.csv, text.getvalue().encode())
     if options.plot:
-        from blurnoise_eval import edge_figures
+        from blurnoise_eval.quality import picture_figures as edge_figures
 
         edge_figures.write(light, measured, options.plot)
     if options.json:
@@ -71,7 +71,7 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
-    from blurnoise_eval.measuring import TITLES
+    from blurnoise_eval.quality.picture import TITLES
 
     side_by_side = max(1, (console.width - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.printing import ProgressBar, print_facts
+from blurnoise_eval.cli.console import ProgressBar, print_facts
 
 
 def train(options: argparse.Namespace) -> int:
@@ -13,7 +13,7 @@ def train(options: argparse.Namespace) -> int:
     from blurnoise_models import training
     from blurnoise_models.export import write_onnx
 
-    from blurnoise_eval.files import write_whole
+    from blurnoise_eval.system.files import write_whole
 
     folder, threads = options.output, given.threads(options)
     training.check(options.pictures, options.seed)  # before the scenes are drawn

@@ -6,15 +6,17 @@ import argparse
 import json
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.printing import ProgressBar
+from blurnoise_eval.cli.console import ProgressBar
 
 
 def quality(options: argparse.Namespace) -> int:
     """Measure charts under every condition; tables, figures, and the exposure that tells most."""
     camera = given.camera(options)
     threads = given.threads(options)
-    from blurnoise_eval import quality, quality_figures, quality_table
-    from blurnoise_eval.conditions import Plan
+    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.quality import figures as quality_figures
+    from blurnoise_eval.quality import measure as quality
+    from blurnoise_eval.quality import table as quality_table
 
     plan = Plan(
         exposures_s=tuple(value / 1e3 for value in options.exposure_ms),

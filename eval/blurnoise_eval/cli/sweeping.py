@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.printing import ProgressBar, print_answers, print_assumptions, print_models
+from blurnoise_eval.cli.console import ProgressBar, print_answers, print_assumptions, print_models
 
 if TYPE_CHECKING:
     from blurnoise_eval.datasets import PictureSet
-    from blurnoise_eval.judging import Model
-    from blurnoise_eval.store import Store
-    from blurnoise_eval.sweep import Outcome
+    from blurnoise_eval.scoring.on_picture import Model
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep.run import Outcome
 
 _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 
@@ -23,10 +23,11 @@ _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 def sweep(options: argparse.Namespace) -> int:
     """Models x exposures x lights x speeds x pictures, then the report."""
     camera = given.camera(options)
-    from blurnoise.checks import in_range
-    from blurnoise_eval import results, sweep
-    from blurnoise_eval.conditions import Plan
-    from blurnoise_eval.store import Store
+    from blurnoise._core.checks import in_range
+    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep import run as sweep
+    from blurnoise_eval.sweep import run_folder as results
 
     in_range("threshold", options.threshold, 0.0, 1.0)
     threads = given.threads(options)
@@ -57,8 +58,8 @@ def sweep(options: argparse.Namespace) -> int:
 
 def report(options: argparse.Namespace) -> int:
     """Tables, figures and page of a run again."""
-    from blurnoise.checks import in_range
-    from blurnoise_eval.store import Store
+    from blurnoise._core.checks import in_range
+    from blurnoise_eval.store.store import Store
 
     in_range("threshold", options.threshold, 0.0, 1.0)
     with Store(options.run) as store:
@@ -67,9 +68,9 @@ def report(options: argparse.Namespace) -> int:
 
 def detections(options: argparse.Namespace) -> int:
     """What a run's models found, as COCO's results files."""
-    from blurnoise_eval.coco_files import write_detections
-    from blurnoise_eval.scores import CONDITIONS
-    from blurnoise_eval.store import Store
+    from blurnoise_eval.scoring.per_condition import CONDITIONS
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep.coco_export import write_detections
 
     with Store(options.run) as store:
         folder = options.output or options.run / "coco"
@@ -84,10 +85,10 @@ def detections(options: argparse.Namespace) -> int:
 
 def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
     """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
-    from blurnoise_eval import latency
     from blurnoise_eval.datasets import sample
-    from blurnoise_eval.onnx_model import Detector
-    from blurnoise_eval.suspicions import common_suspicions
+    from blurnoise_eval.detectors.contract_checks import common_suspicions
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.sweep import latency
 
     manifest = store.about("manifest")
     manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
@@ -102,9 +103,10 @@ def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: 
 
 def _finish(store: Store, options: argparse.Namespace, outcome: Outcome | None) -> int:
     """Tables, figures and page of a run; the answer in the terminal."""
-    from blurnoise_eval import report, results
-    from blurnoise_eval.files import write_whole
-    from blurnoise_eval.scores import CONDITIONS
+    from blurnoise_eval import report
+    from blurnoise_eval.scoring.per_condition import CONDITIONS
+    from blurnoise_eval.sweep import run_folder as results
+    from blurnoise_eval.system.files import write_whole
 
     store.export()
     with ProgressBar("score", store.count_different(*CONDITIONS, "model")) as advance:

@@ -16,14 +16,7 @@ from blurnoise_eval.datasets.images import (
     size_px,
     write_picture,
 )
-from blurnoise_eval.datasets.records import (
-    Image,
-    Picture,
-    PictureSet,
-    Target,
-    UnreadablePicture,
-    size_group,
-)
+from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.text import texts
 from blurnoise_eval.datasets.yolo import yolo

@@ -13,7 +13,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
-from blurnoise_eval.files import write_whole
+from blurnoise_eval.system.files import write_whole
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from statistics import fmean
 from typing import Any
 
-from blurnoise_eval.pictures import exposure_text
+from blurnoise_eval.drawing.annotate import exposure_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
 from blurnoise_eval.report.tradeoff import ROBUSTNESS

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from blurnoise_eval.pictures import exposure_text, velocity_of, velocity_text
+from blurnoise_eval.drawing.annotate import exposure_text, velocity_of, velocity_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import (
     clean_confidence,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import matplotlib
 import numpy as np
 
-from blurnoise_eval.pictures import velocity_of
+from blurnoise_eval.drawing.annotate import velocity_of
 from blurnoise_eval.report.data import RunData
 
 T = TypeVar("T", bound=Hashable)

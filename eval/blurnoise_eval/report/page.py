@@ -17,12 +17,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from blurnoise_eval import pictures
-from blurnoise_eval.files import write_whole
-from blurnoise_eval.pictures import velocity_of, velocity_text
+from blurnoise_eval.drawing import annotate as pictures
+from blurnoise_eval.drawing.annotate import velocity_of, velocity_text
 from blurnoise_eval.report import figures, findings, interactive, tables
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import by_speed, largest_groups, model_names, spread_examples
+from blurnoise_eval.system.files import write_whole
 
 MAX_GROUPS = 12  # target groups on the page
 MAX_SIDE_BY_SIDE = 4  # models

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from blurnoise_eval.pictures import exposure_text, velocity_of
+from blurnoise_eval.drawing.annotate import exposure_text, velocity_of
 from blurnoise_eval.report import findings
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, model_names

@@ -9,17 +9,7 @@ from numpy.random import Generator
 
 from blurnoise_models.scenes.drawing import Colour, Easel, Sprite
 from blurnoise_models.scenes.forms import blob, shaded, sheet
-from blurnoise_models.scenes.paint import (
-    between,
-    chance,
-    colour,
-    dark,
-    font,
-    pale,
-    pick,
-    red,
-    words,
-)
+from blurnoise_models.scenes.paint import between, chance, colour, dark, font, pale, pick, red, words
 from blurnoise_models.scenes.signs import octagon, weathered
 
 

@@ -24,17 +24,7 @@ from numpy.typing import NDArray
 
 from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
 from blurnoise_models.scenes.grounds import ground
-from blurnoise_models.scenes.paint import (
-    WORDS,
-    between,
-    chance,
-    colours,
-    dark,
-    pale,
-    pick,
-    ramp,
-    texture,
-)
+from blurnoise_models.scenes.paint import WORDS, between, chance, colours, dark, pale, pick, ramp, texture
 from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
 from blurnoise_models.scenes.things import thing
 

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from blurnoise_models.scenes.drawing import Easel, Points, Sprite, dim
-from blurnoise_models.scenes.paint import (
-    axis,
-    between,
-    chance,
-    gain,
-    ramp,
-)
+from blurnoise_models.scenes.paint import axis, between, chance, gain, ramp
 
 
 def sheet(n: int, width: float) -> Easel:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from blurnoise_eval.pictures import exposure_text, velocity_of, velocity_text
+from blurnoise_eval.drawing.annotate import exposure_text, velocity_of, velocity_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.figures.panels import MAX_LINES, Panels, panels
 from blurnoise_eval.report.measured import (

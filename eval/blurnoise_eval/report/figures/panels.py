@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from blurnoise_eval.pictures import short_text
+from blurnoise_eval.drawing.annotate import short_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, spread
 

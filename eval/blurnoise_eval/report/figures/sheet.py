@@ -6,7 +6,13 @@ import math
 
 from matplotlib.figure import Figure
 
-from blurnoise_eval.pictures import OTHER_SCORE, condition_text, drawn_example, outcome_text, short_text
+from blurnoise_eval.drawing.annotate import (
+    OTHER_SCORE,
+    condition_text,
+    drawn_example,
+    outcome_text,
+    short_text,
+)
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.figures.panels import MAX_COLUMNS
 from blurnoise_eval.report.measured import spread_examples

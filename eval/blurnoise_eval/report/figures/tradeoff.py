@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from blurnoise_eval.pictures import short_text
+from blurnoise_eval.drawing.annotate import short_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
 

@@ -1,0 +1,1 @@
+"""A slanted edge, step by step: where it lies, what stands beside it, its spline, its response."""

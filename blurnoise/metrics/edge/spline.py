@@ -1,0 +1,214 @@
+"""Edge spread as a spline through every pixel, each at its exact distance from the edge.
+
+Bins blur what they average and need many phases; a cubic B-spline with a knot every quarter of a pixel does
+neither, and its transfer function is a finite sum in closed form. Its coefficients are 0 before the edge's reach
+and 1 beyond it, so that only pixels within the reach bring noise. Least squares, with a trace of a penalty on the
+third difference that bridges stretches without pixels.
+
+Domain: upright regions, values scaled so that the sides are 0 and 1, distances in px along the normal.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d
+
+from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
+
+KNOT_PX = 0.25
+LINE_ORDER = 3
+"""Order of the polynomial that the edge may follow: a lens bends straight edges."""
+BLOCK_PX = 5
+_PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
+
+
+@dataclass(frozen=True)
+class Spline:
+    """coefficients: (B, 2 K + 1), for knots at KNOT_PX * (-K ... K) from the edge.
+
+    covariance: of the coefficients, (B, 2 K + 1, 2 K + 1). pixels: what was fitted. inverse: of the equations of
+    the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals are too small to stand for
+    errors, as in a jackknife.
+    """
+
+    coefficients: Tensor
+    covariance: Tensor
+    pixels: _Pixels
+    inverse: Tensor
+    inflation: Tensor
+
+    @property
+    def distance_px(self) -> Tensor:
+        """Place of the knots, (2 K + 1,)."""
+        half = self.coefficients.shape[-1] // 2
+        return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
+
+    def largest_misfit(self) -> Tensor:
+        """The largest mean over a block of BLOCK_PX squared px by which pixels are off the spline, (B,)."""
+        off = self.pixels.in_place(self.pixels.off(self.coefficients)[0].float())
+        return avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
+
+    def resampled(self, weights: Tensor) -> Tensor:
+        """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
+        # What each row adds to the normal equations beyond what the fit explains.
+        scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
+        pulls = (weights - 1) @ scores @ self.inverse
+        return self.coefficients[:, None] + pulls * self.inflation[:, None, None]
+
+
+def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:
+    """Fit the spline and the edge's line together; return both.
+
+    upright: sides scaled to 0 and 1. position_px: (B, H), a first line. noise: variance at 0 and 1, (B, 2); in
+    between it grows with the light. The line takes one step of Gauss and Newton: it is so close that a second
+    would change nothing.
+    """
+    rows = row_basis(position_px.shape[1], LINE_ORDER)
+    half = math.ceil(float(reach_px.max()) / KNOT_PX) + 3
+    pixels = _Pixels.of(upright, position_px, reach_px, half)
+    fit = _fitted(pixels, reach_px)
+    off, pull = pixels.off(fit.coefficients)
+    curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
+    wanted = pixels.by_row(pull * off) @ rows
+    position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
+
+    pixels = _Pixels.of(upright, position_px, reach_px, half)
+    fit = _fitted(pixels, reach_px)
+    light = fit.coefficients.clamp(0, 1)
+    spread = torch.sqrt(noise[:, :1] + (noise[:, 1:] - noise[:, :1]) * light)
+    inverse = torch.cholesky_inverse(fit.factor) * fit.free[:, None] * fit.free[..., None]
+    covariance = inverse @ (spread[:, :, None] * fit.products * spread[:, None, :]) @ inverse
+    inflation = pixels.count / (pixels.count - fit.free.sum(1)).clamp_min(1)
+    return Spline(fit.coefficients, covariance, pixels, inverse, inflation), position_px
+
+
+@dataclass(frozen=True)
+class _Pixels:
+    """The pixels within reach of the edge, n of all regions in one line, and the four B-splines over each.
+
+    pixel: (n,), number of each in the regions' ``shape``, (B, H, W). row: (n,), number of the pixel's row, counted
+    through all B regions of H rows. value: (n,). first: (n,), index of the first of the four coefficients.
+    place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four
+    times (n,). count: pixels of each region, (B,). size: coefficients.
+    """
+
+    pixel: Tensor
+    shape: torch.Size
+    row: Tensor
+    value: Tensor
+    first: Tensor
+    place: Tensor
+    cosine: Tensor
+    basis: list[Tensor]
+    count: Tensor
+    height: int
+    size: int
+
+    @classmethod
+    def of(cls, upright: Upright, position_px: Tensor, reach_px: Tensor, half: int) -> _Pixels:
+        _, height, width = upright.values.shape
+        cosines = 1 / torch.sqrt(1 + slope(position_px) ** 2)
+        distance = upright.distance_px(position_px) * cosines[:, None, None]
+        near = (distance.abs() < reach_px[:, None, None]) & (upright.inside > 0)
+        chosen = near.flatten().nonzero()[:, 0]
+        row = chosen // width
+        knots = distance.flatten()[chosen] / KNOT_PX
+        knot = knots.floor()
+        t = knots - knot
+        s = 1 - t
+        tt, ss = t * t, s * s
+        basis = [ss * s / 6, tt * (t / 2 - 1) + 2 / 3, ss * (s / 2 - 1) + 2 / 3, tt * t / 6]
+        value, count = upright.values.flatten()[chosen], near.sum((1, 2))
+        first = knot.long() + (half - 1)
+        return cls(
+            chosen,
+            near.shape,
+            row,
+            value,
+            first,
+            t,
+            cosines[row // height],
+            basis,
+            count,
+            height,
+            2 * half + 1,
+        )
+
+    @property
+    def batch(self) -> int:
+        return len(self.count)
+
+    def in_place(self, values: Tensor) -> Tensor:
+        """The regions with ``values`` (n,) at these pixels and 0 elsewhere, (B, H, W)."""
+        return values.new_zeros(math.prod(self.shape)).index_copy_(0, self.pixel, values).view(self.shape)
+
+    def off(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
+        """By how much the values exceed the spline, (n,), and the spline's slope along the row, 1/px, (n,)."""
+        line = coefficients.flatten()
+        at = self.first + self.row // self.height * self.size
+        picked = [line[k:][at] for k in range(4)]
+        value = sum(c * b for c, b in zip(picked, self.basis, strict=True))
+        # The slope is a quadratic spline over the coefficients' differences.
+        a, b, c = (right - left for left, right in pairwise(picked))
+        t, s = self.place, 1 - self.place
+        return self.value - value, (a * s * s + b * (1 + 2 * t * s) + c * t * t) * self.cosine / (2 * KNOT_PX)
+
+    def by_row(self, values: Tensor) -> Tensor:
+        """Sum of ``values`` (n,) over each row, (B, H)."""
+        sums = values.new_zeros(self.batch * self.height)
+        return sums.index_add_(0, self.row, values).view(self.batch, self.height)
+
+    def sums(self, values: Tensor, *, per_row: bool = False) -> Tensor:
+        """Sum of value times B-spline, (B, size), or of each row alone, (B, H, size)."""
+        shape = (self.batch, self.height, self.size) if per_row else (self.batch, self.size)
+        at = self.first + (self.row if per_row else self.row // self.height) * self.size
+        sums = values.new_zeros(math.prod(shape))
+        for k, basis in enumerate(self.basis):
+            sums[k:].index_add_(0, at, values * basis)
+        return sums.view(shape)
+
+    def products(self) -> Tensor:
+        """Sum of the products of two B-splines, (B, size, size)."""
+        at = self.first + self.row // self.height * self.size
+        bands = torch.zeros(4, self.batch * self.size, dtype=torch.float64)
+        for k, basis in enumerate(self.basis):
+            for away, other in enumerate(self.basis[k:]):
+                bands[away, k:].index_add_(0, at, basis * other)
+        products = torch.diag_embed(bands[0].view(self.batch, -1))
+        for away in (1, 2, 3):
+            band = bands[away].view(self.batch, -1)[:, : self.size - away]
+            products += torch.diag_embed(band, away) + torch.diag_embed(band, -away)
+        return products
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """products: the normal equations without their penalty; factor: of those with it, by Cholesky; free: which
+    coefficients were fitted, (B, size), the others staying at 0 or 1."""
+
+    coefficients: Tensor
+    products: Tensor
+    factor: Tensor
+    free: Tensor
+
+
+def _fitted(pixels: _Pixels, reach_px: Tensor) -> _Fit:
+    """Coefficients by the normal equations, and what of these is needed again."""
+    half = pixels.size // 2
+    place = KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
+    free = place.abs() <= reach_px[:, None] - KNOT_PX
+    fixed = ((place > 0) & ~free).to(torch.float64)
+    one = torch.eye(pixels.size, dtype=torch.float64)
+    rough = torch.diff(one, n=3, dim=0)
+    per_knot = pixels.count * KNOT_PX / (2 * reach_px)
+    products = pixels.products()
+    equations = products + (_PENALTY * per_knot)[:, None, None] * (rough.T @ rough)
+    wanted = pixels.sums(pixels.value) - (equations @ fixed[..., None])[..., 0]
+    factor = torch.linalg.cholesky(torch.where(free[:, :, None] & free[:, None, :], equations, one))
+    solution = torch.cholesky_solve((wanted * free)[..., None], factor)[..., 0]
+    return _Fit(solution + fixed, products, factor, free)

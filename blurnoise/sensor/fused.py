@@ -1,0 +1,175 @@
+"""The sensor's chain on the CPU without derivatives: from light to digital numbers, a piece of a picture at a time.
+
+Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache
+through all its steps, which write in place, and every pass over it counts; exposures of one picture to several
+lights share what does not depend on the light. The physics stands in :mod:`blurnoise.sensor.readout`, whose
+differentiable route gives the same frame to a rounding step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from blurnoise._core import rng
+from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import side_by_side
+from blurnoise.camera import Camera
+
+Plane = NDArray[Any]
+Law = Literal["none", "merged", "counts", "exact"]
+_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
+_BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
+_FAINT_E = 1e-9  # of white: less is no unit to reckon in
+MOST_APART = 256.0
+"""The brightest of several lights over the faintest, at most: light is cut once, for all of them."""
+_LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
+
+
+class Planes(NamedTuple):
+    """What varies over a picture; None where the law or the camera does not ask for it.
+
+    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it.
+    counts: photo-electrons drawn already. gain, offset_e: the fixed pattern.
+    """
+
+    light: Plane
+    normal: Plane | None
+    read: Plane | None
+    counts: Plane | None
+    gain: Plane | None
+    offset_e: Plane | None
+
+
+class Exposure(NamedTuple):
+    """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
+
+    white_e: float
+    dark_e: float
+    out: Plane
+    interleaved: bool
+
+
+def expose(
+    planes: Planes,
+    exposures: Sequence[Exposure],
+    camera: Camera,
+    law: Law,
+    tones: Plane | None,
+    threads: int,
+) -> None:
+    """Write the digital numbers of each exposure, or what ``tones`` has for them (one value for each number).
+
+    law: how noise is drawn, see :func:`blurnoise.sensor.readout.read_out`; all but "none" and "merged" take one
+    exposure. ``threads`` share the pieces, which changes no bit.
+    """
+    colours, pixels = planes.light.shape
+    count = threads * math.ceil(colours * pixels / _PIECE / threads)
+    step = math.ceil(pixels / count)  # equal pieces: OpenCV rounds a few last values by another path
+    table = None if tones is None else _every_code(tones, round(camera.clip_dn))
+
+    def piece(start: int) -> None:
+        of = slice(start, start + step)
+        light, *rest = planes
+        parts = Planes(light[:, of], *(None if plane is None else plane[:, of] for plane in rest))
+        _expose_piece(parts, of, exposures, camera, law, table)
+
+    side_by_side(piece, range(0, pixels, step), threads)
+
+
+def _expose_piece(
+    planes: Planes,
+    of: slice,
+    exposures: Sequence[Exposure],
+    camera: Camera,
+    law: Law,
+    table: Plane | None,
+) -> None:
+    light, normal, read, counts, gain, offset_e = planes
+    gain_dn, black_dn, clip_dn = camera.system_gain_dn_per_e, camera.black_level_dn, round(camera.clip_dn)
+    with (
+        borrowed([(5, *light.shape)], light.dtype) as (work,),
+        borrowed([light.shape], np.uint16) as (codes,),
+    ):
+        lit, signal, noise, skew, bend = work
+        weakest_e = min(exposure.white_e for exposure in exposures)
+        most = _BEYOND_DN / gain_dn / max(weakest_e, _FAINT_E)
+        given = light if gain is None else np.multiply(light, gain, out=lit)
+        # NumPy would take three times as long.
+        torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
+        if law == "merged" and normal is not None:
+            np.multiply(normal, normal, out=bend)
+            bend -= 1.0
+        for white_e, dark_e, out, interleaved in exposures:
+            # Light, dark charge and noise are in units of unit_e electrons: one pass less.
+            mean, unit_e = lit, white_e
+            if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
+                mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
+                mean += dark_e
+            added, scale_e = mean, 0.0
+            if law == "merged" and normal is not None:
+                scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
+                added = noise
+            elif law == "counts" and normal is not None:
+                mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
+            elif counts is not None:
+                mean, unit_e = np.minimum(counts, _BEYOND_DN / gain_dn, out=signal), 1.0
+            if read is not None:
+                added, scale_e = read, camera.read_noise_e
+            if offset_e is not None:
+                mean += offset_e
+            # Gain, black level, rounding, and the limits of 16 bits.
+            of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
+            cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
+            _write(codes, clip_dn, table, out[of] if interleaved else out[:, of], interleaved)
+
+
+def _merged_noise(
+    mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
+) -> float:
+    """``sensor.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
+
+    mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
+    """
+    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # / unit_e
+    np.divide(mean, variance, out=skew)  # 6 k
+    noise_, skew_ = torch.from_numpy(noise), torch.from_numpy(skew)
+    noise_.addcmul_(skew_, skew_, value=-2 / 36 / unit_e)
+    cv2.sqrt(noise, dst=noise)
+    np.multiply(noise, normal, out=noise)
+    root_e = math.sqrt(unit_e)
+    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
+    return root_e
+
+
+def _write(codes: Plane, clip_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
+    """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
+    if table is None:
+        np.minimum(codes, clip_dn, out=codes)
+        np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
+    elif interleaved:
+        with borrowed([codes.shape], table.dtype) as (planar,):
+            _look_up(codes, table, planar)
+            cv2.merge(list(planar[:, None]), dst=out[None])
+    else:
+        _look_up(codes, table, out)
+
+
+def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
+    if _LOOKS_UP_16_BITS:
+        cv2.LUT(codes, table[None], dst=out)
+    else:
+        np.take(table, codes, mode="clip", out=out)
+
+
+def _every_code(tones: Plane, clip_dn: int) -> Plane:
+    """``tones`` for each code of 16 bits, those above ``clip_dn`` being its own."""
+    table = np.full(1 << 16, tones[clip_dn], tones.dtype)
+    table[:clip_dn] = tones[:clip_dn]
+    return table

@@ -1,0 +1,1 @@
+"""Anybody's detectors and text recognisers: contracts, files, detections."""

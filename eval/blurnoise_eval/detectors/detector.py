@@ -1,0 +1,235 @@
+"""Runs anybody's ONNX detector on the CPU: file, session, contract, picture in, detections out."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from blurnoise_eval.detectors.contract import Contract, ModelError, exported_fields, stated_contract
+from blurnoise_eval.detectors.formats import resolve
+from blurnoise_eval.detectors.formats.candidates import FloatArray, all_finite, best, suppress
+from blurnoise_eval.detectors.formats.graph import read_signature
+from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
+from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
+from blurnoise_eval.detectors.records import Detections
+
+_PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
+
+
+class Detector:
+    """An ONNX detector with its contract. One instance serves any number of threads.
+
+    ``contract``: a :class:`Contract`, a contract file or the name of a preset; None looks beside the model
+    and into its metadata, then recognises the family from the graph (see ``contract.assumptions``).
+    ``threads``: cores that one inference may use. Raises :class:`ModelError` for a file that is no model, a
+    graph of no known family, or a contract that does not fit it.
+
+    Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of the file, ``contract``,
+    ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
+    this family, ``takes_bytes``: whether the input is uint8, ``non_finite_values``: NaN and infinite output
+    values seen so far.
+    """
+
+    def __init__(
+        self, path: str | Path, *, contract: Contract | str | Path | None = None, threads: int = 1
+    ) -> None:
+        self.path = Path(path)
+        self.name = self.path.stem
+        self.session = open_session(self.path, threads)
+        self.sha256 = file_sha256(self.path)
+        metadata = dict(self.session.get_modelmeta().custom_metadata_map)
+        stated = stated_contract(self.path, metadata, contract)
+        size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
+        signature = read_signature(self.session, metadata, size_px or _PROBE_SIZE_PX)
+        self.family, self.contract, layout = resolve(self.path, signature, stated)
+        self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
+        if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
+            signature = read_signature(self.session, metadata, self.input_size_px)
+            layout = resolve(self.path, signature, self.contract)[2]
+        image_input = signature.inputs[0]
+        self._input_name = image_input.name
+        self._outputs = list(layout.outputs)
+        self.why = layout.why
+        self._dtype = DTYPES[image_input.type]
+        self.takes_bytes = self._dtype is np.uint8
+        self._axes = image_input.axes or "nchw"
+        fixed_batch = len(image_input.shape) == 4 and isinstance(image_input.shape[0], int)
+        self._batch = int(str(image_input.shape[0])) if fixed_batch else 1
+        self._extras = extra_feeds(signature.inputs[1:], self.input_size_px, self._batch) or {}
+        self.non_finite_values = 0
+        self._count_lock = threading.Lock()
+        self._buffers = threading.local()
+
+    def prepare(
+        self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None
+    ) -> tuple[Blob, Placement]:
+        """Return the network's input for an RGB picture (h, w, 3), and the picture's placement in it.
+
+        It holds one picture in the graph's own shape: (1, 3, H, W), (1, H, W, 3) or (3, H, W); float32, or
+        uint8 where the graph takes bytes. ``out``: a buffer of that shape to fill instead of a new one.
+        ``contract``: to see the picture enter in another way. Raises ``TypeError`` or ``ValueError`` for a
+        picture of another type or shape.
+        """
+        dtype = np.uint8 if self.takes_bytes else np.float32
+        contract = contract or self.contract
+        return lay_in(image, contract, self.input_size_px, out, axes=self._axes, dtype=dtype)
+
+    def run(self, blob: Blob) -> list[FloatArray]:
+        """Return the outputs that the family decodes, float32, for one input as :meth:`prepare` makes it.
+
+        A graph with a fixed larger batch gets the picture repeated; its first answer counts.
+        """
+        feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
+        try:
+            feeds = {self._input_name: np.ascontiguousarray(feed, self._dtype), **self._extras}
+            outputs = self.session.run(self._outputs, feeds)
+        except Exception as error:  # onnxruntime's exceptions share no base class of their own
+            raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
+        alone = (output if output.ndim < 3 else output[:1] for output in outputs)
+        return [output.astype(np.float32, copy=False) for output in alone]
+
+    def decode(
+        self,
+        outputs: Sequence[FloatArray],
+        placement: Placement,
+        *,
+        min_score: float = 0.001,
+        max_detections: int = 300,
+    ) -> Detections:
+        """Return detections in the picture's own px, clipped to it, after suppression within each class.
+
+        Candidates with NaN are dropped, counted in ``non_finite_values`` and warned of once. Raises
+        :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
+        """
+        self._count_non_finite(outputs)
+        own_size = self.contract.resize == "none"
+        size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
+        candidates = self.family.decode(outputs, size_px, min_score)
+        if len(candidates) and candidates.scores.max() > 1.01:
+            raise ModelError(
+                f"{self.path.name}: score {candidates.scores.max():g} > 1; "
+                f"is the family {self.contract.family} right ({self.contract.sources['family']})?"
+            )
+        if len(candidates) and candidates.class_ids.max() >= len(self.contract.classes):
+            raise ModelError(
+                f"{self.path.name}: finds class {candidates.class_ids.max()}, counted from 0, but the contract "
+                f"names {len(self.contract.classes)} ({self.contract.sources['classes']})"
+            )
+        nms_iou = self.contract.nms_iou
+        kept = (
+            best(candidates, max_detections)
+            if nms_iou is None
+            else suppress(candidates, nms_iou, max_detections)
+        )
+        boxes = placement.to_picture(kept.boxes_xyxy)
+        inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
+        return Detections(boxes[inside], np.minimum(kept.scores[inside], 1), kept.class_ids[inside])
+
+    def top_score(self, outputs: Sequence[FloatArray]) -> float:
+        """Return the highest score of any candidate, however low; 0.0 if there is none above 0.
+
+        Exactly 0.0 for picture after picture is the mark of an int8 export whose one output scale, made for
+        box coordinates, has rounded every score away.
+        """
+        scores = self.family.decode(outputs, self.input_size_px, 0.0).scores
+        return float(scores.max(initial=0.0))
+
+    def detect(
+        self, image: NDArray[np.uint8], *, min_score: float = 0.001, max_detections: int = 300
+    ) -> Detections:
+        """Return what the network finds in an RGB picture (h, w, 3), uint8."""
+        blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
+        self._buffers.blob = blob
+        return self.decode(self.run(blob), placement, min_score=min_score, max_detections=max_detections)
+
+    def _count_non_finite(self, outputs: Sequence[FloatArray]) -> None:
+        count = sum(
+            int(output.size - np.isfinite(output).sum()) for output in outputs if not all_finite(output)
+        )
+        if count == 0:
+            return
+        with self._count_lock:
+            first = self.non_finite_values == 0
+            self.non_finite_values += count
+        if first:
+            warnings.warn(
+                f"{self.path.name}: outputs contain NaN or Inf; dropped", RuntimeWarning, stacklevel=3
+            )
+
+
+def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:
+    """Return a CPU session on ``threads`` cores that never waits by spinning.
+
+    Raises :class:`ModelError`, in one line, for a file that is missing, empty, text, a web page, a git-lfs
+    pointer, damaged, too new, or without its external data.
+    """
+    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+        raise ValueError(f"threads = {threads!r}: must be an integer >= 1")
+    if problem := _not_a_model(path):
+        raise ModelError(f"{path}: {problem}")
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 3
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions share no base class of their own
+        raise ModelError(f"{path}: {_load_problem(path, error)}") from None
+
+
+def _not_a_model(path: Path) -> str | None:
+    """What the file is instead of a model, from its first bytes; None if it may be one."""
+    if not path.is_file():
+        return "is a folder, not a model file" if path.is_dir() else "no such file"
+    with path.open("rb") as file:
+        head = file.read(1024)
+    if not head.strip():
+        return "the file is empty"
+    if head.startswith(b"version https://git-lfs"):
+        return "is a git-lfs pointer, not the model: fetch it with `git lfs pull`"
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<!doctype", b"<html", b"<?xml", b"<head")):
+        return "is a web page, not a model: the download saved a page instead of the file"
+    if all(byte in b"\t\n\r\f" or byte >= 32 for byte in head):
+        return f"is a text file, not a model; it begins {head[:30]!r}"
+    return None
+
+
+def _load_problem(path: Path, error: Exception) -> str:
+    """Why onnxruntime refused the file, in one line."""
+    reason = " ".join(str(error).split())
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+    except Exception:  # protobuf's DecodeError, without importing protobuf
+        return f"is not an ONNX model, or a damaged one ({reason[:200]})"
+    if "IR version" in reason:
+        return (
+            f"has IR version {model.ir_version}, newer than onnxruntime {ort.__version__} reads: "
+            f"update onnxruntime or export again ({reason[:200]})"
+        )
+    locations = {
+        entry.value
+        for tensor in model.graph.initializer
+        for entry in tensor.external_data
+        if entry.key == "location"
+    }
+    if missing := sorted(name for name in locations if not (path.parent / name).is_file()):
+        return f"its weights are in {', '.join(missing)}, which must lie beside it and does not"
+    return f"onnxruntime cannot load it: {reason[:300]}"
+
+
+def file_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file, read a block at a time."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

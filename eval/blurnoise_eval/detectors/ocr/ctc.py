@@ -1,0 +1,63 @@
+"""Greedy decoding of connectionist temporal classification (CTC): class probabilities to text.
+
+Domain: (T, C) float32, a row per step along the text. Class 0 is the blank.
+Source: Graves et al. (2006); dictionary and confidence as in PP-OCR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurnoise_eval.detectors.formats.candidates import FloatArray
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A text, and how sure its reader is: 0 to 1, the mean of its characters' probabilities; 0 for no text.
+
+    Confidence stays high on wrong text: judge the text beside it.
+    """
+
+    text: str
+    confidence: float
+
+
+NOTHING = Reading("", 0.0)
+
+
+def characters(lines: str) -> list[str]:
+    """Return the characters by class: the blank (""), one for each line, and the space.
+
+    Only a line feed ends a line: dictionaries hold characters that Unicode counts among the line ends.
+    """
+    return ["", *(line.removesuffix("\r") for line in lines.removesuffix("\n").split("\n")), " "]
+
+
+def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
+    """Return the likeliest class of each step, repeats and then blanks left out.
+
+    Convention: a class that comes again after a blank is a second character. The confidence is the mean of
+    the probabilities at the first step of each character.
+    """
+    best = probabilities.argmax(axis=1)
+    kept = best != 0
+    kept[1:] &= best[1:] != best[:-1]
+    if not kept.any():
+        return NOTHING
+    confidence = float(probabilities[kept, best[kept]].mean())
+    return Reading("".join(classes[index] for index in best[kept]), min(confidence, 1.0))
+
+
+def are_probabilities(rows: FloatArray) -> bool:
+    """Whether no value is negative and each row sums to 1, within the rounding of half precision."""
+    return bool(rows.min(initial=0.0) >= 0 and (abs(rows.sum(axis=-1) - 1) < 0.01).all())
+
+
+def softmax(logits: FloatArray) -> FloatArray:
+    """Return exp(x) / Σ exp(x) along the last axis; logarithms of probabilities become the probabilities."""
+    powers: FloatArray = np.exp(logits - logits.max(axis=-1, keepdims=True))
+    powers /= powers.sum(axis=-1, keepdims=True)
+    return powers

@@ -1,0 +1,1 @@
+"""Pictures with boxes, galleries, photon transfer."""

@@ -1,0 +1,135 @@
+"""Example pictures with boxes: which targets a model found or read, which it missed, what else it saw.
+
+Domain: 8-bit pictures as files on disk, boxes (left, top, right, bottom) in px of the picture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.scoring.matching import MATCH_IOU, iou
+
+OTHER_SCORE = 0.3  # detections that belong to no target are drawn from this score on
+
+FOUND_RGB = (0, 200, 90)
+MISSED_RGB = (255, 140, 0)
+OTHER_RGB = (110, 190, 255)
+FONT_SCALE = 0.45
+
+
+def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> NDArray[np.uint8] | None:
+    """The example's picture, RGB uint8, longest side ``size_px``, with boxes; None where it cannot be read.
+
+    Detections that overlap a target of their own label (IoU >= 0.5) are that target's and not drawn again.
+    """
+    try:
+        encoded = np.frombuffer(Path(example["path"]).read_bytes(), np.uint8)
+        bgr = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
+    except (OSError, cv2.error):
+        return None
+    if bgr is None:
+        return None
+    scale = size_px / max(bgr.shape[:2])
+    width, height = max(1, round(bgr.shape[1] * scale)), max(1, round(bgr.shape[0] * scale))
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    picture = cv2.cvtColor(cv2.resize(bgr, (width, height), interpolation=method), cv2.COLOR_BGR2RGB)
+    for other in example["detections"]:
+        if other["score"] < OTHER_SCORE:
+            continue
+        alike = [t["box_xyxy"] for t in example["targets"] if t["label"] == other["label"]]
+        if not (iou([other["box_xyxy"]], alike) >= MATCH_IOU).any():
+            _draw_box(
+                picture, other["box_xyxy"], scale, OTHER_RGB, 1, f"{other['label']} {other['score']:.2f}"
+            )
+    for target in example["targets"]:
+        found = target["confidence"] >= threshold
+        colour = FOUND_RGB if found else MISSED_RGB
+        text = f"{target['confidence']:.2f}" if target["text"] is None else f'"{target["text"]}"'
+        _draw_box(picture, target["box_xyxy"], scale, colour, 2, text, dashed=not found)
+    return np.asarray(picture, np.uint8)
+
+
+def velocity_of(row: dict[str, Any]) -> tuple[float, float]:
+    """(x, y) px/s of a row of answers, cells or targets."""
+    return row["velocity_x_px_s"], row["velocity_y_px_s"]
+
+
+def velocity_text(velocity_px_s: tuple[float, float]) -> str:
+    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
+    x, y = velocity_px_s
+    return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
+
+
+def exposure_text(exposure_s: float) -> str:
+    """The exposure in ms, three digits, never in powers of ten."""
+    return f"{np.format_float_positional(1e3 * exposure_s, 3, fractional=False, trim='-')} ms"
+
+
+def condition_text(row: dict[str, Any]) -> str:
+    """'5 ms · 100 lux · 400 px/s · blur 2 px', or 'untouched picture'."""
+    if row["clean"]:
+        return "untouched picture"
+    light, blur = f"{row['illuminance_lux']:g} lux", f"blur {row['blur_px']:.3g} px"
+    return " · ".join([exposure_text(row["exposure_s"]), light, velocity_text(velocity_of(row)), blur])
+
+
+def outcome_text(example: dict[str, Any], threshold: float) -> str:
+    """How many of the example's targets were found, and their mean confidence; or what was read in them."""
+    if example["error"] is not None:
+        return f"the model failed: {example['error']}"
+    targets = example["targets"]
+    confidences = [target["confidence"] for target in targets]
+    if not targets:
+        count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
+        return f"no target in the picture, {count} detections"
+    if any(target["text"] is not None for target in targets):
+        return "; ".join(map(_reading_text, targets))
+    found = sum(confidence >= threshold for confidence in confidences)
+    if len(confidences) == 1:
+        return f"{'found' if found else 'missed'}, confidence {confidences[0]:.2f}"
+    return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
+
+
+def _reading_text(target: dict[str, Any]) -> str:
+    right = target["confidence"] > 0
+    verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"
+    return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"
+
+
+def short_text(text: str, length: int = 34) -> str:
+    """The text, printable in any encoding and at most ``length`` characters long."""
+    clean = " ".join(text.encode("utf-8", "replace").decode().split())
+    return clean if len(clean) <= length else clean[: length - 1] + "…"
+
+
+def _draw_box(
+    picture: NDArray[Any],
+    box_xyxy: Sequence[float],
+    scale: float,
+    colour: tuple[int, int, int],
+    width: int,
+    text: str,
+    dashed: bool = False,
+) -> None:
+    """Draw one box and its text on ``picture`` in place; dashes are 7 px long."""
+    left, top, right, bottom = (round(float(edge) * scale) for edge in box_xyxy)
+    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    for start, end in pairwise(corners):
+        steps = max(1, math.ceil(math.dist(start, end) / 7)) if dashed else 1
+        stops = np.linspace(start, end, steps + 1).round().astype(int)
+        for a, b in list(pairwise(stops))[:: 2 if dashed else 1]:
+            cv2.line(picture, tuple(map(int, a)), tuple(map(int, b)), colour, width, cv2.LINE_AA)
+    plain = short_text(text, 24).encode("ascii", "replace").decode()
+    (text_width, text_height), _ = cv2.getTextSize(plain, cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, 1)
+    x = max(0, min(left, picture.shape[1] - text_width - 4))
+    y = top - 3 if top > text_height + 6 else min(bottom + text_height + 4, picture.shape[0] - 3)
+    cv2.rectangle(picture, (x, y - text_height - 3), (x + text_width + 3, y + 3), (20, 20, 20), cv2.FILLED)
+    cv2.putText(picture, plain, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,152 @@
+"""The axes of a sweep, one table: options, limits, columns, file names, captions and pages follow from it.
+
+Domain: values in SI units and the units that stand in the names; an option's numbers times ``per_option``. What
+is not stated stands where the camera has it (``own``). A new axis is an entry of ``AXES``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from blurnoise._core.checks import in_range
+from blurnoise.camera import Camera
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One quantity that a sweep can vary.
+
+    name: of the column, SI unit in it. into: the field of :class:`blurnoise.Exposure` it sets, or of its camera
+    ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
+    unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: where it stands
+    when nobody states it. default: what a sweep tests if not told; empty: its own.
+    text: for captions, unit included; slug: for file names. logarithmic: how it is drawn.
+    """
+
+    name: str
+    into: str
+    option: str
+    about: str
+    title: str
+    unit: str
+    per_option: float
+    low: float
+    high: float
+    own: Callable[[Camera], float]
+    text: Callable[[float], str]
+    slug: Callable[[float], str]
+    positive: bool = False
+    logarithmic: bool = False
+    default: tuple[float, ...] = ()
+
+    def checked(self, values: Iterable[float]) -> tuple[float, ...]:
+        """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
+        kept = tuple(sorted({in_range(self.name, value, self.low, self.high) + 0.0 for value in values}))
+        if not kept:
+            raise ValueError(f"{self.name}: must hold at least one value")
+        if self.positive and kept[0] == self.low:
+            raise ValueError(f"{self.name} = {kept[0]!r}: must be > {self.low:g}")
+        return kept
+
+    def shown(self, value: float) -> float:
+        """The value in the option's unit, as axes of figures and tables have it."""
+        return value / self.per_option
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Something to draw against that follows from the axes; ``of`` takes a row of a table."""
+
+    name: str
+    title: str
+    unit: str
+    of: Callable[[Mapping[str, Any]], float]
+    text: Callable[[float], str]
+    logarithmic: bool = False
+
+
+def milliseconds(exposure_s: float) -> str:
+    """'2.5': three digits of ms, never in powers of ten."""
+    return np.format_float_positional(1e3 * exposure_s, 3, fractional=False, trim="-")
+
+
+AXES: tuple[Axis, ...] = (
+    Axis(
+        "exposure_s", "exposure_s", "--exposure-ms", "exposure times, ms", "Exposure", "ms", 1e-3, 0.0, 3600.0,
+        own=lambda camera: math.nan, positive=True, logarithmic=True,
+        text=lambda value: f"{milliseconds(value)} ms", slug=lambda value: f"{1e3 * value:.12g}ms",
+        default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 15, 20, 30, 45, 60, 90)),
+    ),
+    Axis(
+        "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
+        own=lambda camera: math.nan, logarithmic=True,
+        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:.12g}lux", default=(0.5, 50.0, 5000.0),
+    ),
+    Axis(
+        "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
+        1.0, -1e7, 1e7, own=lambda camera: 0.0,
+        text=lambda value: f"{value:g} px/s", slug=lambda value: f"{value:.12g}",
+        default=(0.0, 200.0, 500.0, 1000.0),
+    ),
+    Axis(
+        "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",
+        1.0, -1e7, 1e7, own=lambda camera: 0.0,
+        text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:.12g}px_s", default=(0.0,),
+    ),
+    Axis(
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC", "Sensor temperature", "°C",
+        1.0, -273.15, 300.0, own=lambda camera: 25.0,
+        text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:.12g}C",
+    ),
+    Axis(
+        "f_number", "camera.f_number", "--f-number",
+        "of the lens, in place of the camera's: its light, and its diffraction at 0.55 µm", "f-number", "",
+        1.0, 0.5, 256.0, own=lambda camera: camera.f_number, logarithmic=True,
+        text=lambda value: f"f/{value:g}", slug=lambda value: f"f{value:.12g}",
+    ),
+    Axis(
+        "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
+        "radius of the lens's disc of confusion, px, in place of the camera's", "Defocus", "px", 1.0, 0.0, 1000.0,
+        own=lambda camera: camera.defocus_radius_px,
+        text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:.12g}px",
+    ),
+    Axis(
+        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB", "Gain", "dB", 1.0, -60.0, 60.0,
+        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
+    ),
+)  # fmt: skip
+NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
+
+
+def axis(name: str) -> Axis:
+    """The axis of this name. Raises ``ValueError`` that lists the names."""
+    for each in AXES:
+        if each.name == name:
+            return each
+    raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
+
+
+def speed_px_s(row: Mapping[str, Any]) -> float:
+    """Length of a row's velocity, px/s."""
+    return math.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"])
+
+
+def blur_px(row: Mapping[str, Any]) -> float:
+    """Length of a row's motion during the exposure, px."""
+    return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])
+
+
+BLUR = Coordinate("blur_px", "Motion blur", "px", blur_px, lambda value: f"blur {value:.3g} px", True)
+SPEED = Coordinate("speed_px_s", "Speed", "px/s", speed_px_s, lambda value: f"{value:g} px/s")
+DERIVED: tuple[Coordinate, ...] = (BLUR, SPEED)
+
+
+def velocity_text(velocity_px_s: tuple[float, float]) -> str:
+    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
+    x, y = velocity_px_s
+    return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"

@@ -1,0 +1,1 @@
+"""Image quality of charts, simulated and photographed."""

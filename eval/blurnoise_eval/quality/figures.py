@@ -1,0 +1,248 @@
+"""Every metric of simulated charts against exposure (ms) and against motion blur (px), as small multiples.
+
+A number that is withheld is a gap in its line, with a cross in the line's colour at the panel's foot.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from rich.table import Table
+
+from blurnoise.metrics import Flag
+from blurnoise_eval.drawing.annotate import exposure_text, velocity_text
+from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
+from blurnoise_eval.report.figures import MAX_LINES
+from blurnoise_eval.report.measured import line_colours, spread
+from blurnoise_eval.system.files import write_whole
+
+L = TypeVar("L", bound=Hashable)
+_LOGARITHMIC = {
+    "mtf50_x", "mtf50_y", "cnr", "patch_snr_bright", "patch_snr_dark", "neq_0", "neq_integral", "snri",
+}  # fmt: skip
+_SHARES = {"michelson", "cdp", "ssim"}  # 0 to 1
+_SATURATED, _FAILED = "#f0a050", "0.55"
+_NOISY = Flag.NOISE_DOMINATED.name.lower()
+_SHADE = {_SATURATED: 0.22, _FAILED: 0.20}
+_LEAST = 1e-12
+"""Where a logarithmic axis draws the end of an interval at 0."""
+_COLUMNS = 4
+Ends = dict[float, tuple[float, float]]
+
+
+def against_exposure(rows: Sequence[Row], camera: str) -> Figure:
+    """Rows of one light: a line per velocity over the exposure."""
+    lines = spread(sorted({_velocity(row) for row in rows}, key=lambda v: (math.hypot(*v), v)), MAX_LINES)
+    return _figure(
+        rows,
+        dict(zip(lines, line_colours("viridis", len(lines)), strict=True)),
+        line_of=_velocity,
+        place=lambda row: 1e3 * row.conditions.exposure_s,
+        label=velocity_text,
+        dress=_exposure_axis,
+        title=f"{camera}, {_lux(rows)}: image quality against exposure",
+        x_label="Exposure / ms",
+        failure=_failure,
+    )
+
+
+def against_blur(rows: Sequence[Row], camera: str) -> Figure:
+    """Rows of one light: a line per exposure over the motion blur."""
+    lines = spread(sorted({row.conditions.exposure_s for row in rows}), MAX_LINES)
+    clipped = {row.conditions.exposure_s for row in rows if _clipped(row)}
+    return _figure(
+        rows,
+        dict(zip(lines, line_colours("plasma", len(lines)), strict=True)),
+        line_of=lambda row: row.conditions.exposure_s,
+        place=lambda row: row.conditions.blur_px,
+        label=lambda exposure_s: (
+            exposure_text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
+        ),
+        dress=_blur_axis,
+        title=f"{camera}, {_lux(rows)}: image quality against motion blur",
+        x_label="Motion blur / px (linear below 1 px, logarithmic above)",
+        failure=lambda row: None if row.reading.told or _clipped(row) else _FAILED,
+    )
+
+
+def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
+    """Write exposure-LUXlux.png and, where speeds differ, blur-LUXlux.png per light; raises ``OSError``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for lux in sorted({row.conditions.illuminance_lux for row in rows}):
+        alike = [row for row in rows if row.conditions.illuminance_lux == lux]
+        figures = {"exposure": against_exposure(alike, camera)}
+        if len({_velocity(row) for row in alike}) > 1:
+            figures["blur"] = against_blur(alike, camera)
+        for name, figure in figures.items():
+            picture = io.BytesIO()
+            figure.savefig(picture, format="png", dpi=120)
+            written.append(folder / f"{name}-{lux:g}lux.png")
+            write_whole(written[-1], picture.getvalue())
+    return written
+
+
+def table(best: Iterable[dict[str, Any]]) -> Table:
+    """The exposure that tells most, per light and velocity, as ``most_information`` gives it."""
+    made = Table(title="Exposure with the highest information capacity (square)", title_justify="left")
+    for head in ("lux", "motion", "exposure, ms", "blur, px", "bits/px (95 %)"):
+        made.add_column(head, justify="left" if head == "motion" else "right")
+    for row in best:
+        velocity = velocity_text((row["velocity_x_px_s"], row["velocity_y_px_s"]))
+        told = ["none told", "-", "-"]
+        if row["value"] is not None:
+            bits = f"{row['value']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
+            told = [f"{1e3 * row['exposure_s']:g}", f"{row['blur_px']:.3g}", bits]
+        made.add_row(f"{row['illuminance_lux']:g}", velocity, *told)
+    return made
+
+
+def _figure(
+    rows: Sequence[Row],
+    colours: dict[L, str],
+    *,
+    line_of: Callable[[Row], L],
+    place: Callable[[Row], float],
+    label: Callable[[L], str],
+    dress: Callable[[Axes, Sequence[float]], None],
+    title: str,
+    x_label: str,
+    failure: Callable[[Row], str | None],
+) -> Figure:
+    """A panel per metric, a line per key of ``colours``; places at which any line fails are shaded."""
+    count = -(-len(METRICS) // _COLUMNS)
+    figure = Figure(figsize=(3.5 * _COLUMNS, 2.45 * count + 1.3), layout="constrained")
+    places = sorted({place(row) for row in rows})
+    for axes, metric in zip(figure.subplots(count, _COLUMNS, sharex=True).flat, METRICS, strict=True):
+        of = [row for row in rows if row.metric == metric.name and line_of(row) in colours]
+        _dress(axes, metric)
+        dress(axes, places)
+        ends = _surroundings(places, axes)
+        for colour in _SHADE:
+            failing = {place(row) for row in of if failure(row) == colour}
+            for low, high in _joined(ends[x] for x in sorted(failing)):
+                axes.axvspan(low, high, color=colour, alpha=_SHADE[colour], lw=0, zorder=0)
+        for row, (line, colour) in enumerate(colours.items()):
+            mine = sorted((each for each in of if line_of(each) == line), key=place)
+            _draw(axes, [place(each) for each in mine], mine, colour)
+            lost = [place(each) for each in mine if not each.reading.told and failure(each)]
+            foot = [0.03 + 0.035 * row] * len(lost)
+            across = axes.get_xaxis_transform()  # y in shares of the panel
+            axes.plot(lost, foot, "x", color=colour, ms=4.5, mew=1.3, transform=across, zorder=5)
+        drawn = [row.reading.value for row in of if row.reading.value > 0]
+        if metric.name in _LOGARITHMIC and drawn:
+            axes.set_ylim(min(drawn) / 1.6, max(drawn) * 1.6)
+    figure.supxlabel(x_label, fontsize=9)
+    handles: list[Any] = [
+        Line2D([], [], color=colour, marker="o", ms=3.5, lw=1.4, label=label(line))
+        for line, colour in colours.items()
+    ]
+    shades = {failure(row) for row in rows}
+    named = {_SATURATED: "a line saturates", _FAILED: "a line is lost in noise or blur"}
+    handles += [
+        Patch(color=colour, alpha=2 * _SHADE[colour], label=name)
+        for colour, name in named.items()
+        if colour in shades
+    ]
+    handles += [
+        Line2D([], [], color="0.3", marker="x", ls="", ms=5, label="not told (its line)"),
+        Line2D([], [], color="0.3", marker="o", mfc="white", ls="", ms=4.5, label="told, with a flag"),
+        Patch(color="0.3", alpha=0.18, label="95 % interval"),
+    ]
+    figure.legend(
+        handles=handles, title=title, loc="outside upper center", ncols=min(len(handles), 8), fontsize=8.5,
+        title_fontsize=11, frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def _draw(axes: Axes, x: list[float], rows: list[Row], colour: str) -> None:
+    readings = [row.reading for row in rows]
+    least = _LEAST if axes.get_yscale() == "log" else -math.inf
+    if not any(reading.value > least for reading in readings):
+        return
+    axes.plot(x, [reading.value for reading in readings], "o-", color=colour, ms=3, lw=1.4, zorder=3)
+    low = [max(reading.low, least) if math.isfinite(reading.low) else math.nan for reading in readings]
+    high = [reading.high if math.isfinite(reading.high) else math.nan for reading in readings]
+    axes.fill_between(x, low, high, color=colour, alpha=0.18, lw=0, zorder=2)
+    doubted = [index for index, reading in enumerate(readings) if reading.told and reading.flags]
+    at, values = [x[index] for index in doubted], [readings[index].value for index in doubted]
+    axes.plot(at, values, "o", mfc="white", mec=colour, ms=4.2, zorder=4)
+
+
+def _failure(row: Row) -> str | None:
+    """The colour of what befell it: saturation, also where a number is told, or another loss, or noise."""
+    if _clipped(row):
+        return _SATURATED
+    return _FAILED if not row.reading.told or _NOISY in row.reading.flags else None
+
+
+def _clipped(row: Row) -> bool:
+    return CLIPPED in row.reading.flags
+
+
+def _surroundings(places: Sequence[float], axes: Axes) -> Ends:
+    """Each place's share of the axis, half-way to its neighbours as they are drawn."""
+    there, back = axes.transData.transform, axes.transData.inverted().transform
+    drawn = [float(there((x, 1.0))[0]) for x in places]
+    middles = [float(back(((a + b) / 2, 0.0))[0]) for a, b in pairwise(drawn)]
+    first, last = axes.get_xlim()
+    return dict(zip(places, zip([first, *middles], [*middles, last], strict=True), strict=True))
+
+
+def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    joined: list[tuple[float, float]] = []
+    for low, high in spans:
+        if joined and joined[-1][1] == low:
+            joined[-1] = (joined[-1][0], high)
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def _dress(axes: Axes, metric: Metric) -> None:
+    unit = "" if metric.unit == "1" else f" / {metric.unit}"
+    axes.set_title(f"{metric.title}{unit}", fontsize=9, parse_math=False)
+    if metric.name in _LOGARITHMIC:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    if metric.name in _SHARES:
+        axes.set_ylim(0, 1.05)
+    axes.grid(color="0.9", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _exposure_axis(axes: Axes, exposures_ms: Sequence[float]) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(exposures_ms[0] / 1.2, exposures_ms[-1] * 1.2)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _blur_axis(axes: Axes, blurs_px: Sequence[float]) -> None:
+    axes.set_xscale("symlog", linthresh=1)
+    axes.set_xlim(-0.1, 1.2 * max(blurs_px[-1], 1))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _velocity(row: Row) -> tuple[float, float]:
+    return row.conditions.velocity_x_px_s, row.conditions.velocity_y_px_s
+
+
+def _lux(rows: Sequence[Row]) -> str:
+    return f"{rows[0].conditions.illuminance_lux:g} lux"

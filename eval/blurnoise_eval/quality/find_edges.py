@@ -1,0 +1,269 @@
+"""Slanted edges that can be measured, found in a picture of a chart or of anything else.
+
+Domain: linear pictures (C, H, W), C = 1 or 3, finite. A line detector proposes, :func:`slanted_edge` and a look
+at what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width,
+height), px.
+
+An edge nearer to horizontal is handled in the transposed picture, so that below every edge runs down its region.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.flags import WITHHELD
+from blurnoise.metrics.regions import Roi
+
+SHORTEST_PX = 24
+"""Below it an edge has too few rows for a number worth printing."""
+STEEPEST_DEG = 35.0
+"""Off the rows or columns: beyond it the region would be mostly corners."""
+MOST = 24
+"""Regions reported of one picture, the largest ones."""
+UNUSABLE = WITHHELD | {Flag.TOO_FEW_PHASES, Flag.NOISE_DOMINATED}
+
+_STEEPEST = math.tan(math.radians(STEEPEST_DEG))
+_FINEST_PX = (
+    2048  # longer side in which lines are looked for; coarser by factors of 2 from there, for wide blurs
+)
+_COARSEST_PX = 100
+_TRIALS = 160  # lines looked into, longest first
+_WIDTHS_PX = (10, 16, 25, 40, 64, 100)  # beside the edge, at first the same on both sides
+_GROWTH = 1.4
+_REACHES = 6  # of the blur, that a side is wide enough for every window
+_END_PX = 4  # cut off either end of a line, where its corner begins
+_BLOCK_PX = 5
+_UNEVEN = 0.15  # share of the step by which a block may stand off the edge's shape
+
+Segment = tuple[float, float, float, float]
+"""x0, y0, x1, y1 of a line, px, y0 < y1."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """rois: the regions, top to bottom and left to right. turned_down: lines that are no usable edge, by reason.
+
+    left_out: usable regions beyond the ``MOST`` largest.
+    """
+
+    rois: list[Roi]
+    turned_down: Mapping[Flag, int]
+    left_out: int
+
+
+@dataclass(frozen=True)
+class _Box:
+    """A region about a line that runs down it: rows top to bottom, and what it holds beside the line, px."""
+
+    line: Segment
+    top: float
+    bottom: float
+    left: float
+    right: float
+
+    def roi(self, height: int, width: int) -> Roi | None:
+        """As far as the picture reaches; None where that is too small."""
+        top, bottom = max(0, math.ceil(self.top)), min(height, math.floor(self.bottom))
+        ends = self.x(top), self.x(bottom)
+        left, right = max(0, math.floor(min(ends) - self.left)), min(width, math.ceil(max(ends) + self.right))
+        large_enough = bottom - top >= SHORTEST_PX and right - left >= _WIDTHS_PX[0]
+        return (left, top, right - left, bottom - top) if large_enough else None
+
+    def x(self, y: float) -> float:
+        x0, y0, x1, y1 = self.line
+        return x0 + (x1 - x0) * (y - y0) / (y1 - y0)
+
+
+def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) -> Found:
+    """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures without withholding.
+
+    picture: (C, H, W) linear floats; full_scale and black_level as for :func:`slanted_edge`. Edges are
+    ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they miss
+    phases; regions grow as far as the sides stay even. The same picture gives the same regions.
+    """
+    kept: list[tuple[Roi, bool, Segment]] = []
+    reasons: Counter[Flag] = Counter()
+    frames = {
+        lying: _Frame(picture.mT if lying else picture, full_scale, black_level) for lying in (False, True)
+    }
+    for lying, line in _lines(frames[False].plane):
+        if any(lying == other and _inside(roi, _middle(line)) for roi, other, _ in kept):
+            continue
+        found = _grown(frames[lying], line)
+        if isinstance(found, Flag):
+            reasons[found] += 1
+        elif not any(lying == other and _inside(found, _middle(known)) for _, other, known in kept):
+            kept.append((found, lying, line))
+    rois = [
+        (top, left, high, wide) if lying else (left, top, wide, high)
+        for (left, top, wide, high), lying, _ in kept
+    ]
+    rois.sort(key=lambda roi: (-roi[2] * roi[3], roi))
+    return Found(_in_reading_order(rois[:MOST]), dict(reasons.most_common()), max(0, len(rois) - MOST))
+
+
+class _Frame:
+    """The picture, upright or transposed, as the edges in it see it."""
+
+    def __init__(self, picture: Tensor, full_scale: float, black_level: float) -> None:
+        self.picture, self.full_scale, self.black_level = picture, full_scale, black_level
+        weights = picture.new_tensor([0.2126, 0.7152, 0.0722] if len(picture) == 3 else [1.0])
+        self.plane: NDArray[np.float32] = np.ascontiguousarray(
+            torch.einsum("chw,c->hw", picture, weights).sub(black_level).float().numpy()
+        )
+
+    def look(self, box: _Box) -> SlantedEdge | Flag:
+        """The edge in ``box``, or why it cannot be used."""
+        roi = box.roi(*self.plane.shape)
+        if roi is None:
+            return Flag.REGION_TOO_SMALL
+        seen = slanted_edge(
+            self.picture, roi=roi, full_scale=self.full_scale, black_level=self.black_level, bootstrap=0
+        )
+        edge = seen[0] if isinstance(seen, list) else seen
+        bad = edge.flags & UNUSABLE
+        if bad:
+            return min(bad, key=list(Flag).index)
+        return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
+
+    def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
+        """Whether no block of the region stands off what the edge's shape along a straight line says of it.
+
+        Looks closer than the edge's own flags: a corner of the region that holds another edge changes no number
+        yet, and the corner of a blurred square passes for a slanted edge with a wider blur.
+        """
+        left, top, width, height = roi
+        step = edge.bright - edge.dark
+        values = (self.plane[top : top + height, left : left + width] - edge.dark) / step
+        rising = values if edge.bright_side == "right" else values[:, ::-1]
+        rows = np.arange(height)
+        slope, first = np.polyfit(
+            rows, width - rising.sum(1), 1
+        )  # the dark part of each row ends at the edge
+        away = (np.arange(width) + 0.5 - (first + slope * rows)[:, None]) / math.hypot(1, slope)
+        shape = (edge.esf.numpy() - edge.dark) / step
+        off = (rising - np.interp(away, edge.distance_px.numpy(), shape)).astype(np.float32)
+        noise = math.sqrt(max(edge.noise_variance_dark, edge.noise_variance_bright)) / step
+        blocks = cv2.blur(off, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REFLECT)
+        return bool(np.abs(blocks).max() < max(_UNEVEN, 6 * noise / _BLOCK_PX))
+
+
+def _grown(frame: _Frame, line: Segment) -> Roi | Flag:
+    """The largest region about ``line`` in which the edge can be used, or why there is none."""
+    _, top, _, bottom = line
+    spare = (bottom - top) / 4
+    why = []
+    for ends_px in (
+        (_END_PX, spare) if spare > _END_PX else (_END_PX,)
+    ):  # a blurred corner begins before its line ends
+        box, edge = _first(frame, _Box(line, top + ends_px, bottom - ends_px, 0, 0))
+        if not isinstance(edge, Flag):
+            box = _stretched(frame, box, float(edge.distance_px[-1]))
+            roi = box.roi(*frame.plane.shape)
+            return Flag.REGION_TOO_SMALL if roi is None else roi
+        why.append(edge)
+    return why[0]
+
+
+def _first(frame: _Frame, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
+    """The widest of the regions with as much on both sides, or why there is none."""
+    best: tuple[_Box, SlantedEdge] | None = None
+    why: list[Flag] = []
+    for width in _WIDTHS_PX:
+        wider = replace(box, left=width, right=width)
+        edge = frame.look(wider)
+        if not isinstance(edge, Flag):
+            best = wider, edge
+            continue
+        why.append(edge)
+        if best or why.count(Flag.TWO_EDGES) == 2:  # once would be noise, or a blur that fills the region
+            break
+    return best or (box, why[0])
+
+
+def _stretched(frame: _Frame, box: _Box, reach_px: float) -> _Box:
+    """``box`` moved outwards on one side after the other while the edge can be used.
+
+    reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the blur
+    of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
+    """
+    for end, sign in (("top", -1.0), ("bottom", 1.0)):
+        step = sign * (_GROWTH - 1) * (box.bottom - box.top)
+        while not isinstance(frame.look(longer := replace(box, **{end: getattr(box, end) + step})), Flag):
+            if longer.roi(*frame.plane.shape) == box.roi(*frame.plane.shape):
+                break
+            box = longer
+    cut = min(reach_px, (box.bottom - box.top) / 4)
+    shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
+    if not isinstance(frame.look(shorter), Flag):
+        box = shorter
+    most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
+    box = replace(box, left=min(box.left, most), right=min(box.right, most))
+    for side in ("left", "right"):
+        while (width := getattr(box, side)) < most:
+            wider = replace(box, **{side: min(_GROWTH * width, most)})
+            if isinstance(frame.look(wider), Flag):
+                break
+            box = wider
+    return box
+
+
+def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
+    """Lines of a line segment detector on several scales, the longest first: whether it lies, and its ends.
+
+    The picture goes in as 8 bits of its square root, which has about the same noise everywhere.
+    """
+    low, high = np.quantile(plane, [0.001, 0.999])
+    if high <= low:
+        return []
+    shown = np.sqrt(np.clip((plane - low) / (high - low), 0, 1)).astype(np.float32)
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
+    longer = max(plane.shape)
+    scale = min(1.0, _FINEST_PX / longer)
+    found: set[tuple[bool, Segment]] = set()
+    while True:
+        size = tuple(max(1, round(side * scale)) for side in plane.shape[::-1])
+        small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
+        segments = detector.detect((255 * small).round().astype(np.uint8))[0]
+        for x0, y0, x1, y1 in (
+            np.asarray([] if segments is None else segments, np.float64).reshape(-1, 4) / scale
+        ):
+            lying = abs(x1 - x0) > abs(y1 - y0)
+            ends = sorted([(y0, x0), (y1, x1)] if not lying else [(x0, y0), (x1, y1)])
+            (top, first), (bottom, last) = ends
+            if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
+                found.add((lying, (first, top, last, bottom)))
+        scale /= 2
+        if longer * scale < _COARSEST_PX:
+            break
+    return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]
+
+
+def _in_reading_order(rois: list[Roi]) -> list[Roi]:
+    """Top to bottom, and left to right what starts above the middle of the first of its line."""
+    waiting, ordered = sorted(rois, key=lambda roi: (roi[1], roi[0])), []
+    while waiting:
+        middle = waiting[0][1] + waiting[0][3] / 2
+        line = [roi for roi in waiting if roi[1] <= middle]
+        ordered += sorted(line)
+        waiting = waiting[len(line) :]
+    return ordered
+
+
+def _middle(line: Segment) -> tuple[float, float]:
+    return (line[0] + line[2]) / 2, (line[1] + line[3]) / 2
+
+
+def _inside(roi: Roi, point: tuple[float, float]) -> bool:
+    left, top, width, height = roi
+    return left <= point[0] <= left + width and top <= point[1] <= top + height

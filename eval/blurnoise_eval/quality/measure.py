@@ -1,0 +1,299 @@
+"""Image quality against exposure, light and motion: charts as a camera would take them, and every metric of them.
+
+Domain: charts are linear reflectance; measured are the camera's digital numbers with the black level removed, before
+any development. Edges, patches and signs have the same two levels, so they saturate together: ``DARK``, the grey on
+which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of their stop signs.
+
+Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck.
+A number that any repeat withholds is withheld. PSNR and SSIM compare a stop sign, divided by what white would give
+and cut to [0, 1], with the scene itself; clipping is one of the differences they are there to tell.
+
+Motion of 1 to 2 px rings by 2 % of a step in a picture that pixels have sampled: the flag "sharpened" there is the
+simulator's doing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from blurnoise import charts, simulate
+from blurnoise.camera import Camera
+from blurnoise.metrics import Flag, SlantedEdge, edge_information, slanted_edge
+from blurnoise.metrics.contrast import detection_probability, patch_contrast
+from blurnoise.metrics.edge_information import Reading
+from blurnoise.metrics.noise import patch_snr
+from blurnoise.metrics.similarity import psnr, ssim
+from blurnoise.sensor import readout as sensor
+from blurnoise_eval.grid.conditions import Conditions, Plan, cell_seed
+
+DARK, BRIGHT = 0.18, 0.8
+TILT_DEG = 2.0
+"""Of both edges: an edge along the motion is blurred by its sine, at 2° by 1 px where the other is by 30 px."""
+ACROSS_PX, ALONG_PX = 320, 160
+SPARE_PX = 64
+"""Of the chart, beyond each end of the edge: motion along it by up to twice this brings nothing else in."""
+PATCH_PX = 240  # as in Lin et al., 4.1
+SIGN_PX, SIGN_PICTURE_PX = 100, 200
+TARGET_PX = 10
+"""Side of the square for the ideal observer: a stroke of a letter on a sign of 200 px."""
+WEBER, TOLERANCE = BRIGHT / DARK - 1, 0.5
+CLIPPED = "clipped"
+_WITHHELD = frozenset({CLIPPED, "noiseless", "not_finite", "no_light"})
+_CLIPPED_SHARE = 0.005
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric's name in tables, its title and unit, and what exactly it is."""
+
+    name: str
+    title: str
+    unit: str
+    about: str
+
+
+METRICS = (
+    Metric("mtf50_x", "MTF50 across x", "cycles/px", f"edge {TILT_DEG:g}° from vertical"),
+    Metric(
+        "mtf50_y",
+        "MTF50 across y",
+        "cycles/px",
+        f"edge {TILT_DEG:g}° from horizontal, so motion along x blurs it by its sine",
+    ),
+    Metric(
+        "edge_snr_db", "Edge SNR", "dB", "20 log10(step / root of the sides' mean variance), vertical edge"
+    ),
+    Metric("cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches"),
+    Metric("patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}"),
+    Metric("patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}"),
+    Metric(
+        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x"
+    ),
+    Metric(
+        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, as if all blur were that across y"
+    ),
+    Metric("sic_square", "SIC, square", "bits/px", "all frequencies of the pixel grid, from both edges"),
+    Metric("neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}"),
+    Metric(
+        "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges"
+    ),
+    Metric(
+        "snri", f"SNRI, {TARGET_PX} px square", "1", "ideal observer, a white square on grey, from both edges"
+    ),
+    Metric("michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches"),
+    Metric("cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}"),
+    Metric("psnr_db", "PSNR", "dB", f"{SIGN_PX} px stop sign against the scene"),
+    Metric("ssim", "SSIM", "1", f"{SIGN_PX} px stop sign against the scene"),
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One metric under one condition, the mean of ``repeats``; those of them that told a number are ``told``."""
+
+    conditions: Conditions
+    metric: str
+    reading: Reading
+    told: int
+    repeats: int
+
+    def record(self) -> dict[str, Any]:
+        """As a table's row: None for what is withheld or has no interval, flags in alphabetical order."""
+        at, of = self.conditions, self.reading
+        return {
+            "exposure_s": at.exposure_s,
+            "illuminance_lux": at.illuminance_lux,
+            "velocity_x_px_s": at.velocity_x_px_s,
+            "velocity_y_px_s": at.velocity_y_px_s,
+            "blur_px": at.blur_px,
+            "metric": self.metric,
+            **{name: _finite(getattr(of, name)) for name in ("value", "low", "high")},
+            "flags": " ".join(sorted(of.flags)),
+            "told": self.told,
+            "repeats": self.repeats,
+        }
+
+
+def measure(
+    camera: Camera, plan: Plan, *, threads: int = 1, progress: Callable[[float], object] = lambda count: None
+) -> list[Row]:
+    """Every metric under every condition of ``plan``, in its order; the same rows whatever the threads.
+
+    ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` does.
+    """
+    scenes = _Scenes()
+    rows: list[Row] = []
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)  # conditions are worked on side by side, each on one core
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for found in pool.map(partial(_condition, scenes, camera, plan), plan.conditions()):
+            rows += found
+            progress(1)
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        torch.set_num_threads(before)
+    return rows
+
+
+class _Scenes:
+    """The charts, (1, C, H, W) linear reflectance."""
+
+    def __init__(self) -> None:
+        edge = {"dark": DARK, "bright": BRIGHT}
+        along = ALONG_PX + 2 * SPARE_PX
+        self.across_x = charts.slanted_edge(along, ACROSS_PX, angle_deg=TILT_DEG, **edge)
+        self.across_y = charts.slanted_edge(ACROSS_PX, along, angle_deg=90 + TILT_DEG, **edge)
+        self.bright, self.dark = (
+            charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=level) for level in (BRIGHT, DARK)
+        )
+        self.sign = charts.stop_sign(
+            SIGN_PX, height_px=SIGN_PICTURE_PX, width_px=SIGN_PICTURE_PX, background=DARK
+        )
+
+
+def _condition(scenes: _Scenes, camera: Camera, plan: Plan, at: Conditions) -> list[Row]:
+    def frames(name: str) -> Tensor:
+        scene: Tensor = getattr(scenes, name)
+        return simulate(
+            scene.expand(plan.repeats, -1, -1, -1),
+            camera,
+            exposure_s=at.exposure_s,
+            illuminance_lux=at.illuminance_lux,
+            velocity_px_s=(at.velocity_x_px_s, at.velocity_y_px_s),
+            temperature_c=plan.temperature_c,
+            encoding="linear",
+            generator=[cell_seed(plan.seed, name, repeat) for repeat in range(plan.repeats)],
+        )
+
+    moved_x, moved_y = (abs(moved) for moved in at.displacement_px)
+    across_x = _edges(
+        frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :], camera, along_px=moved_y, seed=0
+    )
+    across_y = _edges(
+        frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX], camera, along_px=moved_x, seed=1
+    )
+    readings = _of_edges(across_x, across_y)
+    readings |= _of_patches(frames("bright").double(), frames("dark").double(), camera)
+    white_dn = camera.system_gain_dn_per_e * sensor.photoelectrons(camera, at.illuminance_lux, at.exposure_s)
+    readings |= _of_signs(frames("sign").double(), scenes.sign.double(), camera, white_dn)
+    return [
+        Row(at, metric.name, together(readings[metric.name]), _told(readings[metric.name]), plan.repeats)
+        for metric in METRICS
+    ]
+
+
+def together(readings: Sequence[Reading]) -> Reading:
+    """The mean of independent readings of one number, with its interval; NaN where one of them is withheld."""
+    count = len(readings)
+    value = math.fsum(reading.value for reading in readings) / count
+    below = math.fsum(reading.value - reading.low for reading in readings) / count**1.5
+    above = math.fsum(reading.high - reading.value for reading in readings) / count**1.5
+    flags = frozenset[str]().union(*(reading.flags for reading in readings))
+    return Reading(value, value - below, value + above, flags)
+
+
+def _told(readings: Iterable[Reading]) -> int:
+    return sum(reading.told for reading in readings)
+
+
+def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[SlantedEdge]:
+    if along_px > 2 * SPARE_PX:
+        return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
+    edges = slanted_edge(dn, full_scale=camera.clip_dn, black_level=camera.black_level_dn, seed=seed)
+    return edges if isinstance(edges, list) else [edges]
+
+
+def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) -> dict[str, list[Reading]]:
+    pairs = list(zip(across_x, across_y, strict=True))
+    return {
+        "mtf50_x": [_scalar(edge, "mtf50") for edge in across_x],
+        "mtf50_y": [_scalar(edge, "mtf50") for edge in across_y],
+        "edge_snr_db": [_scalar(edge, "edge_snr_db") for edge in across_x],
+        "sic_radial_x": [edge_information.capacity_radial(edge) for edge in across_x],
+        "sic_radial_y": [edge_information.capacity_radial(edge) for edge in across_y],
+        "sic_square": [edge_information.capacity_square(*pair) for pair in pairs],
+        "neq_integral": [edge_information.neq_integral(*pair) for pair in pairs],
+        "snri": [edge_information.square_snr(*pair, side_px=TARGET_PX) for pair in pairs],
+    }
+
+
+def _scalar(edge: SlantedEdge, name: str) -> Reading:
+    low, high = edge.intervals.get(name, (math.nan, math.nan))
+    return Reading(getattr(edge, name), low, high, edge_information.flag_names(edge))
+
+
+def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[Reading]]:
+    """Of raw patches (n, 1, H, W)."""
+    black = camera.black_level_dn
+    bright, dark = bright[:, 0] - black, dark[:, 0] - black
+    limits = (-black, camera.clip_dn - black)
+    white, grey = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in (bright, dark))
+    contrast = patch_contrast(bright, dark)
+    probability = detection_probability(bright, dark, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
+    either = {CLIPPED: white.clipped | grey.clipped}
+    of_white, of_grey, of_contrast, of_probability = (
+        {name: value for name, value in vars(result).items() if value.dtype == torch.bool}
+        for result in (white, grey, contrast, probability)
+    )
+    # NEQ(0) is the square of that ratio: white noise has its variance as spectrum.
+    neq_0 = (white.snr.square(), white.low.clamp_min(0).square(), white.high.square())
+    near_black = {"near_black": of_contrast.pop("near_black")}  # of Michelson's mean, not of the difference
+    return {
+        "patch_snr_bright": _readings((white.snr, white.low, white.high), of_white),
+        "patch_snr_dark": _readings((grey.snr, grey.low, grey.high), of_grey),
+        "neq_0": _readings(neq_0, of_white),
+        "cnr": _readings((contrast.cnr, contrast.cnr_low, contrast.cnr_high), of_contrast | either),
+        "michelson": _readings(
+            (contrast.michelson, contrast.michelson_low, contrast.michelson_high),
+            of_contrast | near_black | either,
+        ),
+        "cdp": _readings(
+            (probability.probability, probability.low, probability.high), of_probability | either
+        ),
+    }
+
+
+def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dict[str, list[Reading]]:
+    seen = ((dn - camera.black_level_dn) / white_dn if white_dn else torch.full_like(dn, math.nan)).clamp(
+        0, 1
+    )
+    reference = scene.expand_as(seen)
+    none = torch.full((len(dn),), math.nan)
+    share = ((dn >= camera.clip_dn) | (dn <= 0)).double().mean((1, 2, 3))
+    clipped = (share > _CLIPPED_SHARE).tolist()
+    dark = torch.full((len(dn),), white_dn == 0)
+    return {
+        name: [
+            Reading(reading.value, flags=reading.flags | ({CLIPPED} if cut else set()))
+            for reading, cut in zip(_readings((value, none, none), {"no_light": dark}), clipped, strict=True)
+        ]
+        for name, value in (
+            ("psnr_db", psnr(seen, reference, data_range=1.0)),
+            ("ssim", ssim(seen, reference, data_range=1.0)),
+        )
+    }
+
+
+def _readings(numbers: tuple[Tensor, Tensor, Tensor], flags: dict[str, Tensor]) -> list[Reading]:
+    """A reading per item of the batch (n,); its flags may withhold it."""
+    raised = {name: where.tolist() for name, where in flags.items()}
+    found = []
+    for index, (value, low, high) in enumerate(zip(*(number.tolist() for number in numbers), strict=True)):
+        names = frozenset(name for name, where in raised.items() if where[index])
+        found.append(
+            Reading(math.nan, flags=names) if names & _WITHHELD else Reading(value, low, high, names)
+        )
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,255 @@
+"""A picture's slanted edges in numbers: sharpness, contrast, noise and what both leave of the information.
+
+Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit, made linear here; frequencies in cycles/px.
+Regions are (left, top, width, height), px.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from blurnoise._core import checks
+from blurnoise.encoding import linear_from_srgb
+from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics.edge_information import (
+    Reading,
+    capacity_radial,
+    capacity_square,
+    neq_0,
+    neq_integral,
+    square_snr,
+)
+from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
+from blurnoise.metrics.slanted_edge import Mode
+from blurnoise_eval.datasets import Image
+from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+
+Coding = Literal["auto", "srgb", "linear"]
+
+TITLES = {
+    "mtf50": "MTF50, cycles/px",
+    "mtf50p": "MTF50P, cycles/px",
+    "mtf_nyquist_2": "MTF at Nyquist/2",
+    "mtf_nyquist": "MTF at Nyquist",
+    "cnr": "CNR",
+    "edge_snr_db": "edge SNR, dB",
+    "michelson": "Michelson contrast",
+    "sic_radial": "SIC radial, bits/px",
+    "sic_square": "SIC square, bits/px",
+    "neq_0": "NEQ(0), quanta/px",
+    "neq_square": "NEQ sum, quanta/px",
+    "snri": "SNRI",
+}
+"""The numbers of a region in their order, and what people call them."""
+LARGEST_TARGET_PX = 64
+_NOISELESS = "no noise: what is measured against it has no bound"
+_RESAMPLES = 200
+_FEWEST_LEVELS = 255  # of a converter
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
+
+    notes: what had to be assumed, a sentence each.
+    """
+
+    picture: Tensor
+    full_scale: float
+    black_level: float
+    unit: Literal["DN", "of white"]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A square that an ideal observer is to see: its side, px, and its Weber contrast to the region's mean level."""
+
+    size_px: int
+    contrast: float
+
+    def __post_init__(self) -> None:
+        checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
+        checks.positive("target_contrast", self.contrast)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One region. readings: by the names of ``TITLES``; those that cannot be told are NaN and ``doubts`` say why.
+
+    second: the number of the region whose edge crosses the other axis, for what needs both directions; None where
+    there is none, and the blur is taken for the same both ways. doubts: flags in words.
+    """
+
+    number: int
+    roi: Roi
+    edge: SlantedEdge
+    second: int | None
+    readings: dict[str, Reading]
+    doubts: tuple[str, ...]
+
+    def row(self) -> dict[str, Any]:
+        """All of it by plain names, None for what cannot be told, or for an end of an interval that is open."""
+        edge = self.edge
+        row: dict[str, Any] = {"region": self.number}
+        row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
+        row |= {"orientation": edge.orientation, "bright_side": edge.bright_side}
+        row |= {name: _finite(getattr(edge, name)) for name in ("angle_deg", "dark", "bright")}
+        for name, reading in self.readings.items():
+            row |= {name: _finite(reading.value)}
+            row |= {f"{name}_low": _finite(reading.low), f"{name}_high": _finite(reading.high)}
+        return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
+
+
+def linear(
+    picture: Image,
+    coding: Coding = "auto",
+    *,
+    black_level: float | None = None,
+    full_scale: float | None = None,
+) -> Linear:
+    """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
+
+    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture. Raises
+    ``ValueError`` for them beside sRGB coding, and for numbers that do not fit.
+    """
+    bits = 8 * picture.itemsize
+    planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
+    notes: tuple[str, ...] = ("colour: measured as luminance (ITU-R BT.709)",) if len(planes) == 3 else ()
+    if coding == "srgb" or (coding == "auto" and bits == 8):
+        for name, given in (("black_level", black_level), ("full_scale", full_scale)):
+            if given is not None:
+                raise ValueError(
+                    f"{name} = {given:g}: belongs to linear digital numbers, but {bits} bits are taken as "
+                    "sRGB-coded; add --linear if they are linear"
+                )
+        if coding == "auto":
+            notes += ("8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are",)
+        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", notes)
+    largest, most = float(planes.max()), 2.0**bits - 1
+    if full_scale is None and _piled_up(planes, largest):
+        full_scale = largest
+        notes += (f"full scale taken as {largest:g}: many pixels stand exactly there",)
+    top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
+    if largest > top:
+        raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
+    black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
+    if coding == "auto":
+        notes += (f"{bits} bits: taken as linear; --srgb if the picture is sRGB-coded",)
+    if full_scale is None and largest <= most / 4:
+        notes += (
+            f"full scale taken as {most:g}, the largest number is {largest:g}: clipping at fewer bits goes unseen "
+            "without --full-scale",
+        )
+    return Linear(planes, top, black, "DN", notes)
+
+
+def _piled_up(planes: Tensor, largest: float) -> bool:
+    """Whether the largest number is that of a converter of fewer bits, and too many pixels hold it."""
+    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
+    return whole and float((planes == largest).double().mean()) > CLIPPED_SHARE
+
+
+def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
+    """The regions of ``light`` that hold a usable slanted edge, and a note on what was passed over.
+
+    Raises ``ValueError`` that says what was looked for where there is none.
+    """
+    found = find_edges(light.picture, full_scale=light.full_scale, black_level=light.black_level)
+    reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
+    passed = f"lines turned down: {reasons}" if reasons else "no straight line at all"
+    if not found.rois:
+        raise ValueError(
+            f"image: no usable slanted edge: looked for straight edges of {SHORTEST_PX} px or more, at most "
+            f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that "
+            f"do not clip ({passed}); name a region with --roi x,y,w,h to see its flags"
+        )
+    left_out = (
+        (f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any",) if found.left_out else ()
+    )
+    return found.rois, left_out
+
+
+def measure(
+    light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact", target: Target | None = None
+) -> list[Measured]:
+    """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
+
+    Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
+    """
+    seen = target or Target(10, 0.1)
+    edges = [_edge(light, roi, mode) for roi in rois]
+    measured = []
+    for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
+        second = _second(index, rois, edges)
+        readings = _readings(edge, edge if second is None else edges[second], seen)
+        doubts = [flag.value for flag in Flag if flag in edge.flags]
+        if any("noiseless" in reading.flags for reading in readings.values()):
+            doubts.append(_NOISELESS)
+        number = None if second is None else second + 1
+        measured.append(Measured(index + 1, roi, edge, number, readings, tuple(doubts)))
+    return measured
+
+
+def _edge(light: Linear, roi: Roi, mode: Mode) -> SlantedEdge:
+    edge = slanted_edge(
+        light.picture,
+        mode=mode,
+        roi=roi,
+        full_scale=light.full_scale,
+        black_level=light.black_level,
+        bootstrap=_RESAMPLES,
+    )
+    return edge[0] if isinstance(edge, list) else edge
+
+
+def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> int | None:
+    """The nearest region with an edge across the other axis."""
+    own = edges[index]
+    if math.isnan(own.bright):
+        return None
+    others = (
+        (math.dist(_centre(rois[index]), _centre(rois[other])), other)
+        for other, edge in enumerate(edges)
+        if not math.isnan(edge.bright) and edge.orientation != own.orientation
+    )
+    return min(others, default=(0.0, None))[1]
+
+
+def _centre(roi: Roi) -> tuple[float, float]:
+    left, top, width, height = roi
+    return left + width / 2, top + height / 2
+
+
+def _readings(edge: SlantedEdge, second: SlantedEdge, target: Target) -> dict[str, Reading]:
+    """Every number of ``edge``; ``second`` crosses the other axis, or is ``edge`` itself."""
+    told = {
+        name: Reading(getattr(edge, name), *edge.intervals.get(name, ()))
+        for name in TITLES
+        if hasattr(edge, name)
+    }
+    both = edge, second  # in either order: a square is the same seen from the side
+    told["sic_radial"] = capacity_radial(edge)
+    told["sic_square"] = capacity_square(*both)
+    told["neq_0"] = neq_0(edge)
+    told["neq_square"] = neq_integral(*both)
+    # square_snr's target is as high as the mean step of both.
+    level, step = (
+        sum(values)
+        for values in zip(*((each.bright + each.dark, each.bright - each.dark) for each in both), strict=True)
+    )
+    scale = target.contrast * level / 2 / step
+    snr = square_snr(*both, side_px=target.size_px)
+    told["snri"] = Reading(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags)
+    return {name: told[name] for name in TITLES}
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,138 @@
+"""The measured picture with its numbered regions, and of the first few the edge, ESF, LSF and SFR.
+
+Domain: :class:`Linear` pictures and what :func:`measure` says of them; frequencies in cycles/px, distances in px.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from blurnoise.encoding import srgb_from_linear
+from blurnoise_eval.quality.picture import Linear, Measured
+from blurnoise_eval.system.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_EDGES = 4
+_USABLE, _WITHHELD, _LINE, _GREY = "#1b9e4b", "#d1495b", "#1f5fa8", "0.55"
+_WIDTH_IN, _ROW_IN, _TALLEST_IN = 12.0, 2.5, 7.0
+
+
+def draw(light: Linear, measured: Sequence[Measured]) -> Figure:
+    """The picture above a row of panels for each of the first ``MOST_EDGES`` regions."""
+    shown = measured[:MOST_EDGES]
+    coded = _shown(light)
+    picture_in = min(_TALLEST_IN, 0.85 * _WIDTH_IN * coded.shape[0] / coded.shape[1])
+    heights = [picture_in + 0.4] + [_ROW_IN] * len(shown)
+    figure = Figure(figsize=(_WIDTH_IN, sum(heights) + 0.3), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 4, height_ratios=heights)
+    _draw_regions(figure.add_subplot(grid[0, :]), coded, measured, len(shown))
+    for row, region in enumerate(shown, start=1):
+        _draw_crop(figure.add_subplot(grid[row, 0]), coded, region)
+        if not region.edge.sfr.numel():
+            _draw_reasons(figure.add_subplot(grid[row, 1:]), region)
+            continue
+        esf, lsf, sfr = (figure.add_subplot(grid[row, column]) for column in (1, 2, 3))
+        _draw_shape(esf, lsf, region, "DN above black" if light.unit == "DN" else light.unit)
+        _draw_response(sfr, region)
+    doubted = (each for each in shown if each.doubts and each.edge.sfr.numel())
+    notes = [f"{each.number}: {doubt}" for each in doubted for doubt in each.doubts]
+    figure.supxlabel("\n".join(notes), fontsize=9)
+    return figure
+
+
+def write(light: Linear, measured: Sequence[Measured], path: Path) -> None:
+    """Write :func:`draw`'s figure, whole or not at all, in the format of the suffix. Raises ``OSError``."""
+    data = io.BytesIO()
+    draw(light, measured).savefig(data, format=path.suffix[1:].lower(), dpi=110)
+    write_whole(path, data.getvalue())
+
+
+def _shown(light: Linear) -> NDArray[np.float32]:
+    """The picture for the eye, (H, W, 3) in [0, 1]: the brightest white, as raw pictures are often dark."""
+    above = (light.picture - light.black_level).clamp_min(0)
+    coded = srgb_from_linear(above / above.max().clamp_min(1e-12))
+    return np.asarray(coded.expand(3, -1, -1).permute(1, 2, 0), np.float32)
+
+
+def _draw_regions(axes: Axes, coded: NDArray[np.float32], measured: Sequence[Measured], drawn: int) -> None:
+    axes.imshow(coded, interpolation="nearest" if max(coded.shape) < 400 else "antialiased")
+    for region in measured:
+        left, top, width, height = region.roi
+        colour = _USABLE if region.edge.sfr.numel() else _WITHHELD
+        axes.add_patch(Rectangle((left - 0.5, top - 0.5), width, height, fill=False, ec=colour, lw=1.5))
+        axes.text(
+            left + width / 2, top + height / 2, str(region.number), color="white", fontsize=9, ha="center",
+            va="center", bbox={"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"},
+        )  # fmt: skip
+    withheld = sum(not region.edge.sfr.numel() for region in measured)
+    more = f", {withheld} of them (red) without numbers" if withheld else ""
+    below = f"; below: 1 to {drawn}" if drawn < len(measured) else ""
+    regions = f"{len(measured)} region{'s' if len(measured) > 1 else ''}"
+    axes.set_title(f"{regions}{more}{below}", fontsize=10)
+    axes.set(xticks=[], yticks=[])
+
+
+def _draw_crop(axes: Axes, coded: NDArray[np.float32], region: Measured) -> None:
+    left, top, width, height = region.roi
+    axes.imshow(coded[top : top + height, left : left + width], interpolation="nearest")
+    angle = "" if region.edge.orientation is None else f", {region.edge.angle_deg:.2f}°"
+    axes.set_title(f"{region.number}: {width} x {height} px{angle}", fontsize=9)
+    axes.set(xticks=[], yticks=[])
+
+
+def _draw_reasons(axes: Axes, region: Measured) -> None:
+    axes.set_axis_off()
+    reasons = "no numbers:\n" + "\n".join(region.doubts)
+    axes.text(0.5, 0.5, reasons, ha="center", va="center", fontsize=9, color=_WITHHELD)
+
+
+def _draw_shape(esf: Axes, lsf: Axes, region: Measured, unit: str) -> None:
+    edge = region.edge
+    for axes, values, title in (
+        (esf, edge.esf, f"edge spread, {unit}"),
+        (lsf, edge.lsf, "line spread, 1/px"),
+    ):
+        axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
+        axes.set_xlabel("distance from the edge, px", fontsize=8)
+        _tidy(axes, title)
+    esf.axhline(edge.dark, color=_GREY, lw=0.8, ls=":")
+    esf.axhline(edge.bright, color=_GREY, lw=0.8, ls=":")
+
+
+def _draw_response(axes: Axes, region: Measured) -> None:
+    edge = region.edge
+    frequency = edge.frequencies.numpy()
+    if edge.resamples is not None:
+        ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
+        low, high = torch.quantile(edge.resamples.power, ends, dim=0).clamp_min(0).sqrt().numpy()
+        axes.fill_between(frequency, low, high, color=_LINE, alpha=0.25, lw=0)
+    axes.plot(frequency, edge.sfr, color=_LINE, lw=1.3)
+    axes.axvline(0.5, color=_GREY, lw=0.8, ls=":")
+    axes.text(0.51, 1.02, "Nyquist", fontsize=7, color="0.4", va="top")
+    title = "SFR, 95 %"
+    if math.isfinite(edge.mtf50):
+        axes.plot([0, edge.mtf50, edge.mtf50], [0.5, 0.5, 0], color=_GREY, lw=0.8, ls="--")
+        title += f"; MTF50 {edge.mtf50:.4g}"
+    axes.set(xlim=(0, 1), ylim=(0, max(1.05, 1.05 * float(edge.sfr.max()))))
+    axes.set_xlabel("frequency, cycles/px", fontsize=8)
+    _tidy(axes, title + (" (flagged)" if region.doubts else ""))
+
+
+def _tidy(axes: Axes, title: str) -> None:
+    axes.set_title(title, fontsize=9, parse_math=False)
+    axes.grid(color="0.92", lw=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)

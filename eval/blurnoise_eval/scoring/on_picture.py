@@ -1,0 +1,162 @@
+"""What a model makes of a picture, target by target: a detector by class and overlap, a reader by its text.
+
+Domain: 8-bit RGB pictures (H, W, 3); confidences in [0, 1]; boxes (left, top, right, bottom) px.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.datasets import Picture, Target, size_group
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.ocr import Reading, character_error_rate
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.matching import FOUND_SCORE, target_confidences
+
+Picture8 = NDArray[np.uint8]
+NOTHING = Detections(np.empty((0, 4), np.float32), np.empty(0, np.float32), np.empty(0, np.int64))
+
+
+class Reader(Protocol):
+    """A text recogniser, or detection and recognition: reads known boxes of a picture."""
+
+    name: str
+    path: Path
+    sha256: str
+
+    @property
+    def non_finite_values(self) -> int:
+        """NaN and infinite output values seen so far."""
+
+    @property
+    def contract(self) -> Any:
+        """How pictures enter it."""
+
+    def read(self, image: Picture8, boxes_xyxy: Sequence[Sequence[float]]) -> list[Reading]:
+        """The text in each box."""
+
+
+Model = Detector | Reader
+
+
+class Sight(NamedTuple):
+    """A model's answer to one picture: its detections, a row per target, ms, and what went wrong if it did."""
+
+    detections: Detections
+    targets: tuple[dict[str, Any], ...]
+    infer_ms: float
+    error: str | None
+
+
+class View(ABC):
+    """One model before one picture in all its conditions. ``clean``: its answer to the untouched picture."""
+
+    def __init__(self, model: Model, image8: Picture8) -> None:
+        self.model = model
+        self.clean = self.look(image8)
+
+    def look(self, image: Picture8) -> Sight:
+        """The model's answer to a picture. One on which the model fails gives no rows, and the reason."""
+        started = time.perf_counter()
+        try:
+            detections, rows = self._answer(image)
+        except ModelError as error:
+            return Sight(NOTHING, (), 1e3 * (time.perf_counter() - started), str(error))
+        return Sight(detections, tuple(rows), 1e3 * (time.perf_counter() - started), None)
+
+    @abstractmethod
+    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]: ...
+
+
+class DetectorView(View):
+    """Confidence in a target: the highest score of its class that overlaps it. Crowds are no targets.
+
+    Without labels, what the detector finds in the untouched picture at FOUND_SCORE or above is the target.
+    """
+
+    def __init__(self, model: Detector, picture: Picture, image8: Picture8) -> None:
+        self._detect = model.detect
+        self._classes = model.contract.classes
+        ids = {name: index for index, name in enumerate(self._classes)}
+        self._asked: list[tuple[int, Target, int]] | None = None
+        if picture.targets is not None:
+            self._asked = [
+                (index, target, ids[target.label])
+                for index, target in enumerate(picture.targets)
+                if target.label in ids and not target.crowd
+            ]
+        super().__init__(model, image8)
+
+    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]:
+        found = self._detect(image)
+        if self._asked is None:
+            self._asked = self._own_targets(found)
+        boxes, class_ids = [t.box_xyxy for _, t, _ in self._asked], [number for *_, number in self._asked]
+        confidences = target_confidences(found, boxes, class_ids).tolist()
+        return found, [
+            _row(index, target, confidence)
+            for (index, target, _), confidence in zip(self._asked, confidences, strict=True)
+        ]
+
+    def _own_targets(self, clean: Detections) -> list[tuple[int, Target, int]]:
+        own = []
+        found = zip(clean.boxes_xyxy.tolist(), clean.scores, clean.class_ids.tolist(), strict=True)
+        for index, ((x0, y0, x1, y1), score, class_id) in enumerate(found):
+            if score >= FOUND_SCORE:
+                group = size_group(x1 - x0, y1 - y0, "found when clean")
+                own.append((index, Target(self._classes[class_id], group, (x0, y0, x1, y1)), class_id))
+        return own
+
+
+class ReaderView(View):
+    """Confidence in a target: that of the reading where it is the target's text, else 0.
+
+    Without labels, what is read in the untouched picture, all of it one box, is the text.
+    """
+
+    def __init__(self, model: Reader, picture: Picture, image8: Picture8) -> None:
+        self._read = model.read
+        if picture.targets is None:
+            whole = (0.0, 0.0, float(image8.shape[1]), float(image8.shape[0]))
+            self._asked = [(0, Target("text", "read when clean", whole))]
+        else:
+            self._asked = [
+                (index, target)
+                for index, target in enumerate(picture.targets)
+                if target.text is not None and not target.crowd
+            ]
+        self._truths = [target.text for _, target in self._asked]
+        super().__init__(model, image8)
+
+    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]:
+        readings = self._read(image, [target.box_xyxy for _, target in self._asked])
+        rows = []
+        for place, ((index, target), reading) in enumerate(zip(self._asked, readings, strict=True)):
+            if (truth := self._truths[place]) is None:
+                truth = self._truths[place] = reading.text
+            right = reading.confidence if reading.text == truth else 0.0
+            row = _row(index, target, right)
+            row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
+            rows.append(row | {"character_error_rate": character_error_rate(reading.text, truth)})
+        return NOTHING, rows
+
+
+def view(model: Model, picture: Picture, image8: Picture8) -> View:
+    """The model before the picture; what it says of the untouched picture is known from then on."""
+    kind = DetectorView if isinstance(model, Detector) else ReaderView
+    return kind(model, picture, image8)  # type: ignore[arg-type]  # each its own kind of model
+
+
+def _row(index: int, target: Target, confidence: float) -> dict[str, Any]:
+    x0, y0, x1, y1 = target.box_xyxy
+    row: dict[str, Any] = {"target_id": index, "group": target.group, "label": target.label}
+    row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}
+    return row | {"confidence": confidence}

@@ -1,0 +1,224 @@
+"""Results that survive: one SQLite file per run, written as cells finish.
+
+A cell is committed whole, for all models, with its targets and detections, or not at all; a killed run loses
+the cells in flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.system.files import json_lines, write_whole
+
+FILE_NAME = "results.sqlite"
+_VERSION = 2  # of the tables below
+
+_CONDITIONS = (
+    "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, exposure_s REAL, "
+    "illuminance_lux REAL, velocity_x_px_s REAL, velocity_y_px_s REAL, blur_px REAL"
+)
+_CONDITION_COLUMNS = "model, clean, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s"
+_SCHEMA = f"""
+CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
+CREATE TABLE IF NOT EXISTS cells ({_CONDITIONS}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
+  detection_rate REAL, n_detections INTEGER, simulate_ms REAL, infer_ms REAL, error TEXT, example TEXT,
+  detections BLOB, PRIMARY KEY (cell_id, model));
+CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
+CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells ({_CONDITION_COLUMNS});
+CREATE TABLE IF NOT EXISTS targets ({_CONDITIONS}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
+  y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, truth TEXT, text TEXT,
+  read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
+CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
+"""
+_ORDER = "image, repeat, clean DESC, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s, model"
+_DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
+
+
+class StoreError(ValueError):
+    """A run folder cannot be used; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """One finished cell of one model: its row, one row per target, its detections. Keys are columns."""
+
+    cell: dict[str, Any]
+    targets: tuple[dict[str, Any], ...]
+    detections: Detections
+
+
+class Store:
+    """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used."""
+
+    def __init__(self, folder: Path, *, create: bool = False) -> None:
+        self.folder = folder
+        path = folder / FILE_NAME
+        if not create and not path.is_file():
+            raise StoreError(f"run = {str(folder)!r}: holds no {FILE_NAME}; make one with 'blurnoise sweep'")
+        with self._explained():
+            folder.mkdir(parents=True, exist_ok=True)
+            self._db = sqlite3.connect(path, timeout=1.0)
+            self._db.row_factory = sqlite3.Row
+            self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
+            (version,) = self._db.execute("PRAGMA user_version").fetchone()
+            if version != _VERSION and self._db.execute("SELECT name FROM sqlite_master").fetchone():
+                self._db.close()
+                raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
+            self._db.executescript(f"PRAGMA user_version = {_VERSION}; {_SCHEMA}")
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._db.close()
+
+    def set_about(self, key: str, value: Any) -> None:
+        """Keep a JSON value under ``key``."""
+        with self._transaction() as db:
+            db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, json.dumps(value)))
+
+    def about(self, key: str) -> Any:
+        """The JSON value under ``key``, None when there is none."""
+        rows = list(self.rows("SELECT value FROM about WHERE key = ?", key))
+        return json.loads(rows[0]["value"]) if rows else None
+
+    def add(self, results: Sequence[CellResult]) -> None:
+        """Commit finished cells, all of them or none."""
+        with self._transaction() as db:
+            cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
+            _insert(db, "cells", cells)
+            _insert(db, "targets", [target for result in results for target in result.targets])
+
+    def skip(self, image: str, reason: str) -> None:
+        """Note a picture that cannot be used."""
+        with self._transaction() as db:
+            db.execute("INSERT OR REPLACE INTO skipped VALUES (?, ?)", (image, reason))
+
+    def done(self, image: str) -> set[str]:
+        """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
+        return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
+
+    def cells(self) -> Iterator[dict[str, Any]]:
+        """Every cell's row without its detections, in the order of images and conditions."""
+        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {_ORDER}")
+
+    def targets(self) -> Iterator[dict[str, Any]]:
+        """One row per cell and target, in the order of cells."""
+        return self.rows(f"SELECT * FROM targets ORDER BY {_ORDER}, target_id")
+
+    def skipped(self) -> list[dict[str, Any]]:
+        """Pictures that could not be used, with the reason."""
+        return list(self.rows("SELECT * FROM skipped ORDER BY image"))
+
+    def detections(self, cell_id: str, model: str) -> Detections:
+        """What a model found in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
+        query = "SELECT detections FROM cells WHERE cell_id = ? AND model = ?"
+        for row in self.rows(query, cell_id, model):
+            return unpack(row["detections"])
+        raise KeyError(cell_id, model)
+
+    def count_different(self, *columns: str) -> int:
+        """In how many ways the cells differ in ``columns``."""
+        (counted,) = self.rows(f"SELECT COUNT(*) AS n FROM (SELECT DISTINCT {', '.join(columns)} FROM cells)")
+        return int(counted["n"])
+
+    def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
+        """The answer to a question in SQL, a row at a time."""
+        with self._explained():
+            for row in self._db.execute(query, values):
+                found = dict(row)
+                if "clean" in found:
+                    found["clean"] = bool(found["clean"])
+                yield found
+
+    def export(self) -> list[Path]:
+        """Write results.csv (a row per cell and model), targets.csv (a row per target of these), results.json.
+
+        Each file appears whole or stays what it was. Raises ``OSError`` where it cannot be written.
+        """
+        tables = {
+            "results.csv": csv_lines(self._columns("cells"), self.cells()),
+            "targets.csv": csv_lines(self._columns("targets"), self.targets()),
+            "results.json": json_lines(self.cells()),
+        }
+        for name, lines in tables.items():
+            write_whole(self.folder / name, (line.encode("utf-8") for line in lines))
+        return [self.folder / name for name in tables]
+
+    def _columns(self, table: str) -> list[str]:
+        """Names of the columns that people read."""
+        with self._explained():
+            columns = self._db.execute(f"SELECT * FROM {table} LIMIT 0").description
+        return [name for name, *_ in columns if name != "detections"]
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        with self._explained(), self._db:
+            yield self._db
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """SQLite's and the file system's errors as a :class:`StoreError` that names the run."""
+        run = f"run = {str(self.folder)!r}"
+        try:
+            yield
+        except OSError as error:
+            raise StoreError(f"{run}: cannot be written ({error.strerror or error})") from None
+        except sqlite3.OperationalError as error:
+            if "locked" in str(error):
+                raise StoreError(f"{run}: another process is using it") from None
+            raise StoreError(f"{run}: cannot be used ({error})") from None
+        except sqlite3.DatabaseError as error:
+            raise StoreError(f"{run}: {FILE_NAME} is damaged ({error})") from None
+
+
+def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:
+    """Add rows, those of the same columns at once."""
+    for columns, alike in groupby(rows, key=tuple):
+        names, marks = ", ".join(f'"{name}"' for name in columns), ", ".join("?" * len(columns))
+        into = f"INSERT OR REPLACE INTO {table} ({names}) VALUES ({marks})"
+        db.executemany(into, [list(row.values()) for row in alike])
+
+
+def _pack(detections: Detections) -> bytes:
+    packed = np.empty(len(detections), _DETECTION)
+    packed["box_xyxy"] = detections.boxes_xyxy
+    packed["score"] = detections.scores
+    packed["class_id"] = detections.class_ids
+    return packed.tobytes()
+
+
+def unpack(packed: bytes) -> Detections:
+    """Detections as the column ``detections`` holds them."""
+    found = np.frombuffer(packed, _DETECTION)
+    return Detections(found["box_xyxy"], found["score"], found["class_id"])
+
+
+def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """A table as lines of CSV, its header first."""
+    line = io.StringIO()
+    writer = csv.DictWriter(line, fieldnames=columns)
+    writer.writeheader()
+    for row in rows:
+        writer.writerow(row)
+        yield line.getvalue()
+        line.seek(0)
+        line.truncate()
+    yield line.getvalue()

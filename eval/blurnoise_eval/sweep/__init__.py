@@ -1,0 +1,1 @@
+"""A sweep: its work, its run folder, its exports."""

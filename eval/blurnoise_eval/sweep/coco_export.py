@@ -1,0 +1,134 @@
+"""A run's truth and detections as COCO's files, for pycocotools and anything else that reads them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.scoring.per_condition import CONDITIONS, Truth, coco_results
+from blurnoise_eval.store.store import Store, StoreError, unpack
+from blurnoise_eval.system.files import json_lines, write_whole
+
+INSTANCES = Path("coco") / "instances.json"
+
+
+def write_truth(pictures: PictureSet, run: Path) -> None:
+    """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
+
+    ids, areas, segmentations and crowds are those of the data set where it has them. Raises ``OSError``.
+    """
+    annotations: list[dict[str, Any]] = []
+    used = {target.annotation.get("id") for picture in pictures for target in picture.targets or ()}
+    fresh = (number for number in count(1) if number not in used)
+    for picture in pictures:
+        for target in picture.targets or ():
+            x0, y0, x1, y1 = target.box_xyxy
+            area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
+            own = {"id": next(fresh)} if "id" not in target.annotation else {}
+            stated = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
+            box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
+            annotations.append({**target.annotation, **own, **stated, **box})
+    truth = {
+        "images": [{"id": picture.image_id, "file_name": picture.name} for picture in pictures],
+        "annotations": annotations,
+        "categories": [{"id": number, "name": name} for name, number in pictures.categories.items()],
+    }
+    (run / INSTANCES).parent.mkdir(parents=True, exist_ok=True)
+    write_whole(run / INSTANCES, json.dumps(truth).encode("utf-8", "backslashreplace"))
+
+
+def truths(store: Store) -> Callable[[str], Truth | None]:
+    """Each model's truth: the labels, or else what the model itself found in the untouched pictures.
+
+    None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
+    """
+    path = store.folder / INSTANCES
+    try:
+        coco = json.loads(path.read_text(encoding="utf-8"))
+        image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StoreError(
+            f"{path}: cannot be read ({error}); repeat the sweep's command to restore it"
+        ) from None
+    models = {model["name"]: model for model in store.about("manifest")["models"]}
+    labelled = store.about("manifest")["images"]["labelled"]
+
+    def truth_of(name: str) -> Truth | None:
+        if models[name]["kind"] != "detector":
+            return None
+        classes = models[name]["contract"]["classes"]
+        if labelled:
+            categories = {category["name"]: category["id"] for category in coco["categories"]}
+            known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
+            return Truth(coco, image_ids, known)
+        own = {
+            "annotations": list(_own_annotations(store, name, image_ids, classes)),
+            "categories": [{"id": number, "name": label} for number, label in enumerate(classes, start=1)],
+        }
+        return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))})
+
+    return truth_of
+
+
+def _own_annotations(
+    store: Store, model: str, image_ids: dict[str, int], classes: list[str]
+) -> Iterator[dict[str, Any]]:
+    query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
+    numbers = {label: number for number, label in enumerate(classes, start=1)}
+    for number, row in enumerate(store.rows(query, model), start=1):
+        box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
+        facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": numbers[row["label"]]}
+        yield {**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
+
+
+def write_detections(
+    store: Store, folder: Path, progress: Callable[[int], None] = lambda files: None
+) -> list[Path]:
+    """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
+
+    ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X-Ypx_s-REPEAT.json; each with the truth beside
+    it that it is to be compared with, ``folder``/MODEL/instances.json. One condition is held at a time.
+    Raises ``OSError`` where it cannot be written.
+    """
+    written = []
+    truth_of = truths(store)
+    labels = json.loads((store.folder / INSTANCES).read_text(encoding="utf-8"))
+    for model in store.about("manifest")["models"]:
+        truth = truth_of(model["name"])
+        if truth is None:
+            continue
+        place = folder / model["name"]
+        place.mkdir(parents=True, exist_ok=True)
+        whole = {**labels, **truth.coco, "images": labels["images"]}
+        write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
+        shared = ", ".join((*CONDITIONS, "repeat"))
+        query = f"SELECT DISTINCT {shared} FROM cells WHERE model = ? ORDER BY {shared}"
+        for at in list(store.rows(query, model["name"])):
+            rows = _results(store, model["name"], at, truth)
+            path = place / f"{_condition_name(at)}.json"
+            write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
+            written.append(path)
+            progress(1)
+    return written
+
+
+def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:
+    names = (*CONDITIONS, "repeat")
+    where = " AND ".join(f"{name} IS ?" for name in names)
+    query = f"SELECT image, detections FROM cells WHERE model = ? AND {where} ORDER BY image"
+    for cell in store.rows(query, model, *(at[name] for name in names)):
+        yield from coco_results(unpack(cell["detections"]), truth.image_ids[cell["image"]], truth.category_of)
+
+
+def _condition_name(at: dict[str, Any]) -> str:
+    if at["clean"]:
+        return "clean"
+    exposure, speed = (
+        f"{1e3 * at['exposure_s']:g}ms",
+        f"{at['velocity_x_px_s']:g}_{at['velocity_y_px_s']:g}px_s",
+    )
+    return f"{exposure}-{at['illuminance_lux']:g}lux-{speed}-{at['repeat']}"

@@ -1,0 +1,308 @@
+"""A run folder: what makes two runs the same run, and everything in it that a report shows."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurnoise.camera import Camera
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.report import RunData
+from blurnoise_eval.scoring.curves import Endurance, endurances, mean_auc, surfaces
+from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.store.store import Store, StoreError, csv_lines, unpack
+from blurnoise_eval.sweep.coco_export import truths, write_truth
+from blurnoise_eval.system.files import write_whole
+
+_PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
+_BOOTSTRAP_SEED = 0
+_LISTED = 8  # labels that a warning names
+
+
+def open_run(
+    store: Store,
+    models: Sequence[Model],
+    camera: Camera,
+    pictures: PictureSet,
+    plan: Plan,
+    facts: dict[str, Any],
+) -> None:
+    """Note in the store what the run is; a store that holds another run is refused.
+
+    ``facts``: what else the report shows (command, threads). Raises :class:`StoreError` that lists what
+    differs, ``ValueError`` for two models of one name.
+    """
+    names = [model.name for model in models]
+    if len(set(names)) < len(names):
+        raise ValueError(f"model = {names}: names must differ, since results are told apart by them")
+    identity = {
+        "model": [
+            {"name": model.name, "sha256": model.sha256, "contract": _unsourced(model.contract.to_dict())}
+            for model in models
+        ],
+        "camera": _unsourced(camera.to_dict()),
+        "plan": plan.to_dict(),
+        "pictures": _digest(repr([picture.identity for picture in pictures])),
+        "choice of targets": _digest(repr([picture.targets for picture in pictures])),
+    }
+    identity = _as_json(identity)
+    held = store.about("identity")
+    if held is not None and held != identity:
+        differing = [key for key in identity if held.get(key) != identity[key]]
+        raise StoreError(
+            f"run = {str(store.folder)!r}: holds a run with another {' and '.join(differing)}; "
+            "choose another folder, or repeat that run's command to resume it"
+        )
+    write_truth(pictures, store.folder)
+    store.set_about("identity", identity)
+    store.set_about(
+        "manifest",
+        {
+            "title": f"{', '.join(names)} seen through {camera.name}",
+            "models": [_about(model, pictures) for model in models],
+            "camera": camera.to_dict(),
+            "images": {
+                "kind": pictures.kind,
+                "source": pictures.source,
+                "count": len(pictures),
+                "labelled": any(picture.targets is not None for picture in pictures),
+                "notes": list(pictures.notes),
+            },
+            "seed": plan.seed,
+            "versions": {name: metadata.version(name) for name in _PACKAGES},
+            "hardware": hardware(),
+            **facts,
+        },
+    )
+
+
+def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    contract = model.contract.to_dict()
+    unknown: list[str] = []
+    if isinstance(model, Detector):
+        contract["input_size_px"] = list(model.input_size_px)
+        unknown = sorted(set(pictures.categories) - set(model.contract.classes))
+    return {
+        "name": model.name,
+        "kind": "detector" if isinstance(model, Detector) else "reader",
+        "unknown_labels": unknown,
+        "file": str(model.path),
+        "sha256": model.sha256,
+        "contract": contract,
+    }
+
+
+def hardware() -> dict[str, Any]:
+    """The machine in words: processor, usable cores, operating system, Python."""
+    return {
+        "processor": _processor(),
+        "cores": usable_cores(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def usable_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def read_run(
+    store: Store, *, threshold: float, progress: Callable[[int], None] = lambda scores: None
+) -> RunData:
+    """Everything that the report of this run shows; ``progress`` is told of each condition scored.
+
+    Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
+    """
+    manifest = store.about("manifest")
+    if manifest is None:
+        raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
+    order = {model["name"]: place for place, model in enumerate(manifest["models"])}
+    scores = _scores(store, list(order), progress)
+    found_answers: list[Answer] = []
+    found_endurances: list[Endurance] = []
+    rows = store.rows('SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", illuminance_lux')
+    for surface in surfaces(rows):
+        # Its own generator each: a model's intervals do not depend on what else is in the run.
+        found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+        found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+    found_answers.sort(
+        key=lambda each: (order[each.model], natural(each.group))
+    )  # stable: lights, velocities
+    found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
+    manifest |= {"threshold": threshold, **_counts(store)}
+    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
+    return RunData(
+        manifest=manifest,
+        models=[_summary(store, model, scores, found_endurances) for model in manifest["models"]],
+        scores=scores,
+        groups=list(store.rows(_GROUPS)),
+        skipped=store.skipped(),
+        answers=[{**asdict(each), "windows_s": [list(w) for w in each.windows_s]} for each in found_answers],
+        endurances=[asdict(each) for each in found_endurances],
+        examples=list(_examples(store, manifest)),
+    )
+
+
+def write_tables(data: RunData, folder: Path) -> list[Path]:
+    """Write scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    curves = [
+        {name: value for name, value in row.items() if name not in ("x", "confidence")}
+        for row in data.endurances
+    ]
+    written = []
+    for name, rows in (("scores.csv", data.scores), ("curves.csv", curves), ("models.csv", data.models)):
+        columns = list(rows[0]) if rows else []
+        write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
+        written.append(folder / name)
+    return written
+
+
+_TOLD = ("label", "confidence", "truth", "text", "read_confidence")
+_GROUPS = """
+SELECT model, "group", COUNT(*) AS n_targets, AVG(CASE WHEN clean THEN confidence END) AS clean_confidence,
+  MAX(confidence) AS highest_confidence
+FROM targets GROUP BY model, "group"
+"""
+
+
+def _scores(store: Store, models: list[str], progress: Callable[[int], None]) -> list[dict[str, Any]]:
+    (count,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
+    kept = store.about("scores")
+    if kept is None or kept["of"] != count:
+        rows = list(score_rows(store, models, truths(store), progress))
+        kept = {"of": count, "rows": rows}
+        store.set_about("scores", kept)
+    scores: list[dict[str, Any]] = kept["rows"]
+    return scores
+
+
+def _counts(store: Store) -> dict[str, Any]:
+    """Numbers of cells and targets, median times, and what models failed on."""
+    (counts,) = store.rows(
+        "SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) AS n_cells,"
+        " (SELECT COUNT(*) FROM targets) AS n_target_rows"
+    )
+    errors = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"
+    return {
+        **counts,
+        "simulate_ms": _median(store, "simulate_ms"),
+        "errors": list(store.rows(f"{errors} ORDER BY cells DESC")),
+    }
+
+
+def _median(store: Store, column: str) -> float | None:
+    where = f"FROM cells WHERE clean = 0 AND {column} IS NOT NULL"
+    middle = f"SELECT COUNT(*) / 2 {where}"
+    query = f"SELECT {column} AS ms {where} ORDER BY {column} LIMIT 1 OFFSET ({middle})"
+    return next((float(row["ms"]) for row in store.rows(query)), None)
+
+
+def _summary(
+    store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
+) -> dict[str, Any]:
+    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike."""
+    own = [row for row in scores if row["model"] == model["name"]]
+    clean = [performance(row) for row in own if row["clean"]]
+    exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
+    p = clean[0] if clean else None
+    mpc = float(np.mean(exposed)) if exposed else None
+    held = [each for each in curves if each.model == model["name"]]
+    untouched = next((row for row in own if row["clean"]), {})
+    latency = model.get("latency", {})
+    return {
+        "model": model["name"],
+        "kind": model["kind"],
+        "measure": "AP" if model["kind"] == "detector" else "exact match",
+        "p": p,
+        "mpc": mpc,
+        "rpc": mpc / p if p and mpc is not None else None,
+        "auc_exposure": mean_auc(held, "exposure_s"),
+        "auc_blur": mean_auc(held, "blur_px"),
+        **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},
+        "false_positives_per_image": untouched.get("false_positives_per_image"),
+        "calibration_error": untouched.get("calibration_error"),
+        "latency_ms": latency.get("median_ms"),
+        "latency_p95_ms": latency.get("p95_ms"),
+        "latency_threads": latency.get("threads"),
+    }
+
+
+def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
+    order = "image, clean DESC, exposure_s, velocity_x_px_s, velocity_y_px_s"
+    for cell in list(store.rows(f"SELECT * FROM cells WHERE example IS NOT NULL ORDER BY {order}")):
+        found = unpack(cell.pop("detections"))
+        rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
+        names = classes[cell["model"]]
+        query = "SELECT * FROM targets WHERE cell_id = ? AND model = ? ORDER BY target_id"
+        yield {
+            **cell,
+            "path": str(store.folder / cell["example"]),
+            "detections": [
+                {"box_xyxy": box, "score": score, "label": names[class_id]} for box, score, class_id in rows
+            ],
+            "targets": [
+                {
+                    "box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")],
+                    **{name: row[name] for name in _TOLD},
+                }
+                for row in store.rows(query, cell["cell_id"], cell["model"])
+            ],
+        }
+
+
+def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
+    query = """SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells
+      WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
+    warnings = []
+    for model in manifest["models"]:
+        if unknown := model["unknown_labels"]:
+            named = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
+            warnings.append(
+                f"{model['name']}: does not know {len(unknown)} of the labels ({named}); nothing counts of them"
+            )
+        (without,) = store.rows(query, model["name"])
+        if without["pictures"]:
+            warnings.append(
+                f"{model['name']}: {without['pictures']} pictures have no target that the model knows; they "
+                f"count for no curve, but by what is found in them (first: {without['first']})"
+            )
+    return warnings
+
+
+def _digest(text: str) -> str:
+    return hashlib.blake2b(text.encode("utf-8", "backslashreplace"), digest_size=16).hexdigest()
+
+
+def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if key != "sources"}
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _as_json(entry) for key, entry in value.items()}
+    return [_as_json(entry) for entry in value] if isinstance(value, (list, tuple)) else value
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()

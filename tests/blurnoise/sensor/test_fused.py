@@ -1,0 +1,181 @@
+"""The CPU's route through the sensor: the formulas' law, and no bit that depends on pieces, lights or layout."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from blurnoise import Camera
+from blurnoise._core import rng
+from blurnoise.sensor import fused as frames
+from blurnoise.sensor import readout as sensor
+
+BASE = Camera(
+    name="test",
+    pixel_pitch_um=3.0,
+    f_number=2.0,
+    transmission=0.9,
+    quantum_efficiency=0.6,
+    full_well_e=9000.0,
+    system_gain_dn_per_e=0.4,
+    read_noise_e=2.45,
+    black_level_dn=6.0,
+    bit_depth=12,
+)
+EVERY_EFFECT = replace(BASE, name="every effect", dark_current_e_s=900.0, prnu=0.02, dsnu_e=2.0)
+CAMERAS = [BASE, EVERY_EFFECT, replace(BASE, name="quiet", read_noise_e=0.4)]
+LIGHTS_E = [40.0, 700.0, 9000.0]
+by_camera = pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
+
+
+def scene(height: int = 53, width: int = 71) -> Tensor:
+    """Somewhat below black and above white, as beside the edges of a blur."""
+    return torch.rand(1, 3, height, width, generator=torch.Generator().manual_seed(1)) * 1.1 - 0.05
+
+
+def exposed(light: Tensor, camera: Camera, **options: Any) -> Tensor:
+    batch = len(light)
+    pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu else None
+    given = {"exposure_s": 0.02, "temperature_c": 30.0, "generator": [5] * batch, "fixed_pattern": pattern}
+    return sensor.read_out(light, camera, **{"white_e": 800.0, **given, **options})
+
+
+@by_camera
+@pytest.mark.parametrize("tones", [False, True])
+def test_lights_together_are_lights_alone(camera: Camera, tones: bool) -> None:
+    light, table = scene(), sensor.tones_8bit(camera) if tones else None
+    normal = rng.standard_normal([5], light)
+    shared = exposed(
+        light.expand(3, -1, -1, -1),
+        camera,
+        white_e=LIGHTS_E,
+        normal=normal.expand(3, -1, -1, -1),
+        tones=table,
+    )
+    alone = [exposed(light, camera, white_e=white_e, normal=normal, tones=table) for white_e in LIGHTS_E]
+    assert torch.equal(shared, torch.cat(alone))
+    assert not torch.equal(shared[0], shared[1])
+
+
+@pytest.mark.parametrize("lights_e", [[0.0, 700.0], [1e-12, 1e-10], [1e-3, 1e12], [1e30, 1e31], [0.0, 0.0]])
+def test_lights_far_apart_or_out_of_range(lights_e: list[float]) -> None:
+    light = scene()
+    normal = rng.standard_normal([5], light)
+    given = {"white_e": lights_e, "normal": normal.expand(2, -1, -1, -1)}
+    shared = exposed(light.expand(2, -1, -1, -1), BASE, **given)
+    for dn, white_e in zip(shared, lights_e, strict=True):
+        assert torch.equal(dn, exposed(light, BASE, white_e=white_e, normal=normal)[0])
+        if white_e < 1e-6:
+            assert float(dn.mean()) == pytest.approx(6.0, abs=5 * 0.98 / math.sqrt(dn.numel()) + 0.01)
+        if white_e > 1e9:
+            assert torch.equal(dn[light[0] > 1e-3], torch.full_like(dn[light[0] > 1e-3], BASE.clip_dn))
+
+
+@by_camera
+@pytest.mark.parametrize("tones", [False, True])
+def test_colours_side_by_side_are_the_same_frame(camera: Camera, tones: bool) -> None:
+    light, table = scene(), sensor.tones_8bit(camera) if tones else None
+    kind = torch.uint8 if tones else torch.float32
+    interleaved = torch.zeros(light.shape, dtype=kind).contiguous(memory_format=torch.channels_last)
+    returned = exposed(light, camera, tones=table, out=interleaved)
+    assert returned.data_ptr() == interleaved.data_ptr()
+    assert interleaved.permute(0, 2, 3, 1).is_contiguous()
+    assert torch.equal(interleaved, exposed(light, camera, tones=table))
+    with pytest.raises(ValueError, match="out: strides"):
+        exposed(light, camera, out=torch.zeros(1, 3, 71, 53).transpose(2, 3))
+
+
+@by_camera
+def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    light = scene(301, 307)
+    whole = exposed(light, camera)
+    monkeypatch.setattr(frames, "_PIECE", 10_001)
+    assert torch.equal(exposed(light, camera), whole)
+    threads = torch.get_num_threads()
+    try:
+        for count in (1, 2, 5):
+            torch.set_num_threads(count)
+            assert light.numel() > sensor.WORTH_IT
+            assert torch.equal(exposed(light, camera), whole)
+    finally:
+        torch.set_num_threads(threads)
+
+
+@by_camera
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_tones_are_looked_up_for_every_number(
+    camera: Camera, fidelity: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By OpenCV's 16-bit tables and, where it has none, by NumPy; from black to far beyond white."""
+    tones = torch.randint(0, 256, (4096,), generator=torch.Generator().manual_seed(2), dtype=torch.uint8)
+    small_well = replace(camera, full_well_e=5000.0)
+    options = {"white_e": 30_000.0, "fidelity": fidelity}
+    numbers = exposed(scene(), small_well, **options).long()
+    assert int(numbers.max()) == round(small_well.clip_dn) < 4095
+    assert int(numbers.min()) < 20
+    for wide in (frames._LOOKS_UP_16_BITS, False):
+        monkeypatch.setattr(frames, "_LOOKS_UP_16_BITS", wide)
+        assert torch.equal(exposed(scene(), small_well, tones=tones, **options), tones[numbers])
+
+
+@pytest.mark.parametrize("unit_e", [1.0, 0.03, 4000.0])
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> None:
+    drawn = np.random.default_rng(3)
+    mean_e = np.concatenate([[0.0], np.geomspace(1e-3, 1e5, 2000)]).astype(kind)[None]
+    normal = drawn.standard_normal(mean_e.shape).astype(kind)
+    noise, skew = np.empty_like(mean_e), np.empty_like(mean_e)
+    scale_e = frames._merged_noise(
+        (mean_e / unit_e).astype(kind), unit_e, 1.3, normal, normal**2 - 1, noise, skew
+    )
+    exact = sensor.noisy_electrons(
+        torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()
+    ).numpy()
+    spread = np.sqrt(mean_e + 1.69)
+    error = np.abs(noise * scale_e - (exact - mean_e)) / spread
+    assert float(error.max()) < (1e-5 if kind is np.float32 else 1e-12)
+
+
+def test_lights_together_keep_the_read_noise_of_their_seeds() -> None:
+    quiet, light = CAMERAS[2], scene()
+    normal = rng.standard_normal([5], light)
+    given = {"generator": [7, 8], "normal": normal.expand(2, -1, -1, -1)}
+    shared = exposed(light.expand(2, -1, -1, -1), quiet, **given)
+    for dn, seed in zip(shared, (7, 8), strict=True):
+        assert torch.equal(dn, exposed(light, quiet, generator=[seed], normal=normal)[0])
+    assert not torch.equal(*shared)
+
+
+def test_read_noise_of_ones_own_is_taken_as_given() -> None:
+    quiet, light = CAMERAS[2], scene()
+    read = rng.standard_normal([5], light, "read")
+    drawn = exposed(light, quiet)
+    assert torch.equal(exposed(light, quiet, read=read), drawn)
+    assert not torch.equal(exposed(light, quiet, read=-read), drawn)
+
+
+@by_camera
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (3, 5)])
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_small_pictures(camera: Camera, size: tuple[int, int], kind: torch.dtype) -> None:
+    dn = exposed(scene(*size).to(kind), camera)
+    assert dn.dtype == kind
+    assert torch.equal(dn, dn.round())
+    assert 0 <= float(dn.min()) <= float(dn.max()) <= camera.clip_dn
+
+
+def test_sixteen_bits_are_all_there() -> None:
+    """A ramp without noise from below black to beyond full scale: every code in between, exactly."""
+    deep = replace(BASE, bit_depth=16, system_gain_dn_per_e=7.0, black_level_dn=100.0, full_well_e=1e5)
+    ramp = torch.linspace(-500, 70_000, 70_501, dtype=torch.float64)[None, None, None] / 7
+    dn = exposed(ramp, deep, white_e=1.0, noise=False)[0, 0, 0]
+    expected = (torch.linspace(-500, 70_000, 70_501, dtype=torch.float64).clamp(min=0) + 100).clamp(
+        max=65_535
+    )
+    assert float((dn - expected).abs().max()) == 0

@@ -1,0 +1,439 @@
+"""The command: every subcommand once, lists, JSON, and one line with exit code 2 for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from argparse import ArgumentTypeError
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from blurnoise_eval import report
+from blurnoise_eval.cli import main
+from blurnoise_eval.cli.arguments import CHARTS, numbers
+from blurnoise_eval.datasets import write_picture
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_models import matched_filter
+from numpy.typing import NDArray
+
+from blurnoise import Camera, charts, simulate
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.sensor import readout as sensor
+
+Output = pytest.CaptureFixture[str]
+MOTION = "motion --speed-kmh 1 --distance-m 1 --target-width-m 1 --exposure-ms 1 --width-px 9 --hfov-deg 9"
+LFS_POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+FEW = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400", "--repeats", "1", "--threads", "1")
+
+
+def told(capsys: Output, *arguments: object) -> Any:
+    """The JSON that a command prints, which must succeed."""
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def pixels(shape: Sequence[int], dtype: type = np.uint8) -> NDArray[Any]:
+    return np.random.default_rng(0).integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "small.onnx"
+    return matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64)
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two signs of 24 px, a picture of 0 bytes between them, and boxes for all three."""
+    folder = tmp_path_factory.mktemp("pictures")
+    linear = charts.stop_sign(24, height_px=64, width_px=64)
+    sign = srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+    for name in ("a.png", "c.png"):
+        write_picture(folder / name, sign)
+    (folder / "b.png").write_bytes(b"")
+    x0, y0, x1, y1 = charts.stop_sign_box(24, height_px=64, width_px=64)
+    names = ("a.png", "b.png", "c.png")
+    data = {
+        "images": [{"id": index, "file_name": name} for index, name in enumerate(names)],
+        "categories": [{"id": 4, "name": "stop sign"}, {"id": 5, "name": "person"}],
+        "annotations": [
+            {"image_id": index, "category_id": 4, "bbox": [x0, y0, x1 - x0, y1 - y0]} for index in range(3)
+        ],
+    }
+    (folder / "instances.json").write_text(json.dumps(data))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory, model: Path, pictures: Path) -> Path:
+    """A finished sweep."""
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    assert main(["sweep", *sweep_of(model, pictures), "-o", str(folder)]) == 0
+    return folder
+
+
+def sweep_of(model: Path, pictures: Path) -> list[str]:
+    return ["--model", str(model), "--coco", str(pictures / "instances.json"), *FEW]
+
+
+def test_help_is_light() -> None:
+    """No import of a heavy package for any command's help, nor for the command without arguments."""
+    code = (
+        "import sys, io\n"
+        "from blurnoise_eval.cli import main\n"
+        "texts = []\n"
+        "for arguments in ([], *([c] for c in sys.argv[1:])):\n"
+        "    sys.stdout = io.StringIO()\n"
+        "    try: main([*arguments, '--help'])\n"
+        "    except SystemExit as end: assert end.code == 0\n"
+        "    texts.append(sys.stdout.getvalue())\n"
+        "heavy = {'torch', 'numpy', 'cv2', 'onnxruntime', 'onnx', 'kornia', 'matplotlib', 'plotly', 'rich'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.__stdout__)\n"
+        "print(len(texts), min(map(len, texts)), file=sys.__stdout__)\n"
+    )
+    commands = ("sweep", "simulate", "motion", "chart", "report", "inspect", "bench", "cameras")
+    done = subprocess.run([sys.executable, "-c", code, *commands], capture_output=True, text=True, check=True)
+    imported, counted = done.stdout.splitlines()
+    assert imported == "[]"
+    count, shortest = map(int, counted.split())
+    assert count == 1 + len(commands)
+    assert shortest > 200
+
+
+def test_installed_command_refuses_nothing_to_do() -> None:
+    done = subprocess.run([sys.executable, "-m", "blurnoise_eval.cli"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "COMMAND" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("5", [5]),
+        ("1,5,10", [1, 5, 10]),
+        ("-2.5,1e3", [-2.5, 1000]),
+        ("1:10:3", [1, 4, 7, 10]),
+        ("1:9:3", [1, 4, 7]),
+        ("0:1:0.1", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
+        ("10:0:-5", [10, 5, 0]),
+        ("-500:500:500", [-500, 0, 500]),
+        ("3:3:1", [3]),
+    ],
+)
+def test_lists(text: str, expected: list[float]) -> None:
+    assert numbers(text) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "a", "1,", ",", "1:2", "1:2:0", "1:2:-1", "5:5.5:-1", "2:1:1", "1:2:3:4", "0:1:1e-9", "0:inf:1", "nan:1:1"],
+)  # fmt: skip
+def test_bad_lists(text: str) -> None:
+    with pytest.raises(ArgumentTypeError, match="start:stop:step"):
+        numbers(text)
+
+
+@pytest.mark.parametrize("shape", [(31, 44), (31, 44, 3)])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("camera", ["imx250", "lin2024"])
+def test_simulate(tmp_path: Path, capsys: Output, shape: tuple[int, ...], dtype: type, camera: str) -> None:
+    source, picture = tmp_path / "scene.png", pixels(shape, dtype)
+    write_picture(source, picture)
+    options = ("--exposure-ms", 12.3, "--lux", 70, "--dx", 500, "--dy", -90, "--seed", 5, "--camera", camera)
+    facts = told(capsys, "simulate", source, "-o", tmp_path / "dn.png", *options, "--bit-depth", "native")
+    assert main(["simulate", str(source), "-o", str(tmp_path / "view.png"), *map(str, options)]) == 0
+    assert "blur_px" in capsys.readouterr().out
+
+    chosen = Camera.preset(camera)
+    planes = picture[None] if picture.ndim == 2 else picture.transpose(2, 0, 1)
+    dn = simulate(
+        torch.from_numpy((planes / np.iinfo(dtype).max).astype(np.float32))[None],
+        chosen,
+        exposure_s=12.3 / 1e3,
+        illuminance_lux=70,
+        velocity_px_s=(500, -90),
+        generator=[5],
+    )
+    native = cv2.imread(str(tmp_path / "dn.png"), cv2.IMREAD_UNCHANGED)
+    view = cv2.imread(str(tmp_path / "view.png"), cv2.IMREAD_UNCHANGED)
+    assert (native.dtype, native.shape) == (np.uint16, shape)
+    assert (view.dtype, view.shape) == (np.uint8, shape)
+    if len(shape) == 3:
+        native, view = (each[..., ::-1].transpose(2, 0, 1) for each in (native, view))
+    np.testing.assert_array_equal(native, dn.squeeze().numpy())
+    np.testing.assert_array_equal(view, sensor.develop_8bit(dn, chosen).squeeze().numpy())
+    assert facts["blur_px"] == pytest.approx(np.hypot(500, 90) * 0.0123)
+    assert facts["white_electrons"] == pytest.approx(sensor.photoelectrons(chosen, 70, 0.0123))
+    assert facts["mean_dn"] == pytest.approx(float(dn.mean()))
+    assert (facts["camera"], facts["full_scale_dn"]) == (camera, 4095)
+
+
+def test_simulate_with_another_lens(tmp_path: Path, capsys: Output) -> None:
+    write_picture(tmp_path / "scene.png", pixels((8, 9)))
+    command = ("simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png")
+    wide, narrow = (told(capsys, *command, "--f-number", number)["white_electrons"] for number in (2, 4))
+    assert wide == pytest.approx(4 * narrow)
+
+
+def test_motion_meets_table_2(capsys: Output) -> None:
+    """Lin et al. 2024, Table 2: a truck of 4.9 m at 50 m and 100 km/h, 15 ms."""
+    table = ("--speed-kmh", 100, "--distance-m", 50, "--target-width-m", 4.9, "--exposure-ms", 15)
+    camera = ("--width-px", 4096, "--hfov-deg", 99.32)
+    facts = told(capsys, "motion", *table, *camera)
+    assert facts["blur_px"] == pytest.approx(19.67512, abs=1e-4)
+    assert facts["velocity_px_s"] == pytest.approx(facts["blur_px"] / 0.015)
+    assert facts["lens"] == "f-theta"
+    assert told(capsys, "motion", *table, *camera, "--lens", "rectilinear")["blur_px"] < facts["blur_px"]
+    assert main(["motion", *map(str, (*table, *camera))]) == 0
+    assert "19.6751" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", CHARTS)
+def test_chart(tmp_path: Path, kind: str) -> None:
+    size = ["--width", "71", "--height", "52", "--size", "40"]
+    shallow, deep = tmp_path / "8.png", tmp_path / "16.png"
+    assert main(["chart", kind, "-o", str(shallow), *size]) == 0
+    assert main(["chart", kind, "-o", str(deep), *size, "--bit-depth", "16"]) == 0
+    eight, sixteen = (cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (shallow, deep))
+    assert eight.shape[:2] == sixteen.shape[:2] == (52, 71)
+    assert (eight.dtype, sixteen.dtype) == (np.uint8, np.uint16)
+    np.testing.assert_allclose(sixteen / 257, eight, atol=0.51)
+    assert (eight.std() > 0) == (kind != "flat-patch")
+    turned = tmp_path / "turned.png"
+    assert main(["chart", kind, "-o", str(turned), *size, "--angle", "33"]) == 0
+    assert np.array_equal(cv2.imread(str(turned), cv2.IMREAD_UNCHANGED), eight) == (kind == "flat-patch")
+
+
+def test_sweep_leaves_a_folder_that_answers(run: Path, capsys: Output) -> None:
+    for name in (
+        "report.html",
+        "results.csv",
+        "targets.csv",
+        "results.json",
+        "summary.json",
+        "results.sqlite",
+    ):
+        assert (run / name).stat().st_size > 0, name
+    assert len(list((run / "figures").glob("*.png"))) >= 3
+    cells = pd.read_csv(run / "results.csv")
+    assert len(cells) == 2 * (1 + 4)  # two good pictures, each clean and under four conditions
+    assert sorted(cells["image"].unique()) == ["a.png", "c.png"]
+    summary = json.loads((run / "summary.json").read_text())
+    assert [entry["image"] for entry in summary["skipped"]] == ["b.png"]
+    assert "0 bytes" in summary["skipped"][0]["reason"]
+    assert {(a["illuminance_lux"], a["velocity_x_px_s"]) for a in summary["answers"]} == {(50, 0), (50, 400)}
+    assert all(answer["recommended_s"] in (0.002, 0.01) for answer in summary["answers"])
+    assert "b.png" in (run / "report.html").read_text()
+
+
+def test_same_sweep_again_computes_nothing(
+    run: Path, model: Path, pictures: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "write_report", lambda data, folder: folder)
+    assert main(["sweep", *sweep_of(model, pictures), "-o", str(run), "--json"]) == 0
+    out, err = capsys.readouterr()
+    summary = json.loads(out)
+    assert (summary["computed"], summary["resumed"], summary["cells"]) == (0, 10, 10)
+    assert "b.png" in err
+    assert main(["sweep", *sweep_of(model, pictures), "-o", str(run)]) == 0
+    assert "pictures skipped: 1" in capsys.readouterr().out
+
+
+def test_report_at_another_threshold(run: Path, capsys: Output) -> None:
+    (run / "report.html").unlink()
+    summary = told(capsys, "report", run, "--threshold", 1)
+    assert summary["threshold"] == 1
+    assert all(answer["recommended_s"] is None for answer in summary["answers"])
+    assert "no" in (run / "report.html").read_text().lower()
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (("--exposure-ms", "2,11"), "plan"),
+        (("--camera", "imx249"), "camera"),
+        (("--limit", "1"), "pictures"),
+        (("--seed", "7"), "plan"),
+        (("--target", "stop sign"), "targets"),
+    ],
+)
+def test_folder_of_another_run_is_refused(
+    run: Path, model: Path, pictures: Path, capsys: Output, changes: tuple[str, str], named: str
+) -> None:
+    before = {path: path.stat().st_mtime_ns for path in run.rglob("*") if path.suffix != ".sqlite"}
+    refused(capsys, named, "sweep", *sweep_of(model, pictures), *changes, "-o", run)
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_sweep_of_pictures_without_any_target(tmp_path: Path, capsys: Output, model: Path) -> None:
+    (tmp_path / "grey").mkdir()
+    write_picture(tmp_path / "grey" / "flat.png", np.full((64, 64, 3), 118, np.uint8))
+    command = ("sweep", "--model", model, "--images", tmp_path / "grey", *FEW, "-o", tmp_path / "run")
+    summary = told(capsys, *command)
+    assert (summary["cells"], summary["answers"]) == (5, [])
+    assert len(pd.read_csv(tmp_path / "run" / "targets.csv")) == 0
+
+
+def test_interrupt_is_told(
+    tmp_path: Path, capsys: Output, model: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweep, "run", interrupted)
+    assert main(["sweep", *sweep_of(model, pictures), "-o", str(tmp_path / "run")]) == 130
+    err = capsys.readouterr().err
+    assert len(err.strip().splitlines()) == 1
+    assert "kept" in err
+
+
+def refused(capsys: Output, named: str, *arguments: object) -> None:
+    """Exit code 2, nothing on stdout, one line on stderr that names what is wrong."""
+    capsys.readouterr()
+    assert main(list(map(str, arguments))) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("blurnoise: error: ")
+    assert len(err.splitlines()) == 1, err
+    assert named in err, err
+
+
+@pytest.fixture
+def bad(tmp_path: Path) -> Path:
+    """A folder of things that are not what their names say."""
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    (folder / "text.onnx").write_text("this is no model\n")
+    (folder / "pointer.onnx").write_text(LFS_POINTER)
+    (folder / "empty.onnx").write_bytes(b"")
+    (folder / "empty.png").write_bytes(b"")
+    (folder / "file").write_text("x")
+    (folder / "no_pictures").mkdir()
+    (folder / "instances.json").write_text("{ no json")
+    write_picture(folder / "good.png", pixels((8, 9)))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("command", "named"),
+    [
+        ("simulate missing.png -o out.png", "missing.png: No such file"),
+        ("simulate empty.png -o out.png", "0 bytes"),
+        ("simulate file -o out.png", "file: not an 8- or 16-bit picture"),
+        ("simulate no_pictures -o out.png", "directory"),
+        ("simulate good.png -o out.png --exposure-ms -1", "exposure_s"),
+        ("simulate good.png -o out.png --exposure-ms nan", "exposure_s"),
+        ("simulate good.png -o out.png --lux -1", "illuminance_lux"),
+        ("simulate good.png -o out.png --dx inf", "displacement_px"),
+        ("simulate good.png -o out.png --temperature-c nan", "temperature_c"),
+        ("simulate good.png -o out.png --camera pinhole", "pinhole"),
+        ("simulate good.png -o out.png --f-number 0", "f_number"),
+        ("simulate good.png -o out.png --seed -1", "-1"),
+        ("simulate good.png -o out.txt", "suffix"),
+        ("simulate good.png -o out", "suffix"),
+        ("simulate good.png -o out.jpg --bit-depth native", "16 bits"),
+        ("simulate good.png -o file/out.png", "file/out.png"),
+        ("simulate good.png -o nowhere/out.png", "nowhere/out.png"),
+        ("inspect missing.onnx", "missing.onnx: no such file"),
+        ("inspect text.onnx", "text file"),
+        ("inspect pointer.onnx", "git lfs pull"),
+        ("inspect empty.onnx", "empty"),
+        ("inspect no_pictures", "folder"),
+        ("sweep --model missing.onnx -o run", "no such file"),
+        ("sweep --model text.onnx -o run", "text file"),
+        ("sweep --model pointer.onnx -o run", "git lfs pull"),
+        ("sweep --contract yolov9 -o run", "yolov9"),
+        ("sweep --images no_pictures -o run", "holds no picture"),
+        ("sweep --images missing -o run", "no such folder"),
+        ("sweep --coco missing.json -o run", "No such file"),
+        ("sweep --coco instances.json -o run", "not a COCO instances file"),
+        ("sweep --target person -o run", "--coco"),
+        ("sweep --camera pinhole -o run", "presets are"),
+        ("sweep --exposure-ms 0 -o run", "exposure_s"),
+        ("sweep --exposure-ms nan -o run", "exposure_s"),
+        ("sweep --exposure-ms 5,-5 -o run", "exposure_s"),
+        ("sweep --lux nan -o run", "illuminance_lux"),
+        ("sweep --dx inf -o run", "velocity"),
+        ("sweep --repeats 0 -o run", "repeats"),
+        ("sweep --limit 0 -o run", "limit"),
+        ("sweep --threads 0 -o run", "threads"),
+        ("sweep --threshold 1.5 -o run", "threshold"),
+        ("sweep --threshold nan -o run", "threshold"),
+        ("sweep --temperature-c nan -o run", "temperature_c"),
+        ("sweep --seed -1 -o run", "seed"),
+        ("bench blur --threads 0 -o run", "threads"),
+        ("bench blur --quick -o file", "file"),
+        ("bench blur --quick -o file/below", "file/below"),
+        ("sweep -o file", "cannot be written"),
+        ("sweep -o file/below", "cannot be written"),
+        ("report nowhere", "blurnoise sweep"),
+        ("report file", "blurnoise sweep"),
+        ("{motion} --speed-kmh -1", "speed_m_s"),
+        ("{motion} --distance-m 0", "distance_m"),
+        ("{motion} --exposure-ms nan", "exposure_s"),
+        ("chart stop-sign -o out.png --size -3", "size"),
+        ("chart stop-sign -o out.png --size nan", "size"),
+        ("chart flat-patch -o out.png --width 0", "width_px"),
+        ("chart slanted-edge -o out.png --angle nan", "angle"),
+        ("chart siemens-star -o file/out.png", "file/out.png"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_and_leaves_nothing(
+    bad: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, command: str, named: str
+) -> None:
+    monkeypatch.chdir(bad)
+    before = sorted(bad.rglob("*"))
+    refused(capsys, named, *command.format(motion=MOTION).split())
+    assert sorted(bad.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["chart", "mona-lisa", "-o", "x.png"],
+        ["simulate", "x.png"],
+        ["simulate", "x.png", "-o", "y.png", "--lux", "bright"],
+        ["motion"],
+        ["sweep", "--exposure-ms", "1:2"],
+        ["sweep"],
+        ["paint"],
+    ],
+)
+def test_misspelt_commands_exit_with_2(capsys: Output, command: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(command)
+    assert end.value.code == 2
+    assert "error:" in capsys.readouterr().err
+
+
+def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:
+    with Store(tmp_path / "run", create=True):
+        refused(capsys, "another process", "report", tmp_path / "run")
+    refused(capsys, "no sweep has begun", "report", tmp_path / "run")
+    (tmp_path / "run" / "results.sqlite").write_text("no database " * 100)
+    refused(capsys, "damaged", "report", tmp_path / "run")
+
+
+def test_simulate_explains_what_it_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "grey.png"
+    write_picture(picture, np.full((40, 50), 128, np.uint8))
+    command = ["simulate", str(picture), "-o", str(tmp_path / "out.png"), "--dx", "900", "--explain"]
+    assert main(command) == 0
+    shown = capsys.readouterr().out
+    for words in ("motion", "9 px", "shot noise", "read noise", "left out"):
+        assert words in shown
+    assert main([*command, "--json"]) == 0
+    stages = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
+    assert stages["motion"]["kept"]
+    assert not stages["PRNU"]["kept"]
+    assert main([*command, "--tolerance-dn", "0"]) == 2
+    assert "tolerance_dn" in capsys.readouterr().err

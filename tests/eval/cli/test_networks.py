@@ -1,0 +1,85 @@
+"""The commands that make the detector, and the bench of what an augmentation costs a training step."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import pandas
+import pytest
+from blurnoise_eval.bench import steps
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import coco
+from blurnoise_eval.detectors.detector import Detector
+
+
+def test_scenes_are_coco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "-o", str(tmp_path), "--count", "4", "--size", "96", "--seed", "7"]) == 0
+    listing = Path(capsys.readouterr().out.strip())
+    pictures = coco(listing, labels=["stop sign"], keep_empty=True)
+    assert len(pictures) == 4
+    assert next(iter(pictures)).load().shape == (96, 96, 3)
+
+
+@pytest.mark.slow
+def test_train_writes_a_detector_that_says_how_it_was_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = ["--pictures", "320", "--scenes", "16", "--size", "96", "--threads", "1"]
+    assert main(["train", "-o", str(tmp_path), *small, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert {name: facts[name] for name in ("arm", "seed", "scenes", "pictures")} == {
+        "arm": "exposure",
+        "seed": 0,
+        "scenes": 16,
+        "pictures": 320,
+    }
+    assert Detector(facts["model"]).input_size_px == (96, 96)
+    told = pandas.read_csv(tmp_path / "training.csv")
+    assert told.pictures.tolist() == list(range(16, 321, 16))
+    assert told.loss.iloc[-1] == pytest.approx(facts["loss"], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [(["--pictures", "10"], "pictures = 10"), (["--scenes", "0"], "count = 0")]
+)
+def test_bad_sizes_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+) -> None:
+    assert main(["train", "-o", str(tmp_path / "out"), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_costs_are_medians_per_picture_and_their_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = {
+        ("step", "float32"): [80.0, 90.0, 70.0],
+        ("step", "bfloat16"): [40.0, 40.0, 400.0],
+        ("augmentation", "exposure"): [8.0, 7.0, 9.0],
+    }
+
+    def in_turns(calls: Mapping[tuple[str, str], Callable[[], object]], **_: object) -> object:
+        assert list(calls) == list(taken)
+        return taken
+
+    monkeypatch.setattr(steps, "in_turns_ms", in_turns)
+    facts = steps.step_cost(
+        {"float32": int, "bfloat16": int}, {"exposure": int}, pictures=4, threads=1, progress=print
+    )
+    assert facts["step_ms_per_picture"] == {"float32": 20.0, "bfloat16": 10.0}
+    assert facts["augmentation_ms_per_picture"] == {"exposure": 2.0}
+    assert facts["percent_of_step"] == {"exposure, float32": 10.0, "exposure, bfloat16": 20.0}
+
+
+@pytest.mark.parametrize("wrong", [["--count", "0"], ["--seed", "-1"], ["--size", "5"]])
+def test_wrong_scenes_leave_earlier_ones_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: list[str]
+) -> None:
+    earlier = tmp_path / "instances.json"
+    earlier.write_text("{}")
+    assert main(["scenes", "-o", str(tmp_path), *wrong]) == 2
+    assert wrong[0].strip("-") in capsys.readouterr().err
+    assert earlier.read_text() == "{}"
+    assert main(["scenes", "-o", str(tmp_path / "new"), *wrong]) == 2
+    assert not (tmp_path / "new").exists()

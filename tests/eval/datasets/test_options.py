@@ -1,0 +1,102 @@
+"""How the sweep's options name pictures."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.cli import given
+from blurnoise_eval.cli.arguments import parse
+from blurnoise_eval.datasets import PictureSet, write_picture
+
+
+def chosen(*options: object, reads: bool = False) -> PictureSet:
+    commands: dict[str, Callable[..., Any]] = defaultdict(lambda: print)
+    return given.pictures(parse(commands, ["sweep", *map(str, options), "-o", "run"]), reads=reads)
+
+
+@pytest.fixture
+def sets(tmp_path: Path) -> dict[str, Path]:
+    """The same two pictures, the first with a sign, as every kind of set."""
+    images = tmp_path / "images"
+    images.mkdir()
+    for name in ("a.png", "b.png"):
+        write_picture(images / name, np.zeros((20, 20, 3), np.uint8))
+    instances = {
+        "images": [{"id": 1, "file_name": "a.png"}, {"id": 2, "file_name": "b.png"}],
+        "categories": [{"id": 1, "name": "sign"}],
+        "annotations": [{"image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]}],
+    }
+    box = {"x1": 1, "y1": 2, "x2": 4, "y2": 6}
+    frames = [{"name": "a.png", "labels": [{"category": "sign", "box2d": box}]}, {"name": "b.png"}]
+    contents = {
+        "coco": ("instances.json", json.dumps(instances)),
+        "bdd": ("det.json", json.dumps(frames)),
+        "text": ("gt.txt", "a.png\tSTOP\nb.png\tYIELD\n"),
+        "yolo": ("data.yaml", "names: [sign]\nval: images\ntrain: none"),
+    }
+    (tmp_path / "labels").mkdir()
+    (tmp_path / "labels" / "a.txt").write_text("0 0.5 0.5 0.5 0.5")
+    for name, content in contents.values():
+        (tmp_path / name).write_text(content)
+    return {"images": images, **{kind: tmp_path / name for kind, (name, _) in contents.items()}}
+
+
+@pytest.mark.parametrize("kind", ["coco", "bdd", "yolo", "text"])
+def test_each_kind_is_read(sets: dict[str, Path], kind: str) -> None:
+    found = chosen(f"--{kind}", sets[kind], "--images", sets["images"])
+    assert (found.kind, [picture.name for picture in found]) == (kind, ["a.png", "b.png"])
+    assert found.pictures[1].load().shape == (20, 20, 3)
+    limited = chosen(f"--{kind}", sets[kind], "--images", sets["images"], "--limit", 1)
+    assert ([picture.name for picture in limited], limited.categories) == (["a.png"], found.categories)
+
+
+@pytest.mark.parametrize("kind", ["coco", "bdd", "yolo"])
+def test_pictures_without_the_target_can_stay(sets: dict[str, Path], kind: str) -> None:
+    options = (f"--{kind}", sets[kind], "--images", sets["images"], "--target", "sign")
+    assert [picture.name for picture in chosen(*options)] == ["a.png"]
+    assert [len(picture.targets or ()) for picture in chosen(*options, "--keep-empty")] == [1, 0]
+
+
+def test_without_labels(sets: dict[str, Path]) -> None:
+    assert chosen("--images", sets["images"]).kind == "folder"
+    assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 3
+    assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 3
+
+
+def test_split_is_chosen(sets: dict[str, Path]) -> None:
+    assert len(chosen("--yolo", sets["yolo"], "--split", "val")) == 2
+    with pytest.raises(ValueError, match="none': no such folder"):
+        chosen("--yolo", sets["yolo"], "--split", "train")
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        ("--coco a --bdd b", "--coco and --bdd: must be one of them"),
+        ("--yolo a --text b --images c", "--yolo and --text"),
+        ("--target sign", "--coco, --yolo or --bdd"),
+        ("--text a --target sign", "--coco, --yolo or --bdd"),
+        ("--coco a --keep-empty", "goes with --target"),
+        ("--coco a --split val", "goes with --yolo"),
+        ("--limit 0", "limit = 0: must be >= 1"),
+    ],
+)
+def test_options_that_do_not_go_together(options: str, fault: str) -> None:
+    with pytest.raises(ValueError, match=fault):
+        chosen(*options.split())
+
+
+@pytest.mark.parametrize("options", ["--coco a", "--yolo a --images b", "--bdd a"])
+def test_readers_need_texts(options: str) -> None:
+    with pytest.raises(ValueError, match="take --text"):
+        chosen(*options.split(), reads=True)
+
+
+def test_readers_may_find_their_texts_in_a_folder(sets: dict[str, Path]) -> None:
+    assert chosen("--images", sets["images"], reads=True).kind == "folder"

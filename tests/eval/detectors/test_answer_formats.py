@@ -1,0 +1,309 @@
+"""Generated graphs in exactly the layouts of the families, with known answers, through onnxruntime."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from blurnoise_eval.detectors import formats
+from blurnoise_eval.detectors.contract import COCO80, COCO91, Contract, ModelError
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.formats.signature import TensorInfo, extra_feeds
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+SIZE_PX = (64, 96)
+BOXES_XYXY = np.array([[10.0, 5.0, 40.0, 25.0], [12.0, 6.0, 42.0, 26.0], [50.0, 30.0, 90.0, 60.0]])
+CLASSES = np.array([2, 2, 0])
+SCORES = np.array([0.6, 0.5, 0.9])  # of a white picture; of a black one 0
+ANSWERING = ("yolov10", "yolov7", "mmdeploy", "rtdetr", "ppyoloe", "yolov6e2e", "tfod", "torchvision")
+GRIDS = ("yolov6", "yolov8", "nanodet", "nanodetplus")
+FAMILIES = (*ANSWERING, "rfdetr", "detr", *GRIDS)
+AXES = {"tfod": "nhwc", "torchvision": "chw"}
+NAMES = ("first", "second", "third")
+EXTRAS = {
+    "rtdetr": [("orig_target_sizes", TensorProto.INT64, [2])],
+    "ppyoloe": [("scale_factor", TensorProto.FLOAT, [2]), ("im_shape", TensorProto.FLOAT, [2])],
+    "detr": [("pixel_mask", TensorProto.INT64, ["mask height", "mask width"])],
+}
+
+
+def logit(score: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.log(score / (1 - score))
+
+
+def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Each output's value for a black picture, and what white adds to it. int64 where nothing is added."""
+    score, klass = SCORES[:, None], CLASSES[:, None].astype(float)
+    none, boxes = np.zeros((3, 4)), BOXES_XYXY
+    if family == "yolov10":
+        padded = np.zeros((1, 5, 6))
+        padded[0, :3] = np.hstack([boxes, 0 * score, klass])
+        gain = np.zeros((1, 5, 6))
+        gain[0, :3, 4] = SCORES
+        return {"output0": (padded, gain)}
+    if family == "yolov7":
+        first = np.hstack([0 * score, boxes, klass, 0 * score])
+        other = np.array([[1, 0, 0, 96, 64, 1, 0.99]])  # of another picture of the batch
+        gain = np.vstack([np.hstack([np.zeros((3, 6)), score]), np.zeros((1, 7))])
+        return {"output": (np.vstack([first, other]), gain)}
+    if family == "mmdeploy":
+        dets = np.hstack([boxes, 0 * score])[None], np.hstack([none, score])[None]
+        return {"dets": dets, "labels": (CLASSES[None].astype(np.int64), np.zeros(0))}
+    if family == "rtdetr":  # in a graph's own order, which is not the family's
+        return {
+            "scores": (np.zeros((1, 3)), SCORES[None]),
+            "labels": (CLASSES[None].astype(np.int64), np.zeros(0)),
+            "boxes": (boxes[None], none[None]),
+        }
+    if family == "ppyoloe":
+        rows = np.vstack([np.hstack([klass, 0 * score, boxes]), [-1, 0.7, 0, 0, 9, 9], [1, 0.99, 0, 0, 9, 9]])
+        gain = np.zeros((5, 6))
+        gain[:3, 1] = SCORES
+        return {
+            "nms_0": (rows, gain),
+            "nms_1": (np.array([4], np.int64), np.zeros(0)),
+        }  # the fifth: another's
+    if family in ("tfod", "yolov6e2e"):
+        shares = boxes[:, [1, 0, 3, 2]] / np.array([SIZE_PX[0], SIZE_PX[1]] * 2)
+        zero, padding, beyond = np.zeros((1, 5)), np.array([[9.0, 9.0]]), np.array([[0.0, 0.99]])
+        answers = {
+            "num_detections": (np.array([4.0]), np.zeros(1)),
+            "detection_boxes": (np.vstack([shares, np.zeros((2, 4))])[None], np.zeros((1, 5, 4))),
+            "detection_scores": (
+                np.hstack([0 * SCORES[None], beyond]),
+                np.hstack([SCORES[None], 0 * beyond]),
+            ),
+            "detection_classes": (np.hstack([CLASSES[None] * 1.0, padding]), zero),
+        }
+        if family == "tfod":
+            answers["raw_detection_scores"] = (zero, zero)
+            return answers
+        whole = np.vstack([boxes, np.zeros((2, 4))])[None]
+        return {
+            "num_dets": (np.array([[4]], np.int32), np.zeros(0)),
+            "det_boxes": (whole, np.zeros((1, 5, 4))),
+            "det_scores": answers["detection_scores"],
+            "det_classes": (answers["detection_classes"][0].astype(np.int32), np.zeros(0)),
+        }
+    if family == "torchvision":
+        return {
+            "3120": (boxes, none),
+            "3125": (np.zeros(3), SCORES),
+            "3130": (CLASSES.astype(np.int64), np.zeros(0)),
+        }
+    if family in GRIDS:
+        return grid_tensors(family)
+    centres = np.hstack([(boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]])
+    shares = centres / np.array([SIZE_PX[1], SIZE_PX[0]] * 2)
+    base, gain = np.full((1, 3, 4), -20.0), np.zeros((1, 3, 4))  # four wide, as the boxes
+    gain[0, np.arange(3), CLASSES] = logit(SCORES) + 20
+    if family == "detr":
+        odds = np.zeros((1, 3, 4))  # beside three logits of 0 and -20: softmax is the sigmoid, nearly
+        base[0, :, 3] = 0
+        odds[0, np.arange(3), CLASSES] = logit(SCORES) + 20
+        return {"logits": (base, odds), "pred_boxes": (shares[None], np.zeros_like(shares)[None])}
+    return {"labels": (base, gain), "dets": (shares[None], np.zeros_like(shares)[None])}
+
+
+def grid_tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """The boxes as the cells around their centres state them, class scores beside them."""
+    centres = (BOXES_XYXY[:, :2] + BOXES_XYXY[:, 2:]) / 2
+    onehot = np.zeros((3, 3))
+    onehot[np.arange(3), CLASSES] = SCORES
+    if family in ("yolov6", "yolov8"):
+        px = np.hstack([centres, BOXES_XYXY[:, 2:] - BOXES_XYXY[:, :2], np.ones((3, 1))])
+        base, gain = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3, 8)), np.zeros((1, 126, 8))
+        base[0, :, 4] = 1
+        base[0, [7, 100, 125], :5], gain[0, [7, 100, 125], 5:] = px, onehot
+        if family == "yolov6":
+            return {"outputs": (base, gain)}
+        return {"output0": (np.delete(base, 4, axis=2), np.delete(gain, 4, axis=2))}  # turned
+    parts, found = [], {}
+    for stride in (8, 16, 32, 64) if family == "nanodetplus" else (8, 16, 32):
+        width, height = -(-SIZE_PX[1] // stride), -(-SIZE_PX[0] // stride)
+        scores, gains, sides = (np.zeros((height * width, n)) for n in (3, 3, 32))
+        if stride == 8:
+            columns, rows = (centres // 8).astype(int).T
+            middle = np.stack([columns, rows], axis=1) * 8 + (3.5 if family == "nanodet" else 0)
+            distances = np.hstack([middle - BOXES_XYXY[:, :2], BOXES_XYXY[:, 2:] - middle]) / 8
+            gains[rows * width + columns], sides[rows * width + columns] = onehot, bins(distances)
+        parts.append((np.hstack([scores, sides]), np.hstack([gains, 0 * sides])))
+        # The names are swapped, as in some releases; widths tell.
+        found[f"dis_pred_stride_{stride}"] = (scores[None], gains[None])
+        found[f"cls_pred_stride_{stride}"] = (sides[None], 0 * sides[None])
+    if family == "nanodet":
+        return found
+    base, gain = (np.vstack(halves)[None] for halves in zip(*parts, strict=True))
+    return {"output": (base, gain)}
+
+
+def bins(distances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logits over 0 to 7 strides whose softmax has the mean ``distances`` (N, 4), as (N, 32)."""
+    shares = np.clip(1 - np.abs(np.arange(8) - distances[..., None]), 1e-9, None)
+    return np.log(shares).reshape(-1, 32)
+
+
+def graph(
+    path: Path, family: str, *, opset: int = 17, dtype: int = TensorProto.FLOAT, batch: int | str = 1,
+    size: tuple[int | str, int | str] = SIZE_PX, mean: float = 1.0,
+) -> Path:  # fmt: skip
+    """Write a detector whose scores grow with the picture's mean: 0 for 0, ``SCORES`` for ``mean``."""
+    kind = helper.tensor_dtype_to_np_dtype(dtype)
+    taken = TensorProto.UINT8 if family == "tfod" else dtype
+    mean = mean * 255 if family == "tfod" else mean
+    constants = [
+        numpy_helper.from_array(np.array([1, 1, -1, 1], np.int64), "line"),
+        numpy_helper.from_array(np.array([1], np.int64), "one"),
+        numpy_helper.from_array(np.array(1 / mean, np.float32), "scale"),
+    ]
+    nodes = [
+        helper.make_node("Cast", ["images"], ["numbers"], to=TensorProto.FLOAT),
+        helper.make_node("Reshape", ["numbers", "line"], ["row"]),
+        helper.make_node("GlobalAveragePool", ["row"], ["mean"]),
+        helper.make_node("Mul", ["mean", "scale"], ["share"]),
+        helper.make_node("Reshape", ["share", "one"], ["flat"]),
+        helper.make_node("Cast", ["flat"], ["brightness"], to=dtype),
+    ]
+    outputs = []
+    for name, (base, gain) in tensors(family).items():
+        integral = base.dtype in (np.int64, np.int32)
+        constants.append(numpy_helper.from_array(base if integral else base.astype(kind), f"{name}_base"))
+        if integral:
+            nodes.append(helper.make_node("Identity", [f"{name}_base"], [name]))
+        else:
+            constants.append(numpy_helper.from_array(gain.astype(kind), f"{name}_gain"))
+            nodes.append(helper.make_node("Mul", ["brightness", f"{name}_gain"], [f"{name}_part"]))
+            nodes.append(helper.make_node("Add", [f"{name}_base", f"{name}_part"], [name]))
+        whole = family in ("yolov7", "ppyoloe") and base.ndim == 2
+        shape = ["answers", base.shape[1]] if whole else list(base.shape)
+        stated = helper.np_dtype_to_tensor_dtype(base.dtype) if integral else dtype
+        outputs.append(helper.make_tensor_value_info(name, stated, shape))
+    forms = {"nhwc": [batch, *size, 3], "chw": [3, *size]}
+    form = forms.get(AXES.get(family, ""), [batch, 3, *size])
+    inputs = [helper.make_tensor_value_info("images", taken, form)]
+    for name, kind_of, shape in EXTRAS.get(family, ()):
+        inputs.insert(0, helper.make_tensor_value_info(name, kind_of, [batch, *shape]))
+        nodes.append(helper.make_node("Identity", [name], [f"{name}_seen"]))
+    made = helper.make_graph(nodes, family, inputs, outputs, constants)
+    model = helper.make_model(made, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    onnx.checker.check_model(model)
+    onnx.save(model, path)
+    return path
+
+
+def stated(family: str) -> Contract:
+    classes = (*NAMES, "background") if family == "rfdetr" else NAMES
+    value_range = "0-255" if family == "tfod" else "0-1"
+    return Contract(
+        family, classes, value_range=value_range, resize="stretch", input_size_px=SIZE_PX, nms_iou=None
+    )
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize(
+    "form",
+    [
+        {"opset": 13}, {"opset": 20}, {"dtype": TensorProto.FLOAT16},
+        {"batch": "n"}, {"size": ("height", "width")}, {"batch": 2},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_known_answers(family: str, form: dict[str, object], tmp_path: Path) -> None:
+    detector = Detector(graph(tmp_path / "m.onnx", family, **form), contract=stated(family))  # type: ignore[arg-type]
+    white = np.full((128, 192, 3), 255, np.uint8)  # twice the input
+    found = detector.detect(white)
+    order = [2, 0, 1]  # by score; the second overlaps the first and stays: the graph has answered
+    half = form.get("dtype") == TensorProto.FLOAT16
+    np.testing.assert_allclose(found.scores, SCORES[order], atol=5e-3 if half else 1e-5)
+    np.testing.assert_allclose(found.boxes_xyxy, 2 * BOXES_XYXY[order], atol=0.25 if half else 1e-3)
+    assert found.class_ids.tolist() == CLASSES[order].tolist()
+    assert len(detector.detect(np.zeros_like(white))) == 0
+    assert len(detector.detect(white, max_detections=2)) == 2
+
+
+@pytest.mark.parametrize("family", ANSWERING)
+def test_families_are_recognised_and_what_is_assumed_is_said(family: str, tmp_path: Path) -> None:
+    contract = Detector(graph(tmp_path / "m.onnx", family)).contract
+    assert (contract.family, contract.nms_iou) == (family, None)
+    assert contract.classes == (COCO91 if family in ("tfod", "torchvision") else COCO80)
+    assert "does not show how many" in " ".join(contract.assumptions)
+    assert contract.sources["family"].startswith("graph: output")
+
+
+@pytest.mark.parametrize("family", ["rfdetr", "detr", "yolov8", "nanodet", "nanodetplus", "yolov6"])
+def test_classes_that_nothing_names_are_asked_for(family: str, tmp_path: Path) -> None:
+    alone = family in ("rfdetr", "detr", "nanodet")
+    problem = "classes but nothing names them" if alone else "fits several output families"
+    with pytest.raises(ModelError, match=problem):
+        Detector(graph(tmp_path / "m.onnx", family))
+
+
+def test_a_real_probe_tells_yolov6(tmp_path: Path) -> None:
+    path = graph(tmp_path / "m.onnx", "yolov6")
+    model = onnx.load(path)
+    helper.set_model_props(model, {"names": str(list(NAMES))})
+    onnx.save(model, path)
+    contract = Detector(path).contract
+    assert (contract.family, contract.classes) == ("yolov6", NAMES)
+    assert "objectness is 1 everywhere" in contract.sources["family"]
+
+
+@pytest.mark.parametrize("family", ["tfod", "torchvision"])
+def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, tmp_path: Path) -> None:
+    """Boxes come back in px of that picture: shares of it for TensorFlow's, px for torchvision's."""
+    path = graph(tmp_path / "m.onnx", family, size=("height", "width"))
+    detector = Detector(path)
+    assert detector.contract.resize == "none"
+    assert detector.takes_bytes == (family == "tfod")
+    for shape in ((100, 150), (77, 120)):
+        white = np.full((*shape, 3), 255, np.uint8)
+        blob, _ = detector.prepare(white)
+        assert blob.shape == ((1, *shape, 3) if family == "tfod" else (3, *shape))
+        found = detector.detect(white)
+        scale = np.array(shape[::-1] * 2) / (SIZE_PX[::-1] * 2) if family == "tfod" else 1
+        np.testing.assert_allclose(found.boxes_xyxy, (BOXES_XYXY * scale)[[2, 0, 1]], rtol=1e-5)
+        assert found.class_ids.tolist() == [0, 2, 2]
+    fixed = Detector(graph(tmp_path / "fixed.onnx", family))
+    assert fixed.contract.resize == ("stretch" if family == "tfod" else "letterbox-top-left")
+
+
+def test_a_class_without_a_name_is_an_error(tmp_path: Path) -> None:
+    two = Contract("yolov10", NAMES[:2], resize="stretch", input_size_px=SIZE_PX, nms_iou=None)
+    detector = Detector(graph(tmp_path / "m.onnx", "yolov10"), contract=two)
+    with pytest.raises(ModelError, match=r"finds class 2, counted from 0, but the contract names 2"):
+        detector.detect(np.full((64, 96, 3), 255, np.uint8))
+
+
+def test_cocos_own_ids() -> None:
+    assert len(COCO91) == 91
+    at = {1: "person", 13: "stop sign", 44: "bottle", 90: "toothbrush"}
+    assert {number: COCO91[number] for number in at} == at
+    assert [name for name in COCO91 if not name.startswith("unused")] == list(COCO80)
+    assert Contract("rfdetr", "coco91").classes == COCO91  # type: ignore[arg-type]
+
+
+def test_extra_inputs_say_the_inputs_own_size() -> None:
+    inputs = [TensorInfo(name, (1,), kind) for name, kind in (
+        ("orig_target_sizes", "tensor(int64)"), ("im_shape", "tensor(float)"),
+        ("scale_factor", "tensor(float)"), ("pixel_mask", "tensor(int64)"),
+    )]  # fmt: skip
+    feeds = extra_feeds(inputs, (64, 96), 2)
+    assert feeds is not None
+    assert feeds["orig_target_sizes"].tolist() == [[96, 64]] * 2  # width first
+    assert feeds["im_shape"].tolist() == [[64, 96]] * 2
+    assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
+    assert feeds["pixel_mask"].shape == (2, 64, 96)
+    assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None
+
+
+@pytest.mark.parametrize("family", ["yolov10", "yolov7", "ppyoloe"])
+def test_a_class_that_is_no_number_is_dropped(family: str) -> None:
+    module = next(each for each in formats.FAMILIES if family == each.NAME)
+    values = [(base + gain).astype(np.float32) for base, gain in list(tensors(family).values())[:1]]
+    column = {"yolov10": 5, "yolov7": 5, "ppyoloe": 0}[family]
+    values[0].reshape(-1, values[0].shape[-1])[0, column] = np.nan
+    found = module.decode([*values, np.array([3], np.float32)], SIZE_PX, 0.001)
+    np.testing.assert_allclose(found.scores, SCORES[1:], rtol=1e-6)

@@ -1,0 +1,363 @@
+"""Recognisers on known boxes: graphs that read the colours of bands, so that every answer is known."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from band_readers import COLOURS, LETTERS, band_reader, constant_reader, saved
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextContract, is_recogniser
+from numpy.typing import NDArray
+from onnx import TensorProto, helper
+
+
+def bands(letters: str, *, height: int = 48, width: int = 48) -> NDArray[np.uint8]:
+    """A band of ``width`` px for each letter, black for "-"."""
+    return np.concatenate([np.full((height, width, 3), COLOURS[x], np.uint8) for x in letters], axis=1)
+
+
+def whole(image: NDArray[np.uint8]) -> list[tuple[float, float, float, float]]:
+    return [(0, 0, image.shape[1], image.shape[0])]
+
+
+def one_text(recogniser: Recogniser, image: NDArray[np.uint8]) -> str:
+    return recogniser.read(image, whole(image))[0].text
+
+
+# --- the picture's way into the network ---
+
+
+def test_bands_are_read_in_order(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
+    reading = recogniser.read(bands("rgb-b-bbr"), whole(bands("rgb-b-bbr")))[0]
+    assert reading.text == "rgbbbr"
+    assert reading.confidence == pytest.approx(1, abs=1e-3)  # 1 / (1 + e^-10 ...) at the surest
+
+
+def test_colour_order_is_the_contracts(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    assert one_text(Recogniser(path, contract={"colour": "rgb"}), bands("r-g-b")) == "bgr"
+    assert one_text(Recogniser(path, contract={"colour": "bgr"}), bands("r-g-b")) == "rgb"
+
+
+@pytest.mark.parametrize("size", [(48, 200), (31, 117), (90, 1000), (7, 11), (200, 30), (1, 1)])
+@pytest.mark.parametrize("colour", ["rgb", "bgr"])
+def test_input_is_the_crop_normalised_beside_zeros(
+    tmp_path: Path, size: tuple[int, int], colour: str
+) -> None:
+    mean, std = (0.5, 0.25, 0.125), (0.5, 0.2, 1.0)
+    contract = {"colour": colour, "mean": mean, "std": std}
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract=contract)
+    crop = np.random.default_rng(1).integers(0, 256, (*size, 3), np.uint8)
+    blob = recogniser.prepare(crop)
+    filled = -(-48 * size[1] // size[0])
+    assert blob.shape == (1, 3, 48, max(320, filled))
+    resized = cv2.resize(crop, (filled, 48)) / 255
+    expected = ((resized if colour == "rgb" else resized[..., ::-1]) - mean) / std
+    np.testing.assert_allclose(blob[0, :, :, :filled], expected.transpose(2, 0, 1), atol=1e-5)
+    assert not blob[..., filled:].any()
+
+
+def test_padding_and_darkness_are_told_apart(tmp_path: Path) -> None:
+    """With a mean of 0 black enters as 0, which is blank; with one of -2, it is brighter than the padding."""
+    path = band_reader(tmp_path / "m.onnx", metadata={"character": LETTERS})
+    assert one_text(Recogniser(path, contract={"mean": [0, 0, 0]}), bands("--")) == ""
+    bright = Recogniser(path, contract={"mean": [-2, -1, -1]})
+    reading = bright.read(bands("--"), whole(bands("--")))[0]
+    assert reading.text == "b"  # once: the zeros beside it are blank
+
+
+@pytest.mark.parametrize("dtype", [TensorProto.FLOAT, TensorProto.FLOAT16])
+@pytest.mark.parametrize("shape", [("N", 48, "W"), (1, "H", 320), (2, 48, 320), (3, "H", "W")])
+def test_declared_types_and_sizes(
+    tmp_path: Path, dtype: int, shape: tuple[int | str, int | str, int | str]
+) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx", shape=shape, dtype=dtype))
+    assert one_text(recogniser, bands("r-g")) == "rg"
+    assert recogniser.prepare(bands("r-g", width=480)).shape[3] == (1440 if shape[2] == "W" else 320)
+    assert one_text(recogniser, bands("r-gbr", width=480)) == "rgbr"  # squeezed where the width is fixed
+    assert recogniser.contract.output == "probabilities"
+
+
+def test_height_is_the_graphs(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx", shape=("N", 32, "W"), height=32)
+    recogniser = Recogniser(path)
+    assert recogniser.contract.height_px == 32
+    assert recogniser.contract.sources["height_px"] == "graph"
+    assert recogniser.prepare(bands("r")).shape == (1, 3, 32, 320)
+    assert one_text(recogniser, bands("r-g")) == "rg"
+    with pytest.raises(ModelError, match=r"height_px = 48 \(given\), but the graph takes only 32"):
+        Recogniser(path, contract={"height_px": 48})
+
+
+def test_width_is_bounded(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract={"max_width_px": 640})
+    assert recogniser.prepare(np.zeros((1, 5000, 3), np.uint8)).shape == (1, 3, 48, 640)
+
+
+# --- boxes ---
+
+
+def test_each_box_is_read_on_its_own(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract={"margin": 0.0})
+    image = bands("rgb")
+    boxes = [(0, 0, 48, 48), (96, 0, 144, 48), (48, 0, 144, 48), (50, 3, 90.5, 40.2)]
+    alone = [recogniser.read(image, [box])[0] for box in boxes]
+    assert recogniser.read(image, boxes) == alone
+    assert [reading.text for reading in alone] == ["r", "b", "gb", "g"]
+    assert recogniser.read(image, np.array(boxes)) == alone
+    assert recogniser.read(image, []) == []
+
+
+def test_margin_is_a_share_of_the_boxs_height(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    image = bands("rgb", height=100)
+    inside = [(50, 40, 94, 60)]  # 2 px from its neighbours
+    assert Recogniser(path, contract={"margin": 0.05}).read(image, inside)[0].text == "g"
+    assert Recogniser(path, contract={"margin": 1.0}).read(image, inside)[0].text == "rgb"
+
+
+def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
+    image = bands("rr")
+    outside = [(-50, 0, -1, 48), (0, 48, 96, 90), (500, 0, 600, 48)]
+    empty = [(10, 10, 10, 40), (30, 20, 20, 40), (5, 8, 25, 8)]
+    assert recogniser.read(image, outside + empty) == [Reading("", 0.0)] * 6
+    assert [r.text for r in recogniser.read(image, [(-30, -30, 300, 300), (-1e9, 0, 1e9, 48)])] == ["r", "r"]
+    assert recogniser.read(image, [(0.2, 0.2, 0.3, 0.3)])[0].text == "r"
+
+
+@pytest.mark.parametrize("box", [(0, 0, np.nan, 5), (0, 0, np.inf, 5), (0, 0, 5)])
+def test_boxes_that_are_none(tmp_path: Path, box: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match=r"boxes_xyxy: must be finite, shape \(N, 4\)"):
+        Recogniser(band_reader(tmp_path / "m.onnx")).read(bands("r"), [box])
+
+
+def test_pictures_of_another_kind(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
+    with pytest.raises(TypeError, match=r"uint8, shape \(H, W, 3\), got float32"):
+        recogniser.read(np.zeros((5, 5, 3), np.float32), [])
+    with pytest.raises(ValueError, match=r"\(H, W, 3\), none of them 0, got \(5, 5\)"):
+        recogniser.read(np.zeros((5, 5), np.uint8), [])
+
+
+def test_threads_share_one_recogniser(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
+    texts = ["r-g", "b", "gbr-r", "-", "bb-b", "rg"] * 8
+    with ThreadPoolExecutor(4) as pool:
+        read = list(pool.map(lambda text: one_text(recogniser, bands(text)), texts))
+    assert read == [one_text(recogniser, bands(text)) for text in texts]
+
+
+# --- answers ---
+
+
+def rows(*steps: tuple[float, ...]) -> NDArray[np.float32]:
+    return np.array([steps], np.float32)
+
+
+def test_confidence_is_the_mean_of_the_characters_kept(tmp_path: Path) -> None:
+    answer = rows(
+        (0.1, 0.0, 0.9, 0.0, 0.0),  # g
+        (0.4, 0.0, 0.6, 0.0, 0.0),  # the same g
+        (0.7, 0.0, 0.3, 0.0, 0.0),  # blank
+        (0.2, 0.0, 0.5, 0.3, 0.0),  # another g
+        (0.2, 0.0, 0.0, 0.1, 0.7),  # a space
+    )
+    recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
+    reading = recogniser.read(bands("r"), whole(bands("r")))[0]
+    assert reading.text == "gg "
+    assert reading.confidence == pytest.approx((0.9 + 0.5 + 0.7) / 3)
+
+
+def test_empty_answers(tmp_path: Path) -> None:
+    blank = Recogniser(constant_reader(tmp_path / "b.onnx", rows((1, 0, 0, 0, 0), (1, 0, 0, 0, 0))))
+    none = Recogniser(constant_reader(tmp_path / "n.onnx", np.zeros((1, 0, 5), np.float32)))
+    for recogniser in (blank, none):
+        assert recogniser.read(bands("r"), whole(bands("r"))) == [Reading("", 0.0)]
+
+
+def test_logits_are_noticed(tmp_path: Path) -> None:
+    sure = Recogniser(band_reader(tmp_path / "p.onnx"))
+    logits = Recogniser(band_reader(tmp_path / "l.onnx", softmax=False))
+    image = bands("r-gb") // 255 * 198  # 0.55: a logit of 11 beside the blank's 10
+    assert logits.contract.output == "logits"
+    assert "softmax is applied" in logits.contract.sources["output"]
+    assert sure.contract.output == "probabilities"
+    got, expected = logits.read(image, whole(image))[0], sure.read(image, whole(image))[0]
+    assert got.text == expected.text == "rgb"
+    assert 0.7 < expected.confidence < 0.8
+    assert got.confidence == pytest.approx(expected.confidence, abs=1e-6)
+    with pytest.raises(ModelError, match=r"output = 'probabilities' \(given\), but .* is logits"):
+        Recogniser(tmp_path / "l.onnx", contract={"output": "probabilities"})
+
+
+def test_nan_is_no_text_and_counted(tmp_path: Path) -> None:
+    answer = rows((0, 1, 0, 0, 0), (0, np.nan, 0, 0, 1), (np.inf, 0, 0, 0, 0))
+    with pytest.warns(RuntimeWarning, match="outputs contain NaN or Inf"):
+        recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
+    seen = recogniser.non_finite_values
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # one warning is enough
+        assert recogniser.read(bands("r"), whole(bands("r"))) == [Reading("", 0.0)]
+    assert recogniser.non_finite_values == seen + 2
+    assert recogniser.contract.sources["output"].startswith("assumed")
+
+
+# --- dictionary ---
+
+
+@pytest.mark.parametrize("lines", ["b\ng", "b\ng\nr\nx", "", "b\n\ng\nr"])
+def test_a_dictionary_of_another_length_names_both_numbers(tmp_path: Path, lines: str) -> None:
+    path = band_reader(tmp_path / "m.onnx", metadata={"character": lines})
+    count = len(lines.split("\n")) + 2
+    with pytest.raises(ModelError, match=rf"answers \[40, 5\].*makes {count} classes.*{count - 2} lines"):
+        Recogniser(path)
+
+
+def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    plain = Recogniser(path)
+    assert plain.contract.sources["dictionary"] == "metadata character"
+    dictionary = tmp_path / "greek.txt"
+    dictionary.write_bytes("\ufeffβ\r\nγ\r\nρ\r\n".encode())
+    greek = Recogniser(path, dictionary=dictionary)
+    assert one_text(greek, bands("r-g-b")) == "ργβ"
+    assert greek.contract.to_dict()["dictionary"] == "greek.txt"
+    assert greek.contract.sources["dictionary"] == "given"
+    assert greek.sha256 != plain.sha256
+    (tmp_path / "m.contract.json").write_text('{"family": "ppocr", "dictionary": "greek.txt"}')
+    beside = Recogniser(path)
+    assert one_text(beside, bands("r-g-b")) == "ργβ"
+    assert beside.sha256 == greek.sha256
+
+
+def test_no_dictionary_and_one_that_cannot_be_read(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx", metadata={})
+    with pytest.raises(ModelError, match="nothing says which characters its classes are"):
+        Recogniser(path)
+    with pytest.raises(ModelError, match=r"dictionary none.txt: cannot be read"):
+        Recogniser(path, dictionary=tmp_path / "none.txt")
+    (tmp_path / "bad.txt").write_bytes(b"b\n\xff\nr")
+    with pytest.raises(ModelError, match=r"dictionary bad.txt: cannot be read"):
+        Recogniser(path, dictionary=tmp_path / "bad.txt")
+
+
+# --- contract ---
+
+
+def test_contract_lookup(tmp_path: Path) -> None:
+    """The caller's, else the file beside the model, else its metadata, else PP-OCR's, assumed."""
+    inside = {"character": LETTERS, "blurnoise.contract": json.dumps({"margin": 0.3})}
+    path = band_reader(tmp_path / "m.onnx", metadata=inside)
+    assert Recogniser(path).contract.sources["margin"] == "metadata blurnoise.contract"
+    (tmp_path / "m.contract.yaml").write_text("family: ppocr\nmargin: 0.2\n")
+    beside = Recogniser(path)
+    assert (beside.contract.margin, beside.contract.sources["margin"]) == (0.2, "file m.contract.yaml")
+    assert beside.contract.sources["colour"] == "preset ppocr"
+    assert beside.assumptions == []
+    for given in (TextContract(margin=0.4), {"margin": 0.4}, tmp_path / "other.json"):
+        (tmp_path / "other.json").write_text('{"margin": 0.4}')
+        assert Recogniser(path, contract=given).contract.margin == 0.4
+    assert Recogniser(path, contract="ppocr").contract.margin == TextContract().margin
+
+
+def test_what_nobody_stated_is_marked_as_assumed(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
+    assumed = {name for name, source in recogniser.contract.sources.items() if source.startswith("assumed")}
+    assert assumed == {"family", "colour", "mean", "std", "min_width_px", "max_width_px", "margin"}
+    assert len(recogniser.assumptions) == len(assumed)
+    assert "colour = 'bgr' is assumed" in " ".join(recogniser.assumptions)
+    stated = recogniser.contract.to_dict()
+    assert json.loads(json.dumps(stated)) == stated
+    again = Recogniser(recogniser.path, contract=stated)
+    assert again.contract == recogniser.contract
+    assert again.assumptions == []
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"height": 48}, "given: unknown key 'height'; known are"),
+        ({"family": "crnn"}, "family = 'crnn': must be one of 'ppocr'"),
+        ({"height_px": 0}, "height_px = 0: must be an integer >= 1"),
+        ({"min_width_px": 3.5}, "min_width_px = 3.5: must be an integer >= 1"),
+        ({"max_width_px": 100}, "max_width_px = 100: must be >= min_width_px, 320"),
+        ({"margin": -0.1}, "margin = -0.1: must be finite and >= 0"),
+        ({"colour": "grey"}, "colour = 'grey': must be one of 'rgb', 'bgr'"),
+        ({"std": [1, 0, 1]}, "std = .*: must be > 0"),
+        ({"mean": [1, 2]}, "mean = .*: must be three numbers"),
+        ({"dictionary": 5}, "dictionary = 5: must be the name of a file"),
+        ({"output": "log"}, "output = 'log': must be one of"),
+        ("none.json", "contract 'none.json': neither a file nor the preset 'ppocr'"),
+    ],
+)
+def test_bad_contracts_are_named(tmp_path: Path, stated: dict[str, object] | str, message: str) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    with pytest.raises(ModelError, match=message):
+        Recogniser(path, contract=stated)
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "{", "null", "[" * 100_000])
+def test_contract_files_that_hold_none(tmp_path: Path, text: str) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    (tmp_path / "m.contract.json").write_text(text)
+    with pytest.raises(ModelError, match=r"file m.contract.json: (cannot be read|must map)"):
+        Recogniser(path)
+    assert not is_recogniser(path)  # the contract beside it wins, and does not say so
+
+
+# --- graphs of another form ---
+
+
+def test_graphs_of_another_form(tmp_path: Path) -> None:
+    grey = helper.make_graph(
+        [helper.make_node("Identity", ["x"], ["y"])],
+        "grey",
+        [helper.make_tensor_value_info("x", TensorProto.FLOAT, [1, 1, 32, "W"])],
+        [helper.make_tensor_value_info("y", TensorProto.FLOAT, [1, 1, 32, "W"])],
+    )
+    with pytest.raises(
+        ModelError, match=r"must take one picture \[N, 3, height, width\].*'x' \[1, 1, 32, 'W'\]"
+    ):
+        Recogniser(saved(grey, tmp_path / "grey.onnx", {"character": LETTERS}))
+    flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32) / 5)
+    with pytest.raises(ModelError, match=r"answers \[5\], steps and classes"):
+        Recogniser(flat)
+    steps_first = constant_reader(tmp_path / "steps.onnx", np.ones((7, 1, 5), np.float32) / 5)
+    with pytest.raises(
+        ModelError, match=r"answers \[7, 1, 5\] to 1 picture\(s\): the first axis must be the batch"
+    ):
+        Recogniser(steps_first)
+
+
+def test_a_graph_that_fails_on_a_picture(tmp_path: Path) -> None:
+    recogniser = Recogniser(band_reader(tmp_path / "m.onnx", shape=("N", "H", "W"), height=48))
+    blob = np.zeros((1, 3, 20, 320), np.float32)  # lower than its kernel
+    with pytest.raises(ModelError, match=r"m.onnx: fails on a picture"):
+        recogniser._network.run(blob)
+
+
+def test_is_recogniser(tmp_path: Path) -> None:
+    path = band_reader(tmp_path / "m.onnx")
+    assert is_recogniser(path)
+    assert is_recogniser(str(path))
+    silent = band_reader(tmp_path / "silent.onnx", metadata={})
+    assert not is_recogniser(silent)
+    (tmp_path / "silent.contract.json").write_text('{"family": "ppocr", "dictionary": "d.txt"}')
+    assert is_recogniser(silent)
+    (tmp_path / "silent.contract.json").write_text('{"family": "yolox", "classes": "coco80"}')
+    assert not is_recogniser(silent)
+    inside = {"blurnoise.contract": '{"family": "ppocr"}'}
+    assert is_recogniser(band_reader(tmp_path / "inside.onnx", metadata=inside))
+    flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32))
+    assert not is_recogniser(flat)  # a classifier with a dictionary
+    (tmp_path / "text.onnx").write_text("no model")
+    assert not is_recogniser(tmp_path / "text.onnx")
+    assert not is_recogniser(tmp_path / "none.onnx")

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blurnoise_eval.detectors.ocr import Reading, character_error_rate
+from blurnoise_eval.detectors.ocr.ctc import are_probabilities, characters, decode, softmax
+from hypothesis import given
+from hypothesis import strategies as st
+
+CLASSES = characters("a\nb\nc")  # blank, a, b, c, space
+labels = st.lists(st.integers(0, 4), min_size=1, max_size=30)
+words = st.text("abcdü ☃", max_size=12)
+
+
+def sure(path: list[int], probability: float = 0.9) -> np.ndarray:
+    rows = np.full((len(path), 5), (1 - probability) / 4, np.float32)
+    rows[np.arange(len(path)), path] = probability
+    return rows
+
+
+# --- decoding ---
+
+
+@given(labels)
+def test_decoding_drops_repeats_then_blanks(path: list[int]) -> None:
+    """Against the definition, letter by letter."""
+    expected, previous = "", 0
+    for label in path:
+        if label != previous and label != 0:
+            expected += " abc "[label]
+        previous = label
+    reading = decode(sure(path), CLASSES)
+    assert reading.text == expected
+    assert reading.confidence == pytest.approx(0.9 if expected else 0)
+
+
+@given(labels, st.data())
+def test_holding_a_step_longer_changes_nothing(path: list[int], data: st.DataObject) -> None:
+    step = data.draw(st.integers(0, len(path) - 1))
+    held = [*path[: step + 1], *path[step:]]
+    assert decode(sure(held), CLASSES) == decode(sure(path), CLASSES)
+
+
+@given(st.text("abc ", max_size=20))
+def test_every_text_survives_with_blanks_between(text: str) -> None:
+    path = [label for letter in text for label in (0, "?abc ".index(letter), 0)]
+    assert decode(sure(path or [0]), CLASSES).text == text
+
+
+@given(st.integers(0, 10))
+def test_blanks_alone_are_no_text(steps: int) -> None:
+    assert decode(sure([0] * steps).reshape(steps, 5), CLASSES) == Reading("", 0.0)
+
+
+def test_repeats_count_once_and_at_their_first_step() -> None:
+    rows = np.concatenate([sure([1], 0.6), sure([1], 0.99), sure([0], 0.99), sure([1], 0.8)])
+    reading = decode(rows, CLASSES)
+    assert reading.text == "aa"
+    assert reading.confidence == pytest.approx(0.7)
+
+
+# --- dictionary ---
+
+
+@given(st.lists(st.text(st.characters(exclude_characters="\n\r"), min_size=1, max_size=2), min_size=1))
+def test_a_line_feed_alone_ends_a_line(lines: list[str]) -> None:
+    """Dictionaries hold U+2028, U+0085 and U+3000, which str.splitlines and str.strip would eat."""
+    expected = ["", *lines, " "]
+    assert characters("\n".join(lines)) == expected
+    assert characters("\n".join(lines) + "\n") == expected
+    assert characters("\r\n".join(lines) + "\r\n") == expected
+
+
+# --- probabilities and logits ---
+
+
+@given(st.lists(st.lists(st.floats(-30, 30), min_size=4, max_size=4), min_size=1, max_size=5))
+def test_softmax_makes_probabilities_and_keeps_the_order(rows: list[list[float]]) -> None:
+    logits = np.array(rows, np.float32)
+    probabilities = softmax(logits)
+    assert are_probabilities(probabilities)
+    assert are_probabilities(probabilities.astype(np.float16).astype(np.float32))
+    np.testing.assert_allclose(softmax(logits + 100), probabilities, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(softmax(np.log(probabilities + 1e-30)), probabilities, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(
+        probabilities * np.exp(logits).sum(1, keepdims=True), np.exp(logits), rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    "rows", [[[0, 0, 0]], [[1.5, -0.5, 0]], [[0.4, 0.4, 0.4]], [[1, 0, 0], [5, 1, 2]], [[-1, -2, -3]]]
+)
+def test_what_is_no_probability(rows: list[list[float]]) -> None:
+    assert not are_probabilities(np.array(rows, np.float32))
+
+
+# --- character error rate ---
+
+
+@pytest.mark.parametrize(
+    ("read", "truth", "rate"),
+    [
+        ("STOP", "STOP", 0),
+        ("STOO", "STOP", 1 / 4),
+        ("SOP", "STOP", 1 / 4),
+        ("STTOP", "STOP", 1 / 4),
+        ("stop", "STOP", 1),
+        ("", "STOP", 1),
+        ("STOPSTOP!", "STOP", 5 / 4),
+        ("kitten", "sitting", 3 / 7),
+        ("TSOP", "STOP", 2 / 4),  # a swap is two errors
+        ("停", "停止", 1 / 2),
+        ("", "", 0),
+        ("x", "", 1),
+        ("xyz", "", 1),
+    ],
+)
+def test_known_rates(read: str, truth: str, rate: float) -> None:
+    assert character_error_rate(read, truth) == pytest.approx(rate)
+
+
+def edits(a: str, b: str) -> int:
+    """Levenshtein's distance by its recurrence."""
+    row = list(range(len(b) + 1))
+    for i, x in enumerate(a, 1):
+        last, row[0] = row[0], i
+        for j, y in enumerate(b, 1):
+            last, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, last + (x != y))
+    return row[-1]
+
+
+@given(words, words)
+def test_rate_is_the_distance_per_character_of_the_truth(read: str, truth: str) -> None:
+    rate = character_error_rate(read, truth)
+    if truth:
+        assert rate == pytest.approx(edits(read, truth) / len(truth))
+        assert abs(len(read) - len(truth)) / len(truth) <= rate <= max(len(read), len(truth)) / len(truth)
+    assert (rate == 0) == (read == truth)

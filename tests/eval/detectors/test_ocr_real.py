@@ -1,0 +1,91 @@
+"""The networks of the rapidocr package on the rendered stop sign; skipped where it is not installed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from blurnoise_eval.detectors.ocr import (
+    Recogniser,
+    TextSpotter,
+    character_error_rate,
+    is_recogniser,
+    rapidocr_models,
+)
+from numpy.typing import NDArray
+
+from blurnoise import motion_blur
+from blurnoise.charts import stop_sign, stop_sign_text_box
+from blurnoise.encoding import srgb_from_linear
+
+MODELS = rapidocr_models()
+pytestmark = pytest.mark.skipif(MODELS is None, reason="needs the models of the rapidocr package")
+SIDE_PX = 320
+
+
+@pytest.fixture(scope="module")
+def recogniser() -> Recogniser:
+    assert MODELS is not None
+    return Recogniser(MODELS[1])
+
+
+@pytest.fixture(scope="module")
+def spotter(recogniser: Recogniser) -> TextSpotter:
+    assert MODELS is not None
+    return TextSpotter(MODELS[0], recogniser)
+
+
+def sign(size_px: int, blur_px: float = 0.0) -> tuple[NDArray[np.uint8], tuple[float, ...]]:
+    """The stop sign on 18 % grey, moved to the right during the exposure, and the box of its word."""
+    linear = stop_sign(size_px, height_px=SIDE_PX, width_px=SIDE_PX)
+    coded = srgb_from_linear(motion_blur(linear, [[blur_px, 0.0]]) if blur_px else linear)
+    image = coded[0].clamp(0, 1).mul(255).round().byte().permute(1, 2, 0).contiguous().numpy()
+    return image, stop_sign_text_box(size_px, height_px=SIDE_PX, width_px=SIDE_PX)
+
+
+def test_the_files_are_told_apart() -> None:
+    assert MODELS is not None
+    assert [is_recogniser(path) for path in MODELS] == [False, True]
+
+
+def test_contract_is_stated_by_graph_and_metadata_or_assumed(recogniser: Recogniser) -> None:
+    sources = recogniser.contract.sources
+    assert sources["dictionary"] == "metadata character"
+    assert sources["output"].startswith("graph")
+    assert recogniser.contract.output == "probabilities"
+    assert recogniser.contract.height_px == 48
+    assert sources["colour"].startswith("assumed")
+
+
+@pytest.mark.parametrize("size_px", [100, 50, 32])
+def test_the_known_box_is_read(recogniser: Recogniser, size_px: int) -> None:
+    image, box = sign(size_px)
+    (reading,) = recogniser.read(image, [box])
+    assert reading.text == "STOP"
+    assert 0.97 < reading.confidence <= 1
+
+
+@pytest.mark.parametrize("size_px", [100, 50, 32])
+def test_the_word_is_found_and_read(spotter: TextSpotter, size_px: int) -> None:
+    image, box = sign(size_px)
+    (reading,) = spotter.read(image, [box])
+    assert reading.text == "STOP"
+    assert 0.97 < reading.confidence <= 1
+    (line,) = spotter.spot(image)
+    assert line.reading == reading
+    assert [math.floor(line.box_xyxy[0]) < box[0], line.box_xyxy[2] > box[2]] == [True, True]
+
+
+def test_a_smeared_word_is_not_read(recogniser: Recogniser, spotter: TextSpotter) -> None:
+    image, box = sign(100, blur_px=60)
+    for reader in (recogniser, spotter):
+        (reading,) = reader.read(image, [box])
+        assert reading.text != "STOP"
+        assert character_error_rate(reading.text, "STOP") >= 0.75
+
+
+def test_grey_holds_no_text(recogniser: Recogniser, spotter: TextSpotter) -> None:
+    image = np.full((SIDE_PX, SIDE_PX, 3), 118, np.uint8)
+    for reader in (recogniser, spotter):
+        assert reader.read(image, [(100, 100, 200, 140)])[0].text == ""

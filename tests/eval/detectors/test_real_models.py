@@ -1,0 +1,54 @@
+"""Two real detectors on real photographs: the run's AP is that of a plain pycocotools evaluation."""
+
+from __future__ import annotations
+
+import json
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from blurnoise_eval import cli
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "real"
+LABELS = SHARED / "photos" / "instances.json"
+pytestmark = pytest.mark.skipif(not LABELS.is_file(), reason="the shared photographs are absent")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Both models on all photographs, untouched and under one condition; what was found, as COCO results."""
+    folder = tmp_path_factory.mktemp("real") / "run"
+    models = [f"--model={SHARED / 'models' / name}.onnx" for name in ("yolox_nano", "fastestdet_upstream")]
+    conditions = ["--exposure-ms", "60", "--lux", "20", "--dx", "400", "--json"]
+    with redirect_stdout(StringIO()):
+        assert cli.main(["sweep", *models, "--coco", str(LABELS), *conditions, "-o", str(folder)]) == 0
+        assert cli.main(["detections", str(folder)]) == 0
+    return folder
+
+
+@pytest.mark.parametrize(("model", "clean"), [("yolox_nano", 0.299), ("fastestdet_upstream", 0.156)])
+def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
+    run: Path, model: str, clean: float
+) -> None:
+    scores = {}
+    for file in sorted((run / "coco" / model).glob("*.json")):
+        if file.name == "instances.json":
+            continue
+        with redirect_stdout(StringIO()):
+            coco = COCO(str(LABELS))
+            judge = COCOeval(coco, coco.loadRes(str(file)), "bbox")
+            judge.evaluate()
+            judge.accumulate()
+            judge.summarize()
+        scores[file.stem] = judge.stats
+    (row,) = (
+        each for each in json.loads((run / "summary.json").read_text())["models"] if each["model"] == model
+    )
+    exposed = scores.pop("60ms-20lux-400_0px_s-0")
+    assert (row["p"], row["ap50"], row["ar100"]) == pytest.approx(scores["clean"][[0, 1, 8]], abs=1e-3)
+    assert row["mpc"] == pytest.approx(exposed[0], abs=1e-3)
+    assert row["p"] == pytest.approx(clean, abs=0.002)  # as plain code around the same network gave it
+    assert 0.2 < row["rpc"] < 0.9

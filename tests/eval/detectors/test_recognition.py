@@ -1,0 +1,359 @@
+"""Which family a graph is of, and what its contract says: by shapes, names, metadata, files and a probe."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.cli import COMMANDS
+from blurnoise_eval.cli.arguments import parse
+from blurnoise_eval.detectors import formats
+from blurnoise_eval.detectors.contract import (
+    COCO80,
+    PRESETS,
+    ModelError,
+    load_contract,
+    parse_contract,
+    preset,
+)
+from blurnoise_eval.detectors.formats import probe, resolve, yolov8
+from blurnoise_eval.detectors.formats.signature import Signature, TensorInfo
+from numpy.typing import NDArray
+
+NOWHERE = Path("nowhere/model.onnx")
+
+
+def signature(
+    size_px: tuple[int, int],
+    *shapes: tuple[int, ...],
+    metadata: dict[str, str] | None = None,
+    names: tuple[str, ...] = (),
+    answer: NDArray[np.float32] | None = None,
+) -> Signature:
+    """A graph of float NCHW; ``answer`` is what it gives to any picture."""
+    names = names or tuple(f"out{i}" for i in range(len(shapes)))
+    outputs = tuple(TensorInfo(*pair, "tensor(float)") for pair in zip(names, shapes, strict=True))
+    images = TensorInfo("images", (1, 3, *size_px), "tensor(float)")
+    found = None if answer is None else lambda blob: [answer]
+    return Signature((images,), outputs, metadata or {}, size_px, found)
+
+
+def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[np.float32]:
+    """An answer [1, count, width] of one objectness and one box size."""
+    made = np.full((1, count, width), 0.01, np.float32)
+    made[..., 2:4], made[..., 4] = size, objectness
+    return made
+
+
+@pytest.mark.parametrize(
+    ("name", "size_px", "shape"),
+    [
+        ("yolov5", (640, 640), (1, 25200, 85)),
+        ("yolov5", (1280, 1280), (1, 3 * (160**2 + 80**2 + 40**2 + 20**2), 85)),
+        ("yolov5", (32, 32), (1, 63, 85)),  # fewer boxes than columns
+        ("yolov8", (640, 640), (1, 84, 8400)),
+        ("yolov8", (384, 640), (1, 84, 5040)),
+        ("yolov8", (32, 32), (1, 84, 21)),
+        ("yolox", (416, 416), (1, 3549, 85)),
+        ("yolox", (32, 64), (1, 42, 85)),
+        ("fastestdet", (352, 352), (1, 85, 22, 22)),
+        ("fastestdet", (320, 352), (1, 85, 20, 22)),
+        ("yolov8", (640, 640), (1, 8400, 84)),
+        ("yolov8", (32, 32), (1, 21, 84)),  # turned, though the classes' axis is the longer one
+        ("nanodetplus", (320, 320), (1, 2125, 112)),
+        ("nanodetplus", (416, 416), (1, 3598, 112)),
+    ],
+)
+def test_families_are_told_apart_by_their_cells(
+    name: str, size_px: tuple[int, int], shape: tuple[int, ...]
+) -> None:
+    raw = rows(*shape[1:], objectness=0.5, size=1) if name == "yolox" else None
+    family, contract, _ = resolve(NOWHERE, signature(size_px, shape, answer=raw))
+    assert family.NAME == contract.family == name
+    assert contract.classes == COCO80
+    assert contract.input_size_px == size_px
+    assert contract.sources["input_size_px"] == "graph"
+    assumed = " ".join(contract.assumptions)
+    for field in ("colour", "value_range", "mean", "std", "resize", "pad_value", "classes"):
+        assert f"{field} = " in assumed
+    assert "contract.json" in assumed
+
+
+@pytest.mark.parametrize(
+    ("name", "objectness", "size"),
+    [("yolov6", 1, 40), ("yolov6", 1, 3), ("yolox", 0.5, 3), ("yolox", 0.999, 15)],
+)
+def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: float) -> None:
+    answer = rows(8400, 85, objectness=objectness, size=size)
+    family, contract, _ = resolve(NOWHERE, signature((640, 640), (1, 8400, 85), answer=answer))
+    assert (family.NAME, contract.family) == (name, name)
+    assert "on a drawn picture" in contract.sources["family"]
+
+
+def test_a_probe_that_tells_nothing_leaves_the_choice_to_the_user() -> None:
+    """Boxes in px and an objectness that varies: YOLOX with its boxes decoded, or anything."""
+    answer = rows(8400, 85, objectness=0.5, size=40)
+    unclear = signature((640, 640), (1, 8400, 85), answer=answer)
+    for graph in (unclear, replace(unclear, answer=None)):
+        with pytest.raises(ModelError, match=r"several output families \(yolox, yolov6\).*--contract"):
+            resolve(NOWHERE, graph)
+    assert resolve(NOWHERE, unclear, "yolov6")[0].NAME == "yolov6"
+
+
+def test_the_probes_picture_is_always_the_same_and_lively() -> None:
+    first, again = probe.picture(), probe.picture()
+    np.testing.assert_array_equal(first, again)
+    assert first.shape == (416, 416, 3)
+    assert first.std() > 30
+    red, _, blue = first[163, 208]  # above the sign's letters
+    assert red > 2 * blue
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes", "names"),
+    [
+        ("yolov6e2e", [(1, 1), (1, 100, 4), (1, 100), (1, 100)],
+         ("num_dets", "det_boxes", "det_scores", "det_classes")),
+        ("rtdetr", [(1, 300), (1, 300, 4), (1, 300)], ("labels", "boxes", "scores")),
+        ("mmdeploy", [(1, 100, 5), (1, 100), (1, 100, 28, 28)], ("dets", "labels", "masks")),
+        ("yolov10", [(1, 300, 6)], ()),
+        ("yolov7", [(100, 7)], ()),
+        ("tfod", [(1,), (1, 10, 4), (1, 10), (1, 10)], ("num", "boxes", "scores", "classes")),
+        ("tfod", [(1, 10, 4), (1, 10), (1, 10), (1,), (1, 1917, 4)],
+         ("detection_boxes:0", "detection_classes:0", "detection_scores:0", "num_detections:0",
+          "raw_detection_boxes:0")),
+        ("nanodet", [(1, 1600, 80), (1, 400, 80), (1, 100, 80), (1, 1600, 32), (1, 400, 32), (1, 100, 32)], ()),
+        ("nanodet", [(100, 32), (100, 80), (400, 32), (400, 80), (1600, 80), (1600, 32)], ()),
+    ],
+)  # fmt: skip
+def test_families_are_told_apart_by_names_ranks_and_widths(
+    name: str, shapes: list[tuple[int, ...]], names: tuple[str, ...]
+) -> None:
+    family, _, layout = resolve(NOWHERE, signature((320, 320), *shapes, names=names))
+    assert name == family.NAME
+    assert set(layout.outputs) <= {"out0", "out1", "out2", "out3", "out4", "out5", *names}
+    if name == "nanodet":  # scores and sides in turn, of the finest stride first
+        by_name = dict(zip([f"out{i}" for i in range(6)], shapes, strict=True))
+        assert [by_name[output][-2:] for output in layout.outputs] == [
+            (count, width) for count in (1600, 400, 100) for width in (80, 32)
+        ]
+
+
+def test_ranks_and_types_show_torchvision_in_any_order() -> None:
+    image = TensorInfo("image", (3, 480, 640), "tensor(float)")
+    boxes = TensorInfo("1", ("n", 4), "tensor(float)")
+    scores, labels = TensorInfo("2", ("n",), "tensor(float)"), TensorInfo("3", ("n",), "tensor(int64)")
+    for outputs in ((boxes, labels, scores), (boxes, scores, labels)):
+        family, contract, layout = resolve(NOWHERE, Signature((image,), outputs, {}, (480, 640)))
+        assert (family.NAME, layout.outputs) == ("torchvision", ("1", "3", "2"))
+        assert (contract.resize, contract.sources["resize"][:7]) == ("letterbox-top-left", "assumed")
+
+
+def test_as_many_columns_as_there_are_names_decide_between_families() -> None:
+    """At 64 x 64 px there are 84 cells; [1, 84, 10] has room for five classes and objectness, or for six."""
+    shape = (1, 84, 10)
+    with pytest.raises(ModelError, match=r"several output families \(yolov8, yolox, yolov6\)"):
+        resolve(NOWHERE, signature((64, 64), shape))
+    six = signature((64, 64), shape, metadata={"names": str(list("abcdef"))})
+    _, contract, _ = resolve(NOWHERE, six)
+    assert (contract.family, contract.classes) == ("yolov8", tuple("abcdef"))
+    assert contract.sources["family"].startswith("graph: ")
+    raw = rows(84, 10, objectness=0.5, size=1)
+    five = signature((64, 64), shape, metadata={"names": str(list("abcde"))}, answer=raw)
+    assert resolve(NOWHERE, five)[0].NAME == "yolox"
+
+
+def test_metadata_comes_before_shapes() -> None:
+    """[1, 8400, 6] is a one-class YOLOX by its cells, but not where Ultralytics says that it has suppressed."""
+    exported = {"author": "Ultralytics", "task": "detect", "names": "['a', 'b']"}
+    graph = signature((640, 640), (1, 8400, 6), metadata={**exported, "args": "{'nms': True, 'half': False}"})
+    assert resolve(NOWHERE, graph)[0].NAME == "yolov10"
+    assert resolve(NOWHERE, replace(graph, metadata={**exported, "end2end": "True"}))[0].NAME == "yolov10"
+    for args in ("{'nms': False}", "[1]", "__import__('os')", "{" * 500):
+        plain = replace(graph, metadata={**exported, "args": args})
+        assert resolve(NOWHERE, plain)[0].NAME == "yolov8"
+
+
+@pytest.mark.parametrize("family", sorted(PRESETS))
+def test_every_family_has_a_preset_and_is_named_in_the_help(
+    family: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert [each.NAME for each in formats.FAMILIES].count(family) == 1
+    assert len(formats.FAMILIES) == len(PRESETS)
+    with pytest.raises(SystemExit):
+        parse(dict.fromkeys(COMMANDS, print), ["inspect", "--help"])
+    assert f" {family} " in capsys.readouterr().out.replace("\n", " ").replace(";", " ")
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "axes"),
+    [
+        ((1, 3, 640, 640), "float", "nchw"),
+        (("n", 3, "h", "w"), "float16", "nchw"),
+        (("n", "channels", "h", "w"), "float", "nchw"),  # as transformers exports DETR
+        ((1, 3, 8, 3), "float", "nchw"),
+        ((1, 640, 640, 3), "uint8", "nhwc"),
+        ((None, None, None, 3), "uint8", "nhwc"),
+        ((3, "h", "w"), "float", "chw"),
+        ((1, 1, 640, 640), "float", None),
+        ((1, 64, 64), "float", None),
+        (("n", "c", "h", "w"), "int64", None),
+        ((1, 3), "float", None),
+    ],
+)
+def test_axes_of_inputs(shape: tuple[int | str | None, ...], kind: str, axes: str | None) -> None:
+    assert TensorInfo("images", shape, f"tensor({kind})").axes == axes
+
+
+def test_bytes_are_0_to_255() -> None:
+    image = TensorInfo("images", (1, 640, 640, 3), "tensor(uint8)")
+    output = TensorInfo("out", (1, 84, 8400), "tensor(float)")
+    graph = Signature((image,), (output,), {}, (640, 640))
+    _, contract, _ = resolve(NOWHERE, graph)
+    assert (contract.value_range, contract.sources["value_range"]) == ("0-255", "graph")
+    for change in ({"value_range": "0-1"}, {"value_range": "0-255", "mean": [1, 2, 3]}):
+        stated = parse_contract({"family": "yolov8", "classes": "coco80", **change}, "file x")
+        with pytest.raises(ModelError, match=r"\(file x\): the graph takes only .*uint8"):
+            resolve(NOWHERE, graph, stated)
+
+
+def test_a_graph_that_fits_two_families_is_the_one_with_cocos_classes_but_says_so() -> None:
+    """At 64 x 64 px there are 84 cells, as many as YOLOv8 has rows for 80 classes."""
+    both = signature((64, 64), (1, 84, 84))
+    family, contract, _ = resolve(NOWHERE, both)
+    assert family is yolov8
+    assert "as many as COCO has" in contract.sources["family"]
+    assert "family = 'yolov8'" in contract.assumptions[0]
+    assert resolve(NOWHERE, both, "yolov8")[1].assumptions == []
+
+
+@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 1000), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
+def test_an_unknown_graph_is_described(shape: tuple[int, ...]) -> None:
+    unknown = signature((640, 640), shape, metadata={"colour of the sky": "blue"})
+    with pytest.raises(ModelError) as caught:
+        resolve(NOWHERE, unknown)
+    for part in ("'images' [1, 3, 640, 640] tensor(float)", "'out0'", str(list(shape)), "colour of the sky"):
+        assert part in str(caught.value)
+    assert '{"family": ' in str(caught.value)
+
+
+def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
+    metadata = {"author": "Ultralytics", "task": "detect", "stride": "32", "imgsz": "[640, 640]"}
+    named = signature((640, 640), (1, 6, 8400), metadata={**metadata, "names": "{0: 'stop', 1: 'yield'}"})
+    _, contract, _ = resolve(NOWHERE, named)
+    assert contract.classes == ("stop", "yield")
+    assert contract.assumptions == []
+    with pytest.raises(ModelError, match="segment"):
+        resolve(NOWHERE, replace(named, metadata={**named.metadata, "task": "segment"}))
+    with pytest.raises(ModelError, match="names"):
+        resolve(NOWHERE, replace(named, metadata={**metadata, "names": "__import__('os')"}))
+    with pytest.raises(ModelError, match=r"2 classes but the contract names 1 \(metadata\)"):
+        resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
+
+
+def test_yolov5_metadata_with_a_list_of_names() -> None:
+    metadata = {"stride": "32", "names": "['stop', 'yield']"}
+    _, contract, _ = resolve(NOWHERE, signature((640, 640), (1, 25200, 7), metadata=metadata))
+    assert (contract.classes, contract.family) == (("stop", "yield"), "yolov5")
+    assert contract.assumptions == []
+
+
+def test_unnamed_classes_are_not_guessed() -> None:
+    with pytest.raises(ModelError, match="3 classes but nothing names them"):
+        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)))
+    with pytest.raises(ModelError, match="3 classes but the contract names 80"):
+        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)), "yolov8")
+
+
+def test_contract_and_graph_must_agree() -> None:
+    graph = signature((640, 640), (1, 6, 8400))
+    two = {"family": "yolov8", "classes": ["a", "b"]}
+    with pytest.raises(ModelError, match="says yolox"):
+        resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
+    with pytest.raises(ModelError, match="takes only"):
+        resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
+    _, contract, _ = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
+    assert contract.input_size_px == (640, 640)
+
+
+def test_order_of_contracts(tmp_path: Path) -> None:
+    """The caller's, then the file beside the model, then the metadata; ``<stem>.json`` is none."""
+
+    def stated(name: str) -> str:
+        return json.dumps({"family": "yolov8", "classes": [name]})
+
+    model = tmp_path / "model.onnx"
+    graph = signature((32, 32), (1, 5, 21), metadata={"blurnoise.contract": stated("metadata")})
+    (tmp_path / "model.json").write_text(stated("wrong"))
+    assert resolve(model, graph)[1].classes == ("metadata",)
+    (tmp_path / "model.contract.yml").write_text("family: yolov8\nclasses: [beside]\nvalue_range: 0-255\n")
+    contract = resolve(model, graph)[1]
+    assert contract.classes == ("beside",)
+    assert contract.value_range == "0-255"
+    assert contract.sources["value_range"] == "file model.contract.yml"
+    assert contract.sources["colour"] == "preset yolov8"
+    mine = tmp_path / "mine.json"
+    mine.write_text(stated("caller"))
+    assert resolve(model, graph, mine)[1].classes == ("caller",)
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_contracts_survive_json(name: str) -> None:
+    contract = replace(preset(name), mean=(1.0, 2.0, 3.0), std=(0.5, 0.5, 0.5), classes=("a", "b"))
+    again = parse_contract(json.loads(json.dumps(contract.to_dict())), "file x")
+    assert again == contract
+    assert set(again.sources.values()) == {"file x"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"color": "rgb"}, "unknown key 'color'"),
+        ({"colour": "grb"}, "colour = 'grb'"),
+        ({"value_range": "0-2"}, "value_range = '0-2'"),
+        ({"resize": "crop"}, "resize = 'crop'"),
+        ({"mean": [1, 2]}, "mean = "),
+        ({"std": [1, 0, 1]}, "std = "),
+        ({"pad_value": 300}, "pad_value = 300"),
+        ({"nms_iou": "high"}, "nms_iou = 'high'"),
+        ({"classes": []}, "classes = "),
+        ({"classes": "stop sign"}, "classes = 'stop sign'"),
+        ({"classes": {"1": "a", "3": "b"}}, "classes: ids"),
+        ({"classes": {"2": "a", "3": "b"}}, "classes: ids"),
+        ({"input_size_px": [0, 32]}, "input_size_px = "),
+        ({"input_size_px": True}, "input_size_px = True"),
+        ({"family": "yolo99"}, "'yolo99' is unknown"),
+    ],
+)
+def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message):
+        parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
+
+
+def test_unreadable_contract_files(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="missing key 'classes'"):
+        parse_contract({"family": "yolox"}, "file x")
+    with pytest.raises(ModelError, match="must map"):
+        parse_contract(["yolox"], "file x")
+    by_id = {"family": "yolox", "classes": {"1": "b", "0": "a"}}
+    assert parse_contract(by_id, "file x").classes == ("a", "b")
+    from_1 = {"family": "tfod", "classes": {1: "a", 2: "b"}}
+    assert parse_contract(from_1, "file x").classes == ("unused 0", "a", "b")
+    with pytest.raises(ModelError, match="neither a file nor a preset"):
+        load_contract(tmp_path / "absent.json")
+    for name, text in (("a.json", "{"), ("b.yaml", "a: [")):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(ModelError, match=f"file {name}: cannot be read"):
+            load_contract(tmp_path / name)
+    assert parse_contract({"family": "yolox", "classes": "coco80"}, "x").classes[11] == "stop sign"
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"family": "yolox"', "\x00"])
+def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "m.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ModelError, match=r"contract file m.json: cannot be read"):
+        load_contract(path)

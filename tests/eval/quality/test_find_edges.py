@@ -1,0 +1,140 @@
+"""Slanted edges found in a picture: all of them, alone, and nothing else."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import charts_of_squares as chart
+import pytest
+import torch
+from blurnoise_eval.quality.find_edges import UNUSABLE, Found, find_edges
+from torch import Tensor
+
+from blurnoise import charts
+from blurnoise.blur import motion_blur
+from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+
+
+def found(image: Tensor, **options: float) -> Found:
+    return find_edges(image[0].double(), **{"full_scale": 1.0, **options})
+
+
+def edge_of(image: Tensor, roi: tuple[int, int, int, int]) -> SlantedEdge:
+    edge = slanted_edge(image[0].double(), roi=roi, bootstrap=0)
+    assert isinstance(edge, SlantedEdge)
+    return edge
+
+
+def noise(image: Tensor, deviation: float) -> Tensor:
+    return image + deviation * torch.randn(image.shape, generator=torch.Generator().manual_seed(2))
+
+
+BLURS = {  # px of motion to the right, noise, and what MTF50 may be off
+    "sharp": (0.0, 0.0, 0.004),
+    "noisy": (0.0, 0.02, 0.08),
+    "moved": (8.0, 0.0, 0.004),
+    "moved far, noisy": (20.0, 0.01, 0.04),
+}
+
+
+@cache
+def blurred(name: str) -> tuple[Tensor, list[tuple[int, int, int, int]]]:
+    """The chart of squares, and its regions."""
+    length, deviation, _ = BLURS[name]
+    image = noise(motion_blur(chart.squares(), [[length, 0.0]]), deviation)
+    return image, found(image).rois
+
+
+@pytest.mark.parametrize("name", BLURS)
+def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name: str) -> None:
+    """Four sides of four squares: their angles to 0.2°, MTF50 to 0.4 %, with noise to four standard errors."""
+    length, _, error = BLURS[name]
+    image, regions = blurred(name)
+    assert len(regions) == 16
+    angles = []
+    for roi in regions:
+        edge = edge_of(image, roi)
+        assert not edge.flags & UNUSABLE
+        turn = (edge.angle_deg - chart.TILT_DEG + 45) % 90 - 45
+        assert abs(turn) < 0.2
+        angles.append(round((edge.angle_deg - chart.TILT_DEG) / 90) % 4)
+        assert edge.mtf50 == pytest.approx(chart.mtf50(edge.angle_deg, length), rel=error)
+    assert sorted(angles) == sorted([0, 1, 2, 3] * 4)
+
+
+@pytest.mark.parametrize("name", ["sharp", "moved far, noisy"])
+def test_regions_hold_no_corner_and_much_of_their_edge(name: str) -> None:
+    for left, top, width, height in blurred(name)[1]:
+        for x, y in chart.corners():
+            assert not (left <= x <= left + width and top <= y <= top + height)
+        assert min(width, height) > 0.4 * chart.SIDE_PX
+
+
+def test_regions_are_in_reading_order() -> None:
+    _, regions = blurred("sharp")
+    middles = [(left + width / 2, top + height / 2) for left, top, width, height in regions]
+    upper = [y < chart.HEIGHT_PX / 2 for _, y in middles]
+    assert upper == sorted(upper, reverse=True)
+    left = [x < chart.WIDTH_PX / 2 for x, _ in middles[:8]]
+    # tops of both squares, their four sides, their bottoms
+    assert left == [True, False, True, True, False, False, True, False]
+
+
+def test_the_same_picture_gives_the_same_regions() -> None:
+    image = noise(charts.slanted_edge(90, 120), 0.02)
+    assert found(image) == found(image.clone())
+
+
+@pytest.mark.parametrize("angle_deg", [3.0, 12.0, 26.565, 95.0, 184.0, -80.0])
+def test_an_edge_alone_has_the_whole_picture(angle_deg: float) -> None:
+    assert found(charts.slanted_edge(160, 180, angle_deg=angle_deg)).rois == [(0, 0, 180, 160)]
+
+
+def test_wide_blur_under_noise_shows_at_coarser_scales() -> None:
+    image = motion_blur(charts.slanted_edge(200, 200, dark=0.3, bright=0.6), [[30.0, 0.0]])
+    assert found(noise(image, 0.03)).rois == [(0, 0, 200, 200)]
+
+
+@pytest.mark.parametrize(
+    ("image", "reason"),
+    [
+        (charts.slanted_edge(120, 160, angle_deg=0.0), Flag.TOO_FEW_PHASES),
+        ((chart.squares() * 1.4).clamp(max=1), Flag.CLIPPED),
+        (charts.slanted_edge(120, 160, angle_deg=40.0), None),
+        (charts.flat_patch(90, 120), None),
+        (noise(charts.flat_patch(90, 120), 0.02), None),
+        (charts.slanted_edge(20, 20), None),
+        (charts.slanted_edge(1, 1), None),
+    ],
+    ids=["upright", "clipped", "steep", "even", "noise", "small", "one pixel"],
+)
+def test_what_cannot_be_measured_is_not_found(image: Tensor, reason: Flag | None) -> None:
+    seen = found(image)
+    assert seen.rois == []
+    assert set(seen.turned_down) == ({reason} if reason else set())
+
+
+def test_bars_are_measured_as_far_as_each_edge_is_alone() -> None:
+    """Bars 24 px wide: their edges are found, in regions that end before the next one."""
+    bars = sum(
+        (1 if index % 2 else -1) * charts.slanted_edge(120, 300)[..., 24 * index : 24 * index + 160]
+        for index in range(5)
+    )
+    assert isinstance(bars, Tensor)
+    image = 0.1 + 0.8 * (bars - bars.min()) / (bars.max() - bars.min())
+    regions = found(image).rois
+    assert len(regions) == 5
+    leaning = 120 * math.tan(math.radians(5))
+    for place, roi in enumerate(sorted(regions)):
+        assert roi[2] < 2 * 24 + leaning or place in (0, 4)  # the outermost have one side free
+        assert edge_of(image, roi).mtf50 == pytest.approx(chart.mtf50(5.0), rel=0.005)
+
+
+def test_black_level_and_colour_do_not_move_regions() -> None:
+    grey = charts.slanted_edge(100, 140, angle_deg=7.0)
+    grey[..., :20, :] = 0.5
+    rois = found(grey).rois
+    assert len(rois) == 1
+    assert found(200 * grey + 40, full_scale=255.0, black_level=40.0).rois == rois
+    assert found(grey.expand(1, 3, -1, -1)).rois == rois

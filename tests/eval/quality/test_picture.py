@@ -1,0 +1,299 @@
+"""``blurnoise measure``: numbers against closed forms, codings, what is withheld, and bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import charts_of_squares as chart
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from blurnoise_eval.cli import main
+from blurnoise_eval.cli.arguments_measure import region
+from blurnoise_eval.cli.measuring import reading_text
+from blurnoise_eval.datasets import decode, write_picture
+from blurnoise_eval.quality import picture as measuring
+from blurnoise_eval.quality import picture_figures as edge_figures
+from torch import Tensor
+
+from blurnoise import Camera, charts, simulate
+from blurnoise.blur import motion_blur
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.metrics import Flag, information
+from blurnoise.metrics.edge_information import Reading
+
+Output = pytest.CaptureFixture[str]
+PHOTOS = sorted((Path(__file__).parents[4] / "shared/real/photos").glob("*.jpg"))
+BLACK, STEP = (
+    40.0,
+    2800.0,
+)  # of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
+
+
+def raw(path: Path, linear: Tensor, noise_dn: float = 0.0) -> Path:
+    """A picture of 12 bits: reflectance 0.1 to 0.8 as 400 to 3200 DN above black, with white noise."""
+    generator = torch.Generator().manual_seed(7)
+    dn = 4000 * linear[0, 0].double() + BLACK
+    dn = dn + noise_dn * torch.randn(dn.shape, generator=generator, dtype=torch.float64)
+    write_picture(path, dn.round().clamp(0, 4095).numpy().astype(np.uint16))
+    return path
+
+
+RAW = ("--black-level", "40", "--full-scale", "4095")
+
+
+def told(capsys: Output, *arguments: object) -> Any:
+    assert main(["measure", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+
+
+def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
+    """Motion of 4.4 px, noise of 28 DN: what both leave, each within its interval's width of the closed form."""
+    noise_dn = STEP / 100
+    image = motion_blur(charts.slanted_edge(200, 200), [[4.4, 0.0]])
+    said = told(capsys, raw(tmp_path / "edge.png", image, noise_dn), *RAW, "--target-size", "40")
+    (row,) = said["regions"]
+    frequency = torch.linspace(0, 0.5, 501, dtype=torch.float64)
+    cos, sin = math.cos(math.radians(5)), math.sin(math.radians(5))
+    sinc = torch.sinc
+    response = sinc(4.4 * cos * frequency) * sinc(cos * frequency) * sinc(sin * frequency)
+    variance = noise_dn**2 + 1 / 12
+    bits = information.shannon_capacity_radial(
+        frequency, power=response**2, signal_pp=STEP, noise_variance=variance
+    )
+    both = information.separable(response**2, response**2)  # the only edge there is: the same both ways
+    square = information.shannon_capacity_square(
+        frequency, frequency, power=both, signal_pp=STEP, noise_variance=variance
+    )
+    quanta = information.neq(both, mean_signal=3200.0, noise_power_spectrum=variance)
+    expected = {
+        "mtf50": chart.mtf50(5.0, 4.4),
+        "mtf50p": chart.mtf50(5.0, 4.4),
+        "mtf_nyquist_2": abs(float(response[250])),
+        "mtf_nyquist": abs(float(response[500])),
+        "cnr": STEP / math.sqrt(variance),
+        "edge_snr_db": 20 * math.log10(STEP / math.sqrt(variance)),
+        "michelson": STEP / 3600,
+        "sic_radial": float(bits),
+        "sic_square": float(square),
+        "neq_0": 3200**2 / variance,
+        "neq_square": float(information.square_integral(frequency, frequency, quanta)),
+    }
+    assert [*expected, "snri"] == list(measuring.TITLES)
+    for name, value in expected.items():
+        width = row[f"{name}_high"] - row[f"{name}_low"]
+        assert 0 < width < 0.5 * value
+        assert abs(row[name] - value) < width, name
+    # Without blur it were contrast x level x side / noise; 4 px of blur on 40 px take some of it.
+    ideal = 0.1 * 1800 * 40 / math.sqrt(variance)
+    assert 0.85 * ideal < row["snri_low"] < row["snri"] < row["snri_high"] < ideal
+    assert (row["second_region"], row["flags"]) == (None, "")
+    assert (row["orientation"], row["bright_side"]) == ("vertical", "right")
+    assert row["angle_deg"] == pytest.approx(5, abs=0.01)
+    assert (said["unit"], said["mode"]) == ("DN", "exact")
+
+
+def test_both_directions_make_the_square(tmp_path: Path, capsys: Output) -> None:
+    """Of a simulated chart moved to the right: each vertical edge goes with a horizontal one, and the other way."""
+    camera = Camera.preset("imx250")
+    scene = srgb_from_linear(chart.squares()[..., :165, :200].float())
+    dn = simulate(
+        scene,
+        camera,
+        exposure_s=0.01,
+        illuminance_lux=100.0,
+        velocity_px_s=(700.0, 0.0),
+        generator=[3],
+    )
+    path = tmp_path / "chart.png"
+    write_picture(path, dn[0, 0].to(torch.int32).numpy().astype(np.uint16))
+    levels = ("--black-level", camera.black_level_dn, "--full-scale", camera.full_scale_dn)
+    rows = {row["region"]: row for row in told(capsys, path, *levels)["regions"]}
+    assert len(rows) == 4
+    for row in rows.values():
+        second = rows[row["second_region"]]
+        assert {row["orientation"], second["orientation"]} == {"vertical", "horizontal"}
+        upright, lying = sorted((row, second), key=lambda each: each["mtf50"])
+        assert upright["orientation"] == "vertical"
+        assert upright["mtf50"] == pytest.approx(0.603 / (7 * math.cos(math.radians(5))), rel=0.05)
+        assert upright["sic_radial"] < row["sic_square"] < 1.4 * lying["sic_radial"]
+    more = told(capsys, path, *levels, "--target-contrast", "0.2")["regions"][0]
+    assert more["snri"] == pytest.approx(2 * rows[1]["snri"], rel=1e-12)
+
+
+def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> None:
+    """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear are told."""
+    linear = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])
+    coded = (255 * srgb_from_linear(linear)).round().byte().numpy()[0, 0]
+    write_picture(tmp_path / "grey.png", coded)
+    write_picture(tmp_path / "rgb.png", np.stack([coded] * 3, axis=-1))
+    write_picture(tmp_path / "16.png", (65535 * linear).round().numpy()[0, 0].astype(np.uint16))
+    write_picture(tmp_path / "16s.png", (65535 * srgb_from_linear(linear)).numpy()[0, 0].astype(np.uint16))
+    for given, word in (
+        ("grey.png", "sRGB"),
+        ("rgb.png", "luminance"),
+        ("16.png", "linear"),
+        ("16s.png --srgb", ""),
+    ):
+        name, *coding = given.split()
+        said = told(capsys, tmp_path / name, *coding)
+        assert said["regions"][0]["mtf50"] == pytest.approx(chart.mtf50(5.0, 3.0), rel=0.003)
+        assert said["regions"][0]["michelson"] == pytest.approx(0.7 / 0.9, rel=0.01)
+        assert word in " ".join(said["notes"])
+    (wrong,) = told(capsys, tmp_path / "grey.png", "--linear")["regions"]
+    assert "tone curve" in wrong["flags"]
+    assert wrong["michelson"] < 0.5
+
+
+def test_full_scale_not_given_is_pointed_out(tmp_path: Path, capsys: Output) -> None:
+    path = raw(tmp_path / "edge.png", charts.slanted_edge(80, 80))
+    assert "largest number is 3240" in " ".join(told(capsys, path)["notes"])
+    assert "largest" not in " ".join(told(capsys, path, "--full-scale", "4095")["notes"])
+
+
+def test_clipping_at_fewer_bits_is_seen_where_many_pixels_stand_there(tmp_path: Path, capsys: Output) -> None:
+    """12 bits in a 16-bit file: what stands at 4095 was cut off, and no number is told."""
+    path = raw(tmp_path / "clipped.png", 1.3 * charts.slanted_edge(100, 100), noise_dn=10.0)
+    said = told(capsys, path, "--roi", "0,0,100,100")
+    assert "full scale taken as 4095: many pixels stand exactly there" in said["notes"]
+    (row,) = said["regions"]
+    assert row["mtf50"] is None
+    assert Flag.CLIPPED.value in row["flags"]
+
+
+def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) -> None:
+    """A clipped edge, a corner, even ground, beside a good edge: in JSON, in CSV, in the table, in the figure."""
+    image = chart.squares()[..., :165, :200]
+    image[..., 40:130, 150:] += 0.25  # beyond full scale beside the right-hand edge
+    path, out = raw(tmp_path / "chart.png", image, 20.0), tmp_path / "edges.csv"
+    rois = ("80,20,40,50", "110,60,70,50", "30,20,60,60", "2,2,30,30")
+    asked = [path, *RAW, *(word for roi in rois for word in ("--roi", roi))]
+    rows = told(capsys, *asked, "--csv", out)["regions"]
+    flags = [(), (Flag.CLIPPED,), (Flag.TWO_EDGES,), (Flag.NO_EDGE,)]
+    table = pd.read_csv(out)
+    for row, wanted, (_, read) in zip(rows, flags, table.iterrows(), strict=True):
+        assert all(flag.value in row["flags"] for flag in wanted)
+        numbers = [row[name + end] for name in measuring.TITLES for end in ("", "_low", "_high")]
+        assert [value is None for value in numbers] == [bool(wanted)] * len(numbers)
+        assert [math.isnan(read[name]) for name in measuring.TITLES] == [bool(wanted)] * len(measuring.TITLES)
+        assert read["mtf50"] == (row["mtf50"] if not wanted else pytest.approx(math.nan, nan_ok=True))
+    assert list(csv.DictReader(out.open()))[1]["cnr"] == ""
+    assert main(["measure", *map(str, asked), "--plot", str(tmp_path / "edges.png")]) == 0
+    out_text, err = capsys.readouterr()
+    assert "nan" not in out_text
+    assert out_text.count(" - ") >= 3 * len(measuring.TITLES)
+    assert f"2: {Flag.CLIPPED.value}" in " ".join(out_text.split())
+    assert err == "16 bits: taken as linear; --srgb if the picture is sRGB-coded\n"
+    assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
+
+
+def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path: Path, capsys: Output) -> None:
+    (row,) = told(capsys, raw(tmp_path / "edge.png", charts.slanted_edge(80, 80)), *RAW)["regions"]
+    assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
+    for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_square", "snri"):
+        assert row[name] is None
+    assert "no noise" in row["flags"]
+
+
+def test_figures_show_four_edges_and_every_region() -> None:
+    light = measuring.linear((4000 * chart.squares()[0, 0]).numpy().astype(np.uint16), full_scale=4095.0)
+    measured = measuring.measure(light, [(60, 20, 80, 45)] * 5 + [(0, 0, 20, 20)])
+    axes = edge_figures.draw(light, measured).axes
+    assert len(axes) == 1 + 4 * edge_figures.MOST_EDGES
+    assert [text.get_text() for text in axes[0].texts] == ["1", "2", "3", "4", "5", "6"]
+    assert "1 of them" in axes[0].get_title()
+    line = axes[4].lines[0].get_ydata()
+    assert line[0] == pytest.approx(1)
+    assert f"{measured[0].edge.mtf50:.4g}" in axes[4].get_title()
+
+
+def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
+    path = raw(tmp_path / "edge.png", charts.slanted_edge(100, 100), 20.0)
+    exact, iso = (told(capsys, path, *RAW, "--mode", mode) for mode in ("exact", "iso"))
+    assert iso["mode"] == "iso"
+    assert iso["regions"][0]["mtf50"] != exact["regions"][0]["mtf50"]
+    assert iso["regions"][0]["mtf50"] == pytest.approx(exact["regions"][0]["mtf50"], rel=0.05)
+
+
+@pytest.mark.skipif(not PHOTOS, reason="no photographs here")
+@pytest.mark.parametrize("path", PHOTOS[2:5], ids=lambda path: path.stem)
+def test_photographs_give_flags_or_numbers(path: Path, capsys: Output) -> None:
+    """Whatever a photograph holds: regions laid over it, and those found, if any, with finite numbers or reasons."""
+    light = measuring.linear(decode(path))
+    _, height, width = light.picture.shape
+    rois = [(x, y, 60, 50) for x in range(0, width - 60, 150) for y in range(0, height - 50, 110)]
+    for measured in measuring.measure(light, rois):
+        row = measured.row()
+        assert row["flags"] or all(row[name] is not None for name in measuring.TITLES)
+        assert json.dumps(row, allow_nan=False)
+    code = main(["measure", str(path)])
+    out, err = capsys.readouterr()
+    assert (code, bool(out), "no usable slanted edge" in err) in ((0, True, False), (2, False, True))
+
+
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [
+        (["--roi", "0,0,4,4"], "8 x 8"),
+        (["--roi", "90,0,40,40"], "roi"),
+        (["--roi", "-5,0,40,40"], "roi"),
+        (["--black-level", "-1"], "black_level"),
+        (["--black-level", "nan"], "black_level"),
+        (["--full-scale", "100"], "full_scale"),
+        (["--full-scale", "70000"], "full_scale"),
+        (["--srgb", "--black-level", "40"], "--linear"),
+        (["--target-size", "0"], "target_size"),
+        (["--target-size", "65"], "target_size"),
+        (["--target-contrast", "0"], "target_contrast"),
+        (["--plot", "out.bmp"], "suffix"),
+        (["--csv", "nowhere/out.csv"], "nowhere"),
+    ],
+)
+def test_what_is_wrong_is_named_in_one_line(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, given: list[str], named: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = raw(tmp_path / "edge.png", charts.slanted_edge(60, 100), 5.0)
+    assert main(["measure", str(path), *given]) == 2
+    out, err = capsys.readouterr()
+    assert (out, len(err.splitlines())) == ("", 1)
+    assert named in err
+
+
+@pytest.mark.parametrize("content", [b"", b"no picture", None], ids=["empty", "text", "missing"])
+def test_what_is_no_picture_is_named(tmp_path: Path, capsys: Output, content: bytes | None) -> None:
+    path = tmp_path / "edge.png"
+    if content is not None:
+        path.write_bytes(content)
+    assert main(["measure", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert (out, len(err.splitlines())) == ("", 1)
+    assert "edge.png" in err
+
+
+def test_without_an_edge_it_says_what_was_looked_for(tmp_path: Path, capsys: Output) -> None:
+    for image, reason in (
+        (charts.flat_patch(60, 60), "no straight line"),
+        (charts.slanted_edge(60, 60, angle_deg=0), Flag.TOO_FEW_PHASES.value),
+    ):
+        assert main(["measure", str(raw(tmp_path / "flat.png", image))]) == 2
+        out, err = capsys.readouterr()
+        assert (out, len(err.splitlines())) == ("", 1)
+        for words in ("straight edges of 24 px", "35 degrees", "--roi", reason):
+            assert words in err
+
+
+def test_readings_and_regions_as_text() -> None:
+    assert reading_text(Reading(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
+    assert reading_text(Reading(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
+    assert reading_text(Reading(math.nan)) == reading_text(Reading(math.inf, 1.0, math.inf)) == "-"
+    assert region("1,2,30,40") == (1, 2, 30, 40)
+    for text in ("", "1,2,3", "1,2,3,4,5", "a,b,c,d", "1.5,2,3,4"):
+        with pytest.raises(Exception, match="x,y,w,h"):
+            region(text)

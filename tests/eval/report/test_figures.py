@@ -1,0 +1,203 @@
+"""The figures show what was measured, in its units, and mark what is found, read and best."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval.drawing import annotate as pictures
+from blurnoise_eval.report import figures, measured
+from blurnoise_eval.report.tradeoff import pareto_front
+from hypothesis import given
+from hypothesis import strategies as st
+from made_runs import EXPOSURES_S, THRESHOLD, made_run
+
+
+def _lines(figure: Any, panel: int) -> dict[str, tuple[list[float], list[float]]]:
+    """Abscissae and ordinates of a panel's labelled lines."""
+    lines = [line for line in figure.axes[panel].lines if not line.get_label().startswith("_")]
+    return {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in lines}
+
+
+def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    answer = data.answers[3]  # 100 px sign, 200 lux, 600 px/s
+    by_exposure = _lines(figures.confidence_exposure(data), 1)
+    assert by_exposure["600 px/s"] == (pytest.approx([1, 4, 16, 64]), answer["confidence"])
+    for figure, x in (
+        (figures.confidence_blur(data), [0, 0.004 * 600]),
+        (figures.confidence_speed(data), [0, 600]),
+    ):
+        lines = _lines(figure, 1)
+        assert set(lines) == {"1 ms", "4 ms", "16 ms", "64 ms"}
+        assert lines["4 ms"] == (
+            pytest.approx(x),
+            [data.answers[2]["confidence"][1], answer["confidence"][1]],
+        )
+    assert "only the speed changes" in figures.confidence_blur(data).get_supxlabel()
+
+
+def test_every_model_has_its_own_panels(tmp_path: Path) -> None:
+    one = figures.confidence_exposure(made_run(tmp_path, n_examples=0))
+    assert one.axes[0].get_title() == "stop sign 100 px, 10 lux (n = 12)"
+    data = made_run(tmp_path, n_examples=0, models=("first", "second"))
+    figure = figures.confidence_exposure(data)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[0] == "first\nstop sign 100 px, 10 lux (n = 12)"
+    assert titles[4] == "second\nstop sign 100 px, 10 lux (n = 12)"
+    second = next(a for a in data.answers if a["model"] == "second")
+    assert _lines(figure, 4)["0 px/s"][1] == second["confidence"]
+
+
+@pytest.mark.parametrize(("n_models", "n_groups", "n_lights"), [(1, 60, 7), (3, 9, 3), (5, 2, 4), (20, 2, 3)])
+def test_panels_are_capped_and_what_is_left_out_is_said(
+    tmp_path: Path, n_models: int, n_groups: int, n_lights: int
+) -> None:
+    data = made_run(
+        tmp_path,
+        {f"class {i}": 0.9 for i in range(n_groups)},
+        EXPOSURES_S[:2],
+        tuple(float(10 * 2**i) for i in range(n_lights)),
+        (0.0,),
+        n_examples=0,
+        models=tuple(f"model {i}" for i in range(n_models)),
+    )
+    figure = figures.confidence_exposure(data)
+    shown = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert 1 < len(shown) <= figures.MAX_PANELS
+    note = figure.get_supxlabel()
+    assert (f"of {n_groups} target groups shown" in note) == all(
+        "class 1," not in title for title in shown
+    ) or (n_groups == 60)
+    assert (f"of {n_models} models shown" in note) == (n_models > figures.MAX_PANELS)
+    assert (f"of {n_lights} light levels shown" in note) == (
+        len({title.split(", ")[1].split(" (")[0] for title in shown}) < n_lights
+    )
+
+
+def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    turned = [
+        a | {"velocity_x_px_s": 0.0, "velocity_y_px_s": a["velocity_x_px_s"]}
+        for a in data.answers
+        if a["velocity_x_px_s"]
+    ]
+    both = replace(data, answers=data.answers + turned)
+    labelled = [line for line in figures.confidence_speed(both).axes[0].lines if "ms" in line.get_label()]
+    assert {line.get_linestyle() for line in labelled} == {"None"}
+    assert "(0, 600) px/s" in _lines(figures.confidence_exposure(both), 0)
+
+
+def test_latency_against_robustness_fills_the_front(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0, models=("a", "b", "c"))
+    data.models[2] |= {"latency_ms": 40.0}  # slowest and worst
+    data.models[1]["rpc"] = None
+    by_label = {axes.get_ylabel(): axes for axes in figures.latency_robustness(data).axes}
+    assert set(by_label) == {"AUC over exposure", "AUC over blur", "rPC"}
+    dots = [line for line in by_label["AUC over blur"].lines if line.get_marker() == "o"]
+    filled = {line.get_xdata()[0]: line.get_markerfacecolor() != "white" for line in dots}
+    assert filled == {30.0: True, 22.0: True, 40.0: False}
+    assert [text.get_text() for text in by_label["rPC"].texts] == ["a", "c"]
+    for row in data.models:
+        row["latency_ms"] = None
+    assert "No two models" in figures.latency_robustness(data).axes[0].texts[0].get_text()
+
+
+@pytest.mark.parametrize(
+    ("points", "front"),
+    [
+        ([], []),
+        ([(10, 0.5)], [True]),
+        ([(10, 0.5), (20, 0.8)], [True, True]),
+        ([(10, 0.5), (20, 0.4)], [True, False]),
+        ([(10, 0.5), (10, 0.5)], [True, True]),  # a tie in both
+        ([(10, 0.5), (10, 0.6)], [False, True]),  # as fast, and better
+        ([(10, 0.5), (12, 0.5)], [True, False]),  # as good, and slower
+        ([(None, 0.9), (10, 0.5), (5, None)], [False, True, False]),
+        ([(math.nan, 0.9), (10, 0.5), (5, math.inf)], [False, True, False]),
+    ],
+)
+def test_pareto_front(points: list[tuple[float | None, float | None]], front: list[bool]) -> None:
+    assert pareto_front(points) == front
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1))
+def test_the_front_rises_and_every_other_point_is_beaten_by_it(points: list[tuple[int, int]]) -> None:
+    on = pareto_front(points)
+    front = sorted({point for point, best in zip(points, on, strict=True) if best})
+    assert front
+    assert all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(front))
+    for point, best in zip(points, on, strict=True):
+        beaten = any(c <= point[0] and g >= point[1] and (c, g) != point for c, g in front)
+        assert beaten != best
+
+
+def test_common_windows_are_the_intersection() -> None:
+    assert measured.common_windows([[[1, 5], [8, 9]], [[2, 8.5]], [[0, 20]]]) == [(2, 5), (8, 8.5)]
+    assert measured.common_windows([[[1, 2]], [[3, 4]]]) == []
+    assert measured.common_windows([[[1, 2]], []]) == measured.common_windows([]) == []
+
+
+def test_spread_keeps_both_ends() -> None:
+    assert measured.spread(range(100), 4) == [0, 33, 66, 99]
+    assert measured.spread("abc", 5) == ["a", "b", "c"]
+
+
+def test_examples_keep_the_models_of_a_condition_together(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=9, models=("first", "second", "third"))
+    data = replace(data, examples=data.examples[::-1])
+    kept = measured.spread_examples(data, 16)
+    assert [example["model"] for example in kept] == ["first", "second", "third"] * 5
+    assert all(len({example["path"] for example in kept[i : i + 3]}) == 1 for i in range(0, 15, 3))
+    assert len(measured.spread_examples(data, 2)) == 2
+    assert measured.spread_examples(replace(data, examples=[]), 2) == []
+
+
+def test_boxes_have_the_colour_of_their_outcome(tmp_path: Path) -> None:
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((100, 200, 3), 128, np.uint8))
+    targets = [
+        {"box_xyxy": [20, 40, 60, 80], "label": "a", "confidence": 0.61, "text": None},
+        {"box_xyxy": [120, 40, 160, 80], "label": "a", "confidence": 0.59, "text": None},
+    ]
+    detections = [
+        {"box_xyxy": [26, 44, 60, 80], "label": "a", "score": 0.61},  # the first target's own
+        {"box_xyxy": [80, 40, 100, 80], "label": "b", "score": 0.29},  # too weak to be drawn
+    ]
+    example = {"path": str(path), "targets": targets, "detections": detections}
+    picture = pictures.drawn_example(example, 400, THRESHOLD)
+    assert picture is not None
+    assert picture.shape == (200, 400, 3)
+    left_edges = {x: {tuple(map(int, pixel)) for pixel in picture[90:150, x]} for x in (40, 52, 160, 240)}
+    assert left_edges[40] == {pictures.FOUND_RGB}  # solid
+    assert {pictures.MISSED_RGB, (128, 128, 128)} <= left_edges[240]  # dashed
+    assert left_edges[52] == left_edges[160] == {(128, 128, 128)}
+    stronger = example | {"detections": [detections[1] | {"score": 0.31}]}
+    drawn = pictures.drawn_example(stronger, 400, THRESHOLD)
+    assert drawn is not None
+    assert np.abs(drawn[120, 160] - np.array(pictures.OTHER_RGB)).max() < 20  # antialiased
+
+
+def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((100, 200, 3), 128, np.uint8))
+    target = {"box_xyxy": [20, 40, 60, 80], "label": "text", "confidence": 0.9, "text": "I"}
+    short, long = (
+        pictures.drawn_example(
+            {"path": str(path), "detections": [], "targets": [target | {"text": text}]}, 400, 0.6
+        )
+        for text in ("I", "WWWWWWWW")
+    )
+    assert short is not None
+    assert long is not None
+    black = [(picture == (20, 20, 20)).all(axis=2).any(axis=0).sum() for picture in (short, long)]
+    assert black[1] > 3 * black[0]
+    example = {"error": None, "detections": [], "targets": [target, target | {"text": "", "confidence": 0.0}]}
+    assert pictures.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
+    assert pictures.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"

@@ -1,0 +1,330 @@
+"""The page answers the question, survives odd runs and lets no name into it as markup."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval.drawing import annotate as pictures
+from blurnoise_eval.report import RunData, findings, page, tables, write_report
+from made_runs import EXPOSURES_S, made_run
+
+TWO = ("yolox-nano", "fastestdet")
+
+
+class _Page(HTMLParser):
+    """Visible text, tags and the addresses that a browser would fetch or follow."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.scripts: list[str] = []
+        self.words: list[str] = []
+        self.feed(page.read_text(encoding="utf-8"))
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [
+            value or "" for name, value in attrs if name in ("src", "href", "srcset", "action")
+        ]
+        assert not any(name.startswith("on") for name, _ in attrs)
+
+    def handle_data(self, data: str) -> None:
+        inside = self.tags[-1] if self.tags else ""
+        (self.scripts if inside == "script" else self.words).append(data)
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """What the page's script draws."""
+        return dict(next(json.loads(text) for text in self.scripts if text.startswith("{")))
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunData, Path]:
+    folder = tmp_path_factory.mktemp("run")
+    data = made_run(folder)
+    return data, write_report(data, folder)
+
+
+@pytest.fixture
+def page_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the figures undrawn, for tests of the page's words."""
+    monkeypatch.setattr(page, "FIGURES", {})
+    monkeypatch.setattr(page, "COMPARISONS", {})
+
+
+def test_writes_the_page_and_four_real_pictures(reported: tuple[RunData, Path]) -> None:
+    _, page = reported
+    assert page.name == "report.html"
+    assert page.stat().st_size < 6e6
+    names = {"confidence_exposure.png", "confidence_blur.png", "confidence_speed.png", "examples.png"}
+    assert {path.name for path in (page.parent / "figures").iterdir()} == names
+    for name in names:
+        image = cv2.imread(str(page.parent / "figures" / name))
+        assert min(image.shape[:2]) > 300
+        coloured = np.ptp(image.astype(int), axis=2) > 40
+        assert coloured.mean() > 0.005  # text alone is grey
+
+
+def test_the_answer_comes_first_and_is_complete(reported: tuple[RunData, Path]) -> None:
+    data, page = reported
+    text = _Page(page).text
+    order = ["An exposure that keeps", "Scores", "Curves", "Heat map: exposure × blur", "How it was measured"]
+    assert [text.index(part) for part in order] == sorted(text.index(part) for part in order)
+    assert text.count("no exposure works") == sum(not answer["windows_s"] for answer in data.answers) > 0
+    for answer in data.answers:
+        assert findings.window_text(answer) in text
+        if answer["recommended_s"] is not None:
+            recommended = pictures.exposure_text(answer["recommended_s"])
+            assert f"{recommended} → {answer['confidence_at_recommended']:.2f}" in text
+    assert "stop sign 30 px: 0.50 on the untouched pictures, below the threshold 0.6" in text
+
+
+@pytest.mark.usefixtures("page_only")
+def test_two_models_are_compared_in_words_table_and_chart(tmp_path: Path) -> None:
+    data = made_run(tmp_path, {"sign": 0.95, "small sign": 0.7}, models=TWO, n_examples=1)
+    parsed = _Page(write_report(data, tmp_path))
+    works = {name: sum(bool(a["windows_s"]) for a in data.answers if a["model"] == name) for name in TWO}
+    assert works["yolox-nano"] > works["fastestdet"] > 0
+    assert "yolox-nano holds best." in parsed.text
+    for name in TWO:
+        assert f"{name} {works[name]} of 8" in parsed.text
+        assert f"{name}: some exposure works in {works[name]} of 8" in parsed.text
+    # Slower and better against faster and worse: both stand on the front.
+    assert parsed.numbers["trades"] == [
+        {"name": "AUC over exposure", "points": [[0, 30, 36, 0.74, True], [1, 22, 28, 0.64, True]]},
+        {"name": "AUC over blur", "points": [[0, 30, 36, 0.72, True], [1, 22, 28, 0.62, True]]},
+        {"name": "rPC", "points": [[0, 30, 36, 0.76, True], [1, 22, 28, 0.66, True]]},
+    ]
+
+
+@pytest.mark.usefixtures("page_only")
+def test_readers_are_judged_by_what_they_read(tmp_path: Path) -> None:
+    data = made_run(tmp_path, kind="reader")
+    wrong = data.examples[0]["targets"][0] | {"text": "STOO", "confidence": 0.0}
+    data.examples[0]["targets"] = [wrong]
+    parsed = _Page(write_report(data, tmp_path))
+    assert "exact matches on the untouched pictures" in parsed.text
+    assert "Character error rate" in parsed.text
+    assert "AP50" not in parsed.text
+    assert "read “STOO”, wrong" in parsed.text
+    assert "read “STOP”, confidence" in parsed.text
+    assert [measure["name"] for measure in parsed.numbers["measures"]] == [
+        "Confidence, right or wrong",
+        "Exact match",
+        "Character error rate",
+    ]
+
+
+@pytest.mark.usefixtures("page_only")
+def test_warnings_assumptions_and_circumstances_are_on_the_page(reported: tuple[RunData, Path]) -> None:
+    data, page = reported
+    skipped = [{"image": f"broken {i}.jpg", "reason": "not a picture"} for i in range(50)]
+    text = _Page(write_report(replace(data, skipped=skipped), page.parent / "again")).text
+    for expected in (
+        "two pictures are smaller than the sensor",
+        "Skipped broken 0.jpg: not a picture",
+        "42 more skipped pictures",
+        "yolox-nano: contract: colour_order = BGR; assumed (usual for YOLOX)",
+        "blurnoise sweep model.onnx",
+        "AR0237",
+        "https://example.org/sheet.pdf",
+        "8 cores",
+        "onnxruntime",
+    ):
+        assert expected in text
+    assert "broken 49.jpg" not in text
+    assert "This run needs attention" not in text
+
+
+@pytest.mark.usefixtures("page_only")
+def test_what_makes_a_model_doubtful_raises_an_alarm(tmp_path: Path) -> None:
+    data = made_run(tmp_path, groups={"sign": 0.9}, models=TWO, n_examples=0)
+    zero = [row | ({"highest_confidence": 0.0} if row["model"] == TWO[1] else {}) for row in data.groups]
+    data.manifest["models"][0] |= {"non_finite_values": 17, "suspicions": ["colours seem swapped"]}
+    data.manifest["errors"] = [
+        {"model": TWO[0], "error": f"failed in way {i}", "cells": 30 - i} for i in range(20)
+    ]
+    text = _Page(write_report(replace(data, groups=zero), tmp_path)).text
+    assert (
+        "fastestdet: every target in every condition, the untouched pictures included, has confidence 0."
+        in text
+    )
+    assert "yolox-nano: every target" not in text
+    assert "yolox-nano: 17 output values were NaN or infinite." in text
+    assert "yolox-nano: colours seem swapped" in text
+    assert "yolox-nano: 30 cells failed: failed in way 0" in text
+    assert "12 further kinds of error" in text
+
+
+def test_curves_carry_every_measured_point(reported: tuple[RunData, Path]) -> None:
+    data, page = reported
+    numbers = _Page(page).numbers
+    assert len(numbers["points"]) == sum(len(answer["exposures_s"]) for answer in data.answers) == 32
+    model, group, light, velocity, exposure, confidence, low, high, n = numbers["points"][7]
+    answer = data.answers[1]
+    assert (model, group, numbers["lights_lux"][light], numbers["speeds_px_s"][velocity]) == (
+        0,
+        0,
+        10.0,
+        600.0,
+    )
+    assert numbers["exposures_ms"][exposure] == pytest.approx(64)
+    expected = (answer["confidence"][3], answer["low"][3], answer["high"][3])
+    assert (confidence, low, high) == pytest.approx(expected, abs=6e-5)  # four decimals
+    assert n == 12
+    assert numbers["clean_confidence"] == [[0.95, 0.5]]
+    assert numbers["clean"][0][0] == pytest.approx(data.scores[0]["ap"], abs=6e-5)
+    row = next(row for row in data.scores if row["exposure_s"] == 0.016 and row["velocity_x_px_s"] == 600)
+    place = [measure["name"] for measure in numbers["measures"]].index("AP50")
+    assert numbers["scores"][6][:5] == [0, 0, 1, 2, 3]
+    assert numbers["scores"][6][5 + place] == pytest.approx(row["ap50"], abs=6e-5)
+
+
+@pytest.mark.usefixtures("page_only")
+def test_failure_points_are_tabled_and_marked(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    marked = _Page(write_report(data, tmp_path)).numbers["failures"]
+    assert len(marked) == len(data.endurances) == 16
+    within = [c for c in data.endurances if c["fails_at"] not in (None, 0.0)]
+    assert [f[4] for f in marked if f[4] is not None] == pytest.approx(
+        [c["fails_at"] for c in within], abs=6e-5
+    )
+    curve = data.endurances[0] | {"x": [0.0, 24.0], "auc": 0.71, "non_monotonic": True}
+    cases = {
+        ("12.1 px", "95 %: 9.8 to 14 px"): (12.1, 9.8, 14.0),
+        ("12.1 px", "95 %: from 9.8 px"): (12.1, 9.8, None),
+        ("12.1 px", "AUC 0.71"): (12.1, None, None),
+        ("beyond 24 px", "95 %: from 18 px"): (None, 18.0, None),
+        ("below throughout", "AUC 0.71"): (0.0, 0.0, 0.0),
+    }
+    for (text, note), (at, low, high) in cases.items():
+        one = [curve | {"fails_at": at, "fails_low": low, "fails_high": high}]
+        table = tables.failures(replace(data, endurances=one), ["stop sign 100 px"], [10.0, 200.0])[0]
+        assert table["rows"][0][1][0]["text"] == text
+        assert table["rows"][0][1][0]["notes"][0] == note
+        assert table["rows"][0][1][0]["notes"][-1] == "non-monotonic"
+        assert table["rows"][1][1][0] is None
+
+
+def test_the_library_is_inlined_once_and_nothing_is_fetched(reported: tuple[RunData, Path]) -> None:
+    _, page = reported
+    parsed = _Page(page)
+    assert sum(len(script) > 1e6 for script in parsed.scripts) == 1
+    assert parsed.tags.count("img") == 2
+    assert {"link", "iframe", "object"}.isdisjoint(parsed.tags)
+    near = re.compile(r"([a-z]+\.(csv|json)|figures/[a-z_]+\.png|examples/example%20\d\.png)$")
+    assert all(
+        address.startswith("data:image/jpeg;base64,") or near.match(address) for address in parsed.addresses
+    )
+    without_plotly = page.read_text().replace(max(parsed.scripts, key=len), "")
+    assert not re.search(r"url\(|@import|//cdn|fetch\(|XMLHttpRequest", without_plotly)
+    assert "default-src 'none'" in without_plotly
+    assert "showSendToCloud: false" in without_plotly  # plotly offers to upload charts unless told not to
+
+
+HOSTILE = [
+    "<script>alert(1)</script>",
+    "</script><img src=x onerror=alert(2)>",
+    '"><b onmouseover=a()>',
+    "$\\frac{$",
+    "a\udcffb",
+]
+
+
+def test_hostile_names_stay_text(tmp_path: Path, reported: tuple[RunData, Path]) -> None:
+    evil = HOSTILE[0] + HOSTILE[1]
+    groups = dict.fromkeys(HOSTILE, 0.9)
+    data = made_run(tmp_path, groups, lights_lux=(50.0,), models=(evil, *HOSTILE[2:]), n_examples=1)
+    for example in data.examples:
+        example["image"] = example["error"] = evil
+        for box in [*example["targets"], *example["detections"]]:
+            box["label"] = box["text"] = evil
+    for model in data.manifest["models"]:
+        model |= {"contract": {evil: [evil], "sources": {evil: evil}}, "suspicions": [evil], "file": evil}
+    manifest = data.manifest | {
+        "title": evil,
+        "command": evil,
+        "camera": {"name": evil, evil: evil},
+        "errors": [{"model": evil, "error": evil, "cells": 3}],
+        "warnings": [evil],
+        "versions": {evil: evil},
+        "hardware": {evil: evil},
+    }
+    skipped = [{"image": evil, "reason": evil}]
+    parsed = _Page(write_report(replace(data, manifest=manifest, skipped=skipped), tmp_path))
+    assert (tmp_path / "figures" / "latency_robustness.png").stat().st_size > 10_000
+    assert parsed.tags.count("script") == _Page(reported[1]).tags.count("script") == 3
+    assert parsed.tags.count("img") == len(data.examples) == 4
+    assert all("alert(" not in script for script in parsed.scripts)
+    assert "<script>alert(1)</script>" in parsed.text
+
+
+@pytest.mark.usefixtures("page_only")
+def test_many_groups_are_capped_and_said_so(tmp_path: Path) -> None:
+    groups = {f"class {i}": 0.9 for i in range(60)}
+    data = made_run(tmp_path, groups, exposures_s=EXPOSURES_S[:2], speeds=(0.0,), n_examples=0)
+    biggest = [a | {"n_targets": 99} if a["group"] == "class 41" else a for a in data.answers]
+    text = _Page(write_report(replace(data, answers=biggest), tmp_path)).text
+    assert "12 of 60 target groups are shown" in text
+    assert "class 41 n = 99" in text
+    assert "class 30" not in text
+
+
+@pytest.mark.usefixtures("page_only")
+def test_a_wide_run_stays_a_light_page(tmp_path: Path) -> None:
+    exposures = tuple(0.0005 * 1.5**i for i in range(12))
+    speeds = tuple(100.0 * i for i in range(10))
+    groups = {f"class {i}": 0.95 - 0.05 * i for i in range(9)}
+    models = ("a", "b", "c")
+    data = made_run(tmp_path, groups, exposures, (1.0, 10.0, 100.0), speeds, n_examples=13, models=models)
+    assert len(data.scores) == 3 * (360 + 1)
+    parsed = _Page(page := write_report(data, tmp_path))
+    assert page.stat().st_size < 8e6
+    assert parsed.tags.count("img") == 15  # at most 16, each condition with all models
+    assert "15 of 39 examples shown" in parsed.text
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"groups": {}},
+        {"groups": {}, "models": TWO},
+        {"interval": False, "lights_lux": (200.0,)},
+        {"exposures_s": (0.005,), "lights_lux": (200.0,)},
+        {"exposures_s": (0.005,), "lights_lux": (50.0,), "speeds": (0.0,), "n_examples": 0},
+    ],
+    ids=["no targets", "no targets, two models", "no intervals", "one exposure", "one condition"],
+)
+def test_odd_runs_are_reported(tmp_path: Path, shape: dict[str, Any]) -> None:
+    data = made_run(tmp_path, **shape)
+    text = _Page(write_report(data, tmp_path)).text
+    if not data.answers:
+        assert "The pictures hold no targets" in text
+    elif len(data.answers[0]["exposures_s"]) == 1:
+        assert "5 ms (the only exposure tested)" in text or "no exposure works" in text
+
+
+@pytest.mark.usefixtures("page_only")
+def test_a_run_that_computed_nothing_has_a_page_without_plots(tmp_path: Path) -> None:
+    data = made_run(tmp_path, groups={}, n_examples=0)
+    page = write_report(replace(data, scores=[], models=[]), tmp_path)
+    assert "Curves" not in _Page(page).text
+    assert page.stat().st_size < 1e5  # the library is left out
+
+
+@pytest.mark.usefixtures("page_only")
+def test_a_missing_picture_is_said_and_does_not_stop_the_report(tmp_path: Path) -> None:
+    data = made_run(tmp_path)
+    Path(data.examples[0]["path"]).unlink()
+    Path(data.examples[1]["path"]).write_bytes(b"no picture")
+    assert _Page(write_report(data, tmp_path)).text.count("picture file is missing") == 2

@@ -1,0 +1,226 @@
+"""Which detection answers for which target, average precision as COCO has it, and curves."""
+
+from __future__ import annotations
+
+from contextlib import redirect_stdout
+from io import StringIO
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.matching import (
+    Ranking,
+    average_precision,
+    failure_point,
+    hits,
+    iou,
+    mean_over,
+    target_confidence,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+BOX = (10.0, 20.0, 30.0, 60.0)  # 20 x 40 px
+
+
+def detections(*rows: tuple[tuple[float, float, float, float], float, int]) -> Detections:
+    boxes, scores, class_ids = zip(*rows, strict=True) if rows else ((), (), ())
+    return Detections(np.array(boxes), np.array(scores), np.array(class_ids))
+
+
+@pytest.mark.parametrize(
+    ("other", "expected"),
+    [
+        (BOX, 1.0),
+        ((10, 20, 30, 40), 0.5),  # its upper half
+        ((20, 20, 40, 60), 1 / 3),  # half a width aside: 400 of 1200 px^2
+        ((20, 40, 40, 80), 200 / 1400),  # a quarter shared
+        ((30, 20, 50, 60), 0.0),  # edge to edge
+        ((0, 0, 5, 5), 0.0),
+        ((15, 30, 15, 30), 0.0),  # without area
+    ],
+)
+def test_iou_by_hand(other: tuple[float, ...], expected: float) -> None:
+    assert iou([other], [BOX])[0, 0] == pytest.approx(expected, abs=1e-6)
+    assert iou([BOX], [other])[0, 0] == pytest.approx(expected, abs=1e-6)
+
+
+def test_iou_of_two_empty_boxes_and_of_none() -> None:
+    assert iou([[5, 5, 5, 5]], [(5, 5, 5, 5)]).tolist() == [[0.0]]
+    assert iou(np.zeros((0, 4)), [BOX, BOX]).shape == (0, 2)
+    assert iou([BOX, BOX, BOX], [BOX, (0, 0, 1, 1)]).tolist() == [[1.0, 0.0]] * 3
+
+
+edges = st.tuples(*[st.integers(0, 50)] * 4).map(
+    lambda e: (min(e[0], e[2]), min(e[1], e[3]), max(e[0], e[2]), max(e[1], e[3]))
+)
+
+
+@given(edges, edges, st.integers(-1000, 1000))
+def test_iou_lies_in_0_to_1_and_ignores_the_origin(
+    a: tuple[int, ...], b: tuple[int, ...], shift: int
+) -> None:
+    found = float(iou([a], [b])[0, 0])
+    assert 0 <= found <= 1
+    moved = float(iou(np.array([a]) + shift, np.array([b]) + shift)[0, 0])
+    assert moved == pytest.approx(found, abs=1e-6)
+
+
+def test_highest_score_of_the_right_class_and_place() -> None:
+    found = detections(
+        (BOX, 0.4, 1),
+        ((11, 21, 31, 61), 0.7, 1),
+        (BOX, 0.9, 0),  # another class
+        ((40, 20, 60, 60), 0.95, 1),  # another place
+    )
+    assert target_confidence(found, BOX, 1) == pytest.approx(0.7)
+    assert target_confidence(found, BOX, 2) == 0.0
+    assert target_confidence(detections(), BOX, 1) == 0.0
+
+
+def test_half_an_overlap_is_enough_and_less_is_not() -> None:
+    assert target_confidence(detections(((10, 20, 30, 40), 0.8, 0)), BOX, 0) == pytest.approx(0.8)
+    assert target_confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), BOX, 0) == 0.0
+
+
+def test_a_target_takes_one_detection_and_a_detection_the_target_it_fits_best() -> None:
+    beside = (10.0, 25.0, 30.0, 65.0)  # overlaps BOX by 7/9
+    found = detections((BOX, 0.9, 0), (BOX, 0.8, 0), (beside, 0.7, 0), (BOX, 0.95, 1), (beside, 0.6, 0))
+    assert hits(found, [BOX], 0).tolist() == [True, False, False, False]
+    assert hits(found, [BOX, beside], 0).tolist() == [True, True, False, False]
+    assert hits(found, np.zeros((0, 4)), 0).tolist() == [False] * 4
+    assert hits(detections(), [BOX], 0).tolist() == []
+
+
+def test_average_precision_by_hand() -> None:
+    """Right, wrong, right, and one of four targets never found: precision 1 up to a recall of 1/4, then 2/3."""
+    first = detections((BOX, 0.9, 0), ((100, 100, 120, 140), 0.8, 0))
+    second = detections((BOX, 0.7, 0))
+    targets = [[BOX, (200, 0, 220, 20)], [BOX], [(0, 0, 9, 9)]]
+    found = [first, second, detections()]
+    expected = (26 * 1 + 25 * 2 / 3) / 101  # recalls 0 to 0.25, then to 0.50
+    assert average_precision(found, targets, 0) == pytest.approx((expected,) * 3)
+    assert Ranking.of(found, targets, 0).ap50(np.ones(3)) == pytest.approx(expected)
+
+
+def test_what_is_found_in_an_empty_picture_is_wrong() -> None:
+    right, wrong = detections((BOX, 0.5, 0)), detections((BOX, 0.9, 0))
+    assert average_precision([right, detections()], [[BOX], []], 0).ap50 == pytest.approx(1)
+    assert average_precision([right, wrong], [[BOX], []], 0).ap50 == pytest.approx(1 / 2)
+    assert Ranking.of([right, wrong], [[BOX], []], 0).ap50(np.array([[1, 0], [1, 1], [1, 3], [0, 1.0]])) == (
+        pytest.approx([1, 1 / 2, 1 / 4, np.nan], nan_ok=True)
+    )
+
+
+def test_nothing_found_and_nothing_to_find() -> None:
+    assert average_precision([detections()], [[BOX]], 0) == (0, 0, 0)
+    assert Ranking.of([detections()], [[BOX]], 0).ap50(np.ones(1)) == 0
+    assert np.isnan(average_precision([detections((BOX, 0.5, 0))], [[]], 0)).all()
+    assert np.isnan(Ranking.of([detections((BOX, 0.5, 0))], [[]], 0).ap50(np.ones(1)))
+    with pytest.raises(ValueError, match="2 pictures; must be 1"):
+        average_precision([detections()], [[BOX], []], 0)
+
+
+def street(seed: int, *, pictures: int = 25, decimals: int = 7) -> tuple[list[Detections], list[Any]]:
+    """Pictures with up to three targets, two tries at each, and up to 130 other boxes."""
+    rng = np.random.default_rng(seed)
+    found, targets = [], []
+    for _ in range(pictures):
+        centres, halves = rng.uniform(20, 300, (3, 2)), rng.uniform(5, 40, (3, 2))
+        boxes = np.concatenate([centres - halves, centres + halves], axis=1)[: rng.integers(0, 4)]
+        corners = np.sort(rng.uniform(0, 320, (rng.integers(0, 131), 2, 2)), axis=1).reshape(-1, 4)
+        tried = np.concatenate([boxes + rng.normal(0, 1, boxes.shape), boxes + rng.normal(0, 3, boxes.shape)])
+        tried[:, 2:] = np.maximum(tried[:, 2:], tried[:, :2] + 1)
+        every = np.concatenate([tried, corners])
+        scores = np.concatenate([rng.uniform(0.2, 1, len(tried)), rng.uniform(0, 0.8, len(corners))])
+        found.append(Detections(every, scores.round(decimals), np.zeros(len(every))))
+        targets.append(boxes)
+    return found, targets
+
+
+def by_pycocotools(found: list[Detections], targets: list[Any]) -> list[float]:
+    def xywh(boxes: Any) -> Any:
+        boxes = np.asarray(boxes, float)
+        return np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).tolist()
+
+    truth = [
+        {"image_id": i, "category_id": 7, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
+        for i, boxes in enumerate(targets)
+        for box in xywh(boxes)
+    ]
+    coco = COCO()
+    coco.dataset = {
+        "images": [{"id": i} for i in range(len(targets))],
+        "annotations": [{**entry, "id": number + 1} for number, entry in enumerate(truth)],
+        "categories": [{"id": 7, "name": "sign"}],
+    }
+    with redirect_stdout(StringIO()):
+        coco.createIndex()
+        answers = [
+            {"image_id": i, "category_id": 7, "bbox": box, "score": score}
+            for i, each in enumerate(found)
+            for box, score in zip(xywh(each.boxes_xyxy), each.scores.tolist(), strict=True)
+        ]
+        judge = COCOeval(coco, coco.loadRes(answers), "bbox")
+        judge.evaluate()
+        judge.accumulate()
+        judge.summarize()
+    return list(judge.stats[:3])
+
+
+@pytest.mark.parametrize("decimals", [7, 1])  # 1: equal scores in abundance
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_average_precision_is_cocos(seed: int, decimals: int) -> None:
+    found, targets = street(seed, decimals=decimals)
+    got = average_precision(found, targets, 0)
+    assert 0.05 < got.ap < got.ap50 < 0.95
+    assert got == pytest.approx(by_pycocotools(found, targets), abs=1e-9)
+    assert Ranking.of(found, targets, 0).ap50(np.ones(len(found))) == pytest.approx(got.ap50, abs=1e-9)
+
+
+def test_weights_are_repetitions() -> None:
+    found, targets = street(4)
+    ranking = Ranking.of(found, targets, 0)
+    times = np.random.default_rng(0).multinomial(len(found), [1 / len(found)] * len(found), size=5)
+    values = ranking.ap50(times.astype(float))
+    for weights, value in zip(times, values, strict=True):
+        drawn = np.repeat(np.arange(len(found)), weights)
+        repeated = average_precision([found[i] for i in drawn], [targets[i] for i in drawn], 0)
+        assert value == pytest.approx(repeated.ap50, abs=1e-9)
+    assert len(set(values)) == 5
+
+
+@pytest.mark.parametrize(
+    ("y", "at", "returned"),
+    [
+        ([0.9, 0.8, 0.4, 0.1], 8.75, False),  # 3/4 of the way from 0.8 to 0.4
+        ([0.9, 0.8, 0.7, 0.6], None, False),
+        ([0.9, 0.8, 0.7, 0.5], None, False),  # at the threshold is not below
+        ([0.4, 0.3, 0.2, 0.1], 0.0, False),
+        ([0.9, 0.3, 0.7, 0.3], 15.0, True),  # only the last fall counts
+        ([0.9, 0.3, 0.3, 0.7], None, True),
+        ([0.3, 0.9, 0.1, 0.1], 5 + 5 / 2, True),  # below at first
+    ],
+)
+def test_failure_point(y: list[float], at: float | None, returned: bool) -> None:
+    point = failure_point([0, 5, 10, 20], y, 0.5)
+    assert point.at == (None if at is None else pytest.approx(at))
+    assert point.returned is returned
+
+
+def test_failure_point_needs_a_curve() -> None:
+    for x, y in (([0, 0], [1, 1]), ([0, 1], [1]), ([], [])):
+        with pytest.raises(ValueError, match="increasing"):
+            failure_point(x, y, 0.5)
+
+
+def test_mean_over_uneven_steps() -> None:
+    x = [2.0, 3.0, 6.0]
+    line = 3 + 2 * np.array(x)
+    assert mean_over(x, np.stack([line, np.full(3, 0.7)])) == pytest.approx([3 + 2 * 4, 0.7])
+    assert mean_over(x, np.array([0.0, 1.0, 0.0])) == pytest.approx(0.5)
+    with pytest.raises(ValueError, match="at least two"):
+        mean_over([1.0], np.ones(1))

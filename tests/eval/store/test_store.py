@@ -1,0 +1,305 @@
+"""Results survive: whole or not at all, one writer, errors in words, tables that pandas reads."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.store.store import FILE_NAME, CellResult, Store, StoreError
+
+NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
+
+
+def row(index: int, **changes: Any) -> dict[str, Any]:
+    """The columns that cells and targets share."""
+    return {
+        "cell_id": f"cell{index}",
+        "model": "m",
+        "camera": "imx250",
+        "image": f"picture {index}, \"quoted\" λ.png",
+        "repeat": 0,
+        "clean": False,
+        "exposure_s": 0.001 * (index + 1),
+        "illuminance_lux": 50.0,
+        "velocity_x_px_s": 0.0,
+        "velocity_y_px_s": 0.0,
+        "blur_px": 0.0,
+        **changes,
+    }  # fmt: skip
+
+
+def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **changes: Any) -> CellResult:
+    shared = row(index, **changes)
+    cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
+    cell |= {"n_detections": len(detections), "simulate_ms": 1.5, "infer_ms": 2.5, "error": None}
+    target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
+    target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
+    target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
+    rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
+    return CellResult({**shared, **cell, "example": None}, rows, detections)
+
+
+def clean_result(index: int) -> CellResult:
+    nothing = dict.fromkeys(
+        ("exposure_s", "illuminance_lux", "velocity_x_px_s", "velocity_y_px_s", "blur_px")
+    )
+    return result(index, clean=True, **nothing)
+
+
+def test_cells_and_detections_come_back(tmp_path: Path) -> None:
+    generator = np.random.default_rng(0)
+    boxes = generator.uniform(0, 1e4, (7, 4)).astype(np.float32)
+    found = Detections(boxes, generator.random(7, np.float32), generator.integers(0, 1000, 7))
+    with Store(tmp_path / "a" / "run", create=True) as store:
+        store.add([result(0, detections=found), result(1)])
+    with Store(tmp_path / "a" / "run") as store:
+        assert store.done(result(0).cell["image"]) == {"cell0"}
+        assert store.done("another") == set()
+        again = store.detections("cell0", "m")
+        for name in ("boxes_xyxy", "scores", "class_ids"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(found, name))
+            assert getattr(again, name).dtype == getattr(found, name).dtype
+        assert len(store.detections("cell1", "m")) == 0
+        with pytest.raises(KeyError):
+            store.detections("another", "m")
+        with pytest.raises(KeyError):
+            store.detections("cell0", "another")
+        cells = list(store.cells())
+        assert cells[0] == result(0, detections=found).cell
+        assert list(store.targets())[1] == result(1).targets[0]
+
+
+def test_facts_and_skipped_pictures_come_back(tmp_path: Path) -> None:
+    facts = {"seed": 3, "nested": [1, None, {"λ": 0.1}]}
+    with Store(tmp_path, create=True) as store:
+        assert store.about("manifest") is None
+        store.set_about("manifest", {"old": 1})
+        store.set_about("manifest", facts)
+        store.skip("b.png", "first reason")
+        store.skip("b.png", "empty")
+        store.skip("a.png", "no picture")
+    with Store(tmp_path) as store:
+        assert store.about("manifest") == facts
+        assert [(entry["image"], entry["reason"]) for entry in store.skipped()] == [
+            ("a.png", "no picture"),
+            ("b.png", "empty"),
+        ]
+
+
+def test_cells_are_added_all_or_none(tmp_path: Path) -> None:
+    broken = result(1)
+    broken.targets[0]["no such column"] = 1
+    with Store(tmp_path, create=True) as store:
+        with pytest.raises(StoreError, match="no such column"):
+            store.add([result(0), broken])
+        assert list(store.cells()) == list(store.targets()) == []
+        store.add([result(0)])
+        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
+
+
+def test_same_cell_again_replaces_it(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        store.add([result(0, image="new")])
+        assert [cell["image"] for cell in store.cells()] == ["new"]
+        assert [target["image"] for target in store.targets()] == ["new"]
+
+
+def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> None:
+    conditions = [
+        {
+            "repeat": repeat,
+            "illuminance_lux": lux,
+            "exposure_s": t,
+            "velocity_x_px_s": x,
+            "velocity_y_px_s": y,
+        }
+        for repeat in (0, 1)
+        for lux in (5.0, 50.0)
+        for t in (0.01, 0.02)
+        for x in (-100.0, 0.0)
+        for y in (-7.0, 9.0)
+    ]
+    results = [result(index, image="p", **at, targets=2) for index, at in enumerate(conditions)]
+    for name, turn in (("up", 1), ("down", -1)):
+        with Store(tmp_path / name, create=True) as store:
+            store.add(results[::turn])
+            assert [cell["cell_id"] for cell in store.cells()] == [r.cell["cell_id"] for r in results]
+            assert list(store.targets()) == [target for r in results for target in r.targets]
+
+
+def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from blurnoise_eval.store.store import Store, StoreError\n"
+        "try: Store(Path(sys.argv[1]), create=True)\n"
+        "except StoreError as error: print(error)"
+    )
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        with pytest.raises(StoreError, match="another process is using it"):
+            Store(tmp_path)
+        told = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True)
+        assert "another process is using it" in told.stdout
+        assert str(tmp_path) in told.stdout
+        store.add([result(1)])  # the first one goes on
+    with Store(tmp_path) as store:
+        assert len(list(store.cells())) == 2
+
+
+def test_idle_store_keeps_its_lock(tmp_path: Path) -> None:
+    """A run that has been opened, and has written nothing yet, is in use too."""
+    Store(tmp_path, create=True).__exit__(None, None, None)
+    with Store(tmp_path), pytest.raises(StoreError, match="another process"):
+        Store(tmp_path)
+
+
+def test_missing_run(tmp_path: Path) -> None:
+    with pytest.raises(StoreError, match="blurnoise sweep"):
+        Store(tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(StoreError, match="cannot be written"):
+            Store(folder, create=True)
+    (tmp_path / "run" / FILE_NAME).mkdir(parents=True)
+    with pytest.raises(StoreError, match="cannot be used"):
+        Store(tmp_path / "run", create=True)
+
+
+def test_file_that_is_no_database(tmp_path: Path) -> None:
+    (tmp_path / FILE_NAME).write_text("no database at all " * 100)
+    with pytest.raises(StoreError, match="damaged"):
+        Store(tmp_path)
+
+
+def test_damage_inside_is_told_when_it_is_met(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(index) for index in range(300)])
+    path = tmp_path / FILE_NAME
+    data = bytearray(path.read_bytes())
+    data[len(data) // 4 : len(data) // 2] = b"\xa5" * (len(data) // 2 - len(data) // 4)
+    path.write_bytes(data)
+    with pytest.raises(StoreError, match="damaged"), Store(tmp_path) as store:
+        store.export()
+
+
+def test_tables_in_pandas(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([clean_result(0), result(1), result(2, targets=2)])
+        written = store.export()
+    assert [path.name for path in written] == ["results.csv", "targets.csv", "results.json"]
+    cells, targets = pd.read_csv(written[0]), pd.read_csv(written[1])
+    from_json = pd.DataFrame(json.loads(written[2].read_text(encoding="utf-8")))
+    assert len(cells) == len(from_json) == 3
+    assert len(targets) == 4
+    for table in (cells, targets, from_json):
+        assert table["clean"].dtype == bool
+        assert table["clean"].tolist() == [True] + [False] * (len(table) - 1)
+        assert pd.api.types.is_float_dtype(table["exposure_s"])
+        assert math.isnan(table["exposure_s"][0])
+        assert table["exposure_s"][1] == 0.002
+        assert table["image"][1] == 'picture 1, "quoted" λ.png'
+        assert pd.api.types.is_integer_dtype(table["repeat"])
+    for table in (cells, from_json):
+        assert table["seed"].dtype == np.int64
+        assert table["seed"].tolist() == [2**63 - 1, 2**63 - 2, 2**63 - 3]
+        assert "detections" not in table
+    assert len(pd.read_json(written[2])) == 3
+    assert targets["confidence"].dtype == float
+
+
+def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0, targets=1)])
+        store.export()
+        full = [list(pd.read_csv(tmp_path / name)) for name in ("results.csv", "targets.csv")]
+    with Store(tmp_path / "empty", create=True) as store:
+        store.export()
+        for name, columns in zip(("results.csv", "targets.csv"), full, strict=True):
+            table = pd.read_csv(tmp_path / "empty" / name)
+            assert list(table) == columns
+            assert len(table) == 0
+
+
+@pytest.mark.parametrize("name", ["results.csv", "targets.csv", "results.json"])
+def test_export_that_fails_keeps_the_file_of_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """A disk that is full half-way through the file."""
+    opened = Path.open
+
+    class Full(io.BytesIO):
+        def __init__(self, path: Path) -> None:
+            super().__init__()
+            self.path = path
+
+        def writelines(self, pieces: Any) -> None:
+            with opened(self.path, "wb") as file:
+                file.write(next(iter(pieces)))
+            raise OSError(28, "No space left on device")
+
+    def nearly_full(path: Path, mode: str = "r", **options: Any) -> Any:
+        return Full(path) if name in path.name else opened(path, mode, **options)
+
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        store.export()
+        before = (tmp_path / name).read_bytes()
+        store.add([result(1)])
+        monkeypatch.setattr(Path, "open", nearly_full)
+        with pytest.raises(OSError, match="No space left"):
+            store.export()
+        monkeypatch.undo()
+    assert (tmp_path / name).read_bytes() == before
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {FILE_NAME, "results.csv", "targets.csv", "results.json"}
+
+
+def test_disk_full_while_storing_keeps_what_was_stored(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        (used,) = store.rows("PRAGMA page_count")
+        list(store.rows(f"PRAGMA max_page_count = {used['page_count'] + 8}"))
+        large = Detections(np.zeros((5000, 4)), np.zeros(5000), np.zeros(5000))
+        with pytest.raises(StoreError, match="full"):
+            store.add([result(1), result(2, detections=large)])
+        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
+        list(store.rows("PRAGMA max_page_count = 1000000"))
+        store.add([result(1), result(2, detections=large)])  # room again: it goes on
+    with Store(tmp_path) as store:
+        assert len(list(store.cells())) == 3
+
+
+def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0, model="b"), result(0, model="a"), result(1, model="a")])
+        assert [(c["cell_id"], c["model"]) for c in store.cells()] == [
+            ("cell0", "a"), ("cell0", "b"), ("cell1", "a"),
+        ]  # fmt: skip
+        assert [t["model"] for t in store.targets()] == ["a", "b", "a"]
+        assert [
+            store.count_different(*names) for names in (["model"], ["cell_id"], ["model", "cell_id"])
+        ] == [2, 2, 3]
+
+
+def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True):
+        pass
+    database = sqlite3.connect(tmp_path / FILE_NAME)
+    database.execute("PRAGMA user_version = 1")
+    database.close()
+    with pytest.raises(StoreError, match="another version"):
+        Store(tmp_path)

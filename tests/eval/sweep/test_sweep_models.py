@@ -1,0 +1,287 @@
+"""Several models before the same pictures: detectors that fail, readers, and what a run keeps of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.ocr import Reading
+from blurnoise_eval.grid.conditions import Cell, Plan
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import latency
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep import run_folder as results
+from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
+from blurnoise_models import matched_filter
+from numpy.typing import NDArray
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
+
+CAMERA = Camera.preset("imx250")
+SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
+BOX = tuple(float(e) for e in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
+PLAN = Plan((0.002, 0.02), (3.0, 333.3), (0.0, 333.3))
+
+
+def sign() -> NDArray[np.uint8]:
+    linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
+    coded: Any = srgb_from_linear(linear)[0].permute(1, 2, 0).mul(255).round().byte().numpy()
+    return np.ascontiguousarray(coded)
+
+
+def pictures(*targets: Target, count: int = 3) -> PictureSet:
+    def own(target: Target, i: int) -> Target:
+        return replace(
+            target, annotation={**target.annotation, **({"id": 900 + i} if target.annotation else {})}
+        )
+
+    shown = tuple(
+        Picture(
+            f"p{i}.png",
+            tuple(own(target, i) for target in targets) or None,
+            lambda i=i: np.roll(sign(), i, axis=1),
+            f"p{i}",
+            40 + i,
+        )
+        for i in range(count)
+    )
+    return PictureSet("coco", "memory", shown, {"stop sign": 13, "dog": 18, "text": 19})
+
+
+SIGN = Target("stop sign", "signs", BOX, area_px2=400.0, annotation={"id": 900, "segmentation": [[1, 2, 3]]})
+LABELLED = pictures(SIGN)
+
+
+class Failing:
+    """A detector that throws on some pictures."""
+
+    def __init__(self, detector: Detector, fails: Sequence[int]) -> None:
+        self._detect, self._fails, self._calls = detector.detect, set(fails), 0
+
+    def __call__(self, image: NDArray[np.uint8]) -> Any:
+        self._calls += 1
+        if self._calls - 1 in self._fails:
+            raise ModelError("m.onnx: fails on a picture (bad shape)")
+        return self._detect(image)
+
+
+class StubReader:
+    """Reads STOP while the picture is bright, with a slip where it is dark."""
+
+    name, sha256, non_finite_values = "reader", "0" * 64, 0
+    path = Path("reader.onnx")
+
+    class Contract:
+        def to_dict(self) -> dict[str, Any]:
+            return {"height_px": 48, "sources": {"height_px": "given"}}
+
+    contract = Contract()
+
+    def read(self, image: NDArray[np.uint8], boxes_xyxy: Any) -> list[Reading]:
+        bright = float(image.mean()) > 40
+        return [Reading("STOP" if bright else "STOO", 0.9 if bright else 0.7) for _ in boxes_xyxy]
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    path = tmp_path_factory.mktemp("model") / "first.onnx"
+    return Detector(matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64))
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    path = tmp_path_factory.mktemp("model") / "second.onnx"
+    return Detector(matched_filter.build(path, sizes_px=(22, 16, 10), input_px=64))
+
+
+def run(folder: Path, models: list[Any], shown: PictureSet = LABELLED, plan: Plan = PLAN) -> Any:
+    """A whole run; what a report gets of it, and its rows of cells."""
+    with Store(folder, create=True) as store:
+        results.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
+        sweep.run(models, CAMERA, shown, plan, store)
+        return results.read_run(store, threshold=0.6), list(store.cells())
+
+
+def test_models_of_one_sweep_are_as_each_alone(first: Detector, second: Detector, tmp_path: Path) -> None:
+    def timeless(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        return [{k: v for k, v in cell.items() if not k.endswith("_ms")} for cell in cells]
+
+    both, cells = run(tmp_path / "both", [first, second])
+    for model in (first, second):
+        alone, own = run(tmp_path / model.name, [model])
+        assert timeless([cell for cell in cells if cell["model"] == model.name]) == timeless(own)
+        assert [row for row in both.scores if row["model"] == model.name] == alone.scores
+        assert [a for a in both.answers if a["model"] == model.name] == alone.answers
+    assert [row["model"] for row in both.models] == ["first", "second"]
+    assert both.models[0]["p"] != both.models[1]["p"]
+    assert both.manifest["n_cells"] == len(cells) / 2 == sweep.count_cells(LABELLED, PLAN)
+
+
+def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> None:
+    """A descriptor that went through JSON, computed alone, gives the row of the run."""
+    _, cells = run(tmp_path, [first])
+    row = next(cell for cell in cells if cell["image"] == "p1.png" and cell["blur_px"])
+    (cell,) = (
+        each
+        for picture, block in sweep._blocks(LABELLED, PLAN)
+        for each in block
+        if each.cell_id == row["cell_id"]
+    )
+    sent = Cell.from_dict(json.loads(json.dumps(cell.to_dict())))
+    assert sent == cell
+    stage = sweep.Stage(LABELLED.pictures[1], [first])
+    (alone,) = sweep.compute(stage, [sent], CAMERA, PLAN.temperature_c)
+    assert alone.cell["target_confidence"] == row["target_confidence"]
+    assert alone.cell["n_detections"] == row["n_detections"]
+
+
+def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
+    first: Detector, second: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first, "detect", Failing(first, [1, 4, 5]))
+    data, cells = run(tmp_path, [first, second])
+    failed = [cell for cell in cells if cell["error"]]
+    assert len(failed) == 3
+    assert {cell["model"] for cell in failed} == {"first"}
+    assert all(cell["target_confidence"] is None for cell in failed)
+    assert data.manifest["errors"] == [
+        {"model": "first", "error": "m.onnx: fails on a picture (bad shape)", "cells": 3}
+    ]
+    assert sum(row["errors"] for row in data.scores) == 3
+    again, _ = run(tmp_path, [first, second])  # nothing is left to compute
+    assert again.scores == data.scores
+
+
+def test_a_model_that_does_nothing_but_fail_ends_the_sweep(
+    first: Detector, second: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(first, "detect", Failing(first, range(10_000)))
+    with pytest.raises(ModelError, match=r"bad shape.*every one of 8"):
+        run(tmp_path, [second, first])
+
+
+def test_names_must_differ(first: Detector, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="names must differ"):
+        run(tmp_path, [first, first])
+
+
+def test_another_model_is_another_run(first: Detector, second: Detector, tmp_path: Path) -> None:
+    run(tmp_path, [first])
+    with pytest.raises(StoreError, match="another model"):
+        run(tmp_path, [first, second])
+
+
+def test_a_reader_is_judged_by_its_text(tmp_path: Path) -> None:
+    shown = pictures(Target("text", "STOP, 24 px", BOX, text="STOP"), Target("dog", "dogs", BOX))
+    data, cells = run(tmp_path, [StubReader()], shown)
+    assert {cell["n_targets"] for cell in cells} == {1}
+    (clean,) = (row for row in data.scores if row["clean"])
+    assert (clean["exact_match"], clean["read_confidence"]) == pytest.approx((1, 0.9))
+    dark = next(row for row in data.scores if (row["exposure_s"], row["illuminance_lux"]) == (0.002, 3.0))
+    assert (dark["exact_match"], dark["character_error_rate"]) == (0, 0.25)
+    assert dark["target_confidence"] == 0  # sure of a wrong text is not sure of the text
+    assert dark["read_confidence"] == pytest.approx(0.7)
+    (model,) = data.models
+    assert (model["kind"], model["measure"], model["p"]) == ("reader", "exact match", 1)
+    assert 0 < model["rpc"] < 1
+    assert data.examples[0]["targets"][0]["text"] in ("STOP", "STOO")
+
+
+def test_a_reader_without_labels_reads_what_it_read_when_clean(tmp_path: Path) -> None:
+    data, _ = run(tmp_path, [StubReader()], pictures())
+    assert {answer["group"] for answer in data.answers} == {"read when clean"}
+    assert data.models[0]["p"] == 1
+
+
+def test_crowds_are_no_targets(first: Detector, tmp_path: Path) -> None:
+    data, cells = run(tmp_path, [first], pictures(SIGN, replace(SIGN, crowd=True, annotation={})))
+    assert {cell["n_targets"] for cell in cells} == {1}
+    assert data.models[0]["false_positives_per_image"] == 0
+
+
+def test_truth_is_kept_as_coco_has_it(first: Detector, tmp_path: Path) -> None:
+    crowd = replace(SIGN, crowd=True, area_px2=None, annotation={})
+    shown = pictures(SIGN, crowd, Target("dog", "dogs", BOX))
+    shown = replace(shown, pictures=shown.pictures[:1])
+    run(tmp_path, [first], shown)
+    truth = json.loads((tmp_path / INSTANCES).read_text(encoding="utf-8"))
+    assert truth["images"] == [{"id": 40, "file_name": "p0.png"}]
+    assert truth["categories"][:2] == [{"id": 13, "name": "stop sign"}, {"id": 18, "name": "dog"}]
+    x0, y0, x1, y1 = BOX
+    stated, of_many, dog = truth["annotations"]
+    box = [x0, y0, x1 - x0, y1 - y0]
+    assert stated == {
+        "id": 900, "segmentation": [[1, 2, 3]], "image_id": 40, "category_id": 13, "bbox": box, "area": 400.0,
+        "iscrowd": 0,
+    }  # fmt: skip
+    assert (of_many["iscrowd"], of_many["area"]) == (1, (x1 - x0) * (y1 - y0))
+    assert dog["category_id"] == 18
+    assert len({each["id"] for each in truth["annotations"]}) == 3
+
+
+@pytest.mark.parametrize("shown", [LABELLED, pictures()], ids=["labelled", "found when clean"])
+def test_detections_are_results_that_pycocotools_judges_alike(
+    first: Detector, tmp_path: Path, shown: PictureSet
+) -> None:
+    data, _ = run(tmp_path, [first], shown)
+    with Store(tmp_path) as store:
+        written = write_detections(store, tmp_path / "coco")
+    names = {path.name for path in written}
+    assert len(written) == len(data.scores) == 9
+    assert {"clean.json", "20ms-3lux-333.3_0px_s-0.json"} <= names
+    for row in data.scores:
+        speed = f"{row['velocity_x_px_s'] or 0:g}_0px_s-0"
+        name = (
+            "clean"
+            if row["clean"]
+            else f"{1e3 * row['exposure_s']:g}ms-{row['illuminance_lux']:g}lux-{speed}"
+        )
+        with redirect_stdout(StringIO()):
+            coco = COCO(str(tmp_path / "coco" / "first" / "instances.json"))
+            judge = COCOeval(coco, coco.loadRes(str(tmp_path / "coco" / "first" / f"{name}.json")), "bbox")
+            judge.evaluate()
+            judge.accumulate()
+            judge.summarize()
+        assert (row["ap"], row["ap50"], row["ar100"]) == pytest.approx(judge.stats[[0, 1, 8]], abs=1e-9)
+    clean = next(row for row in data.scores if row["clean"])
+    assert clean["ap"] > 0.5
+
+
+def test_p_mpc_and_rpc(first: Detector, tmp_path: Path) -> None:
+    data, _ = run(tmp_path, [first])
+    (model,) = data.models
+    exposed = [row["ap"] for row in data.scores if not row["clean"]]
+    assert len(exposed) == 8
+    assert model["mpc"] == pytest.approx(np.mean(exposed))
+    assert model["rpc"] == pytest.approx(model["mpc"] / model["p"])
+    assert 0 < model["auc_blur"] < 1
+
+
+def test_latency_is_that_of_the_whole_answer(first: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+    detect = first.detect
+    monkeypatch.setattr(first, "detect", lambda image: seen.append(image.shape) or detect(image))
+    measured = latency.measure(first, LABELLED)
+    assert (measured["threads"], measured["pictures"]) == (1, 3)
+    assert measured["runs"] == len(seen) - 3 >= 10
+    assert 0 < measured["median_ms"] <= measured["p95_ms"]
+    unreadable = replace(LABELLED, pictures=())
+    assert latency.measure(first, unreadable) == {}
+
+
+def test_latency_of_a_failing_model_is_unknown(first: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first, "detect", Failing(first, range(100)))
+    assert latency.measure(first, LABELLED) == {}

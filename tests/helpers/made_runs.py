@@ -1,0 +1,230 @@
+"""Runs made by hand, whose parts agree with each other: what a report is tested on."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from blurnoise_eval.report import RunData
+from blurnoise_eval.scoring.matching import failure_point
+from numpy.typing import NDArray
+
+EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
+THRESHOLD = 0.6
+GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
+DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+READER_SCORES = ("read_confidence", "exact_match", "character_error_rate")
+
+
+def confidence(exposure_s: float, lux: float, speed: float, best: float) -> float:
+    """A model that needs light (exposure x lux) and dislikes blur (exposure x speed)."""
+    light = 1 - math.exp(-exposure_s * lux / 0.25)
+    return best * light * math.exp(-((exposure_s * speed / 14) ** 2))
+
+
+def made_run(
+    folder: Path,
+    groups: dict[str, float] | None = None,
+    exposures_s: tuple[float, ...] = EXPOSURES_S,
+    lights_lux: tuple[float, ...] = (10.0, 200.0),
+    speeds: tuple[float, ...] = (0.0, 600.0),
+    interval: bool = True,
+    n_examples: int = 2,
+    models: tuple[str, ...] = ("yolox-nano",),
+    kind: str = "detector",
+) -> RunData:
+    """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
+    groups = GROUPS if groups is None else groups
+    conditions: list[dict[str, Any]] = [_condition(None, None, None)] + [
+        _condition(t, lux, v) for lux in lights_lux for v in speeds for t in exposures_s
+    ]
+    found: dict[str, list[dict[str, Any]]] = {
+        name: [] for name in ("models", "scores", "groups", "answers", "endurances", "examples")
+    }
+    for k, model in enumerate(models):
+        best_of = {group: best * (1 - k / 5) for group, best in groups.items()}
+        found["scores"] += [_score(model, kind, at, best_of) for at in conditions]
+        found["models"].append(_summary(model, kind, k, bool(groups)))
+        for group, best in best_of.items():
+            found["groups"].append(
+                {"model": model, "group": group, "n_targets": 12}
+                | {"clean_confidence": best, "highest_confidence": best}
+            )
+            for lux in lights_lux:
+                found["answers"] += [
+                    {"model": model, "group": group} | _answer(exposures_s, lux, v, best, interval)
+                    for v in speeds
+                ]
+                found["endurances"] += [
+                    {"model": model, "group": group} | _endurance(t, lux, speeds, best, interval)
+                    for t in exposures_s
+                    if len(speeds) > 1
+                ]
+        for index in range(n_examples):
+            at = conditions[(index * 7) % len(conditions)]
+            found["examples"].append(_example(folder, index, model, kind, at, best_of))
+    return RunData(_manifest(models, kind, len(conditions)), skipped=[], **found)
+
+
+def _condition(exposure_s: float | None, lux: float | None, speed: float | None) -> dict[str, Any]:
+    clean = exposure_s is None or speed is None
+    return {
+        "clean": clean,
+        "exposure_s": exposure_s,
+        "illuminance_lux": lux,
+        "velocity_x_px_s": speed,
+        "velocity_y_px_s": None if clean else 0.0,
+        "blur_px": None if exposure_s is None or speed is None else exposure_s * abs(speed),
+    }
+
+
+def _confidence_at(at: dict[str, Any], best: float) -> float:
+    if at["clean"]:
+        return best
+    return confidence(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"], best)
+
+
+def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float]) -> dict[str, Any]:
+    values = [_confidence_at(at, best) for best in best_of.values()]
+    mean = float(np.mean(values)) if values else None
+    row = dict.fromkeys((*DETECTOR_SCORES, *READER_SCORES))
+    if mean is not None:
+        own = DETECTOR_SCORES if kind == "detector" else READER_SCORES
+        row |= {name: mean * (1 - place / 20) for place, name in enumerate(own)}
+    rate = None if mean is None else float(mean > 0.25)
+    return {"model": model, "n_images": 3, "target_confidence": mean, "detection_rate": rate} | at | row
+
+
+def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
+    row: dict[str, Any] = {"model": model, "kind": kind, "measure": "AP"}
+    names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
+    row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
+    if kind == "reader":
+        row |= {"ap50": None, "ar100": None}
+    row |= {"false_positives_per_image": 0.25, "calibration_error": None}
+    return row | {"latency_ms": 30.0 - 8 * k, "latency_p95_ms": 36.0 - 8 * k, "latency_threads": 1}
+
+
+def _answer(
+    exposures_s: tuple[float, ...], lux: float, speed: float, best: float, interval: bool
+) -> dict[str, Any]:
+    curve = [confidence(t, lux, speed, best) for t in exposures_s]
+    windows, top = _windows(exposures_s, curve), int(np.argmax(curve))
+    return {
+        "illuminance_lux": lux,
+        "velocity_x_px_s": speed,
+        "velocity_y_px_s": 0.0,
+        "n_targets": 12,
+        "exposures_s": list(exposures_s),
+        "confidence": curve,
+        "low": [max(0.0, c - 0.06) for c in curve] if interval else None,
+        "high": [min(1.0, c + 0.04) for c in curve] if interval else [None] * len(curve),
+        "windows_s": windows,
+        "open_low": curve[0] >= THRESHOLD,
+        "open_high": curve[-1] >= THRESHOLD,
+        "recommended_s": exposures_s[top] if windows else None,
+        "confidence_at_recommended": curve[top] if windows else None,
+    }
+
+
+def _windows(exposures_s: tuple[float, ...], curve: list[float]) -> list[list[float]]:
+    """Runs of tested exposures at or above the threshold, their ends interpolated in log exposure."""
+    log, found, start = np.log(exposures_s), [], None
+    for i, value in enumerate(curve):
+        if value >= THRESHOLD and start is None:
+            start = exposures_s[i]
+            if i:
+                start = math.exp(np.interp(THRESHOLD, [curve[i - 1], value], log[i - 1 : i + 1]))
+        if value < THRESHOLD and start is not None:
+            found.append([start, math.exp(np.interp(THRESHOLD, [value, curve[i - 1]], [log[i], log[i - 1]]))])
+            start = None
+    return [*found, [start, exposures_s[-1]]] if start is not None else found
+
+
+def _endurance(
+    exposure_s: float, lux: float, speeds: tuple[float, ...], best: float, interval: bool
+) -> dict[str, Any]:
+    lengths = sorted({abs(speed) for speed in speeds})
+    x = [exposure_s * length for length in lengths]
+    y = [confidence(exposure_s, lux, length, best) for length in lengths]
+    at, returned = failure_point(x, y, THRESHOLD)
+    bounds = (None, None) if not interval or at is None else (0.9 * at, 1.1 * at)
+    return {
+        "illuminance_lux": lux,
+        "axis": "blur_px",
+        "exposure_s": exposure_s,
+        "velocity_x_px_s": None,
+        "velocity_y_px_s": None,
+        "x": x,
+        "confidence": y,
+        "auc": float(np.mean(y)),
+        "fails_at": at,
+        "fails_low": bounds[0],
+        "fails_high": bounds[1],
+        "non_monotonic": returned,
+    }
+
+
+def _example(
+    folder: Path, index: int, model: str, kind: str, at: dict[str, Any], best_of: dict[str, float]
+) -> dict[str, Any]:
+    boxes = {group: [40 + 150 * k, 60, 140 + 150 * k, 160] for k, group in enumerate(list(best_of)[:3])}
+    targets = [
+        {"box_xyxy": box, "label": "stop sign", "confidence": _confidence_at(at, best_of[group])}
+        | {"text": "STOP" if kind == "reader" else None}
+        for group, box in boxes.items()
+    ]
+    detections = [
+        {"box_xyxy": t["box_xyxy"], "score": t["confidence"], "label": "stop sign"} for t in targets
+    ]
+    detections.append({"box_xyxy": [300, 200, 380, 290], "score": 0.41, "label": "kite"})
+    path = folder / "examples" / f"example {index}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), _picture(list(boxes.values()), at))
+    facts = {"path": str(path), "image": "chart.png", "model": model, "error": None}
+    return facts | {"detections": detections if kind == "detector" else [], "targets": targets} | at
+
+
+def _picture(boxes: list[list[int]], at: dict[str, Any]) -> NDArray[np.uint8]:
+    image: NDArray[Any] = np.full((320, 480, 3), 90, np.uint8)
+    for x0, y0, x1, y1 in boxes:
+        cv2.circle(image, ((x0 + x1) // 2, (y0 + y1) // 2), (x1 - x0) // 2, (40, 40, 200), -1)
+    if not at["clean"]:
+        image = cv2.blur(image, (max(1, round(at["blur_px"])), 1))
+        electrons = at["exposure_s"] * at["illuminance_lux"] * 400
+        image = image + np.random.default_rng(0).normal(0, 255 / math.sqrt(electrons + 4), image.shape)
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> dict[str, Any]:
+    contract: dict[str, Any] = {"family": "yolox", "colour_order": "BGR", "classes": ["stop sign", "kite"]}
+    sources = {"family": "output shapes", "colour_order": "assumed (usual for YOLOX)"}
+    return {
+        "title": "Exposure sweep",
+        "command": "blurnoise sweep model.onnx --exposures 1ms 4ms",
+        "models": [
+            {"name": name, "kind": kind, "file": f"{k}.onnx", "sha256": "695e" * 16}
+            | {"contract": contract | {"sources": sources}}
+            for k, name in enumerate(models)
+        ],
+        "camera": {
+            "name": "AR0237",
+            "read_noise_e": 2.5,
+            "sources": {"read_noise_e": "https://example.org/sheet.pdf"},
+        },
+        "seed": 7,
+        "versions": {"blurnoise": "0.1.0", "onnxruntime": "1.31"},
+        "hardware": {"cpu": "8 cores"},
+        "threads": 2,
+        "threshold": THRESHOLD,
+        "images": {"kind": "rendered targets", "count": 1, "labelled": True, "notes": []},
+        "wall_s": 12.3,
+        "warnings": ["two pictures are smaller than the sensor"],
+        "errors": [],
+        "n_cells": n_conditions * len(models),
+        "n_target_rows": n_conditions * len(models) * 2,
+        "simulate_ms": 7.0,
+    }
