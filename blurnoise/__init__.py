@@ -4,22 +4,51 @@
 the digital numbers that ``camera`` would give; ``develop`` turns those into a picture again.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from blurnoise.blur import defocus, motion_blur
 from blurnoise.camera import Camera
+from blurnoise.error_budget import plan
+from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.motion import blur_pixels, velocity_px_s
-from blurnoise.sensor.readout import develop, photoelectrons
-from blurnoise.simulate import simulate
+from blurnoise.picture.develop import develop
+from blurnoise.radiometry import photoelectrons
+from blurnoise.simulation import simulate
 from blurnoise.spectra import Curve
+from blurnoise.transfer import Optics
+
+if TYPE_CHECKING:
+    from blurnoise.augment import RandomExposure
+    from blurnoise.metrics import slanted_edge
 
 __all__ = [
     "Camera",
     "Curve",
+    "ExposedScene",
+    "Exposure",
+    "Optics",
+    "RandomExposure",
     "blur_pixels",
     "defocus",
     "develop",
     "motion_blur",
     "photoelectrons",
+    "plan",
     "simulate",
+    "slanted_edge",
     "velocity_px_s",
 ]
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """What few need and all would wait for: Kornia's augmentations, the metrics."""
+    if name == "RandomExposure":
+        from blurnoise.augment import RandomExposure
+
+        return RandomExposure
+    if name == "slanted_edge":
+        from blurnoise.metrics import slanted_edge
+
+        return slanted_edge
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

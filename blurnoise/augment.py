@@ -25,8 +25,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, per_image
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
-from blurnoise.sensor.readout import Fidelity, develop
-from blurnoise.simulate import simulate
+from blurnoise.picture.develop import develop
+from blurnoise.sensor.readout import Fidelity
+from blurnoise.simulation import simulate
 
 Range = float | Sequence[float]
 """A number that stays, or the bounds (low, high) to draw between."""

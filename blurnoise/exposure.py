@@ -1,10 +1,40 @@
-"""An exposure: everything that one frame is taken with."""
+"""Exposures of a scene: pictures as light, exposed as often as wished, what exposures share computed once.
+
+Convention: conditions are brought to the light's precision first and multiplied there, in one order, so that a
+frame has the same bits whoever asks for it: :func:`blurnoise.simulate` for a batch, a sweep for its conditions.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any, NamedTuple, TypeVar
 
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise._core import rng
+from blurnoise._core.borders import Border
+from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise.camera import Camera
+from blurnoise.encoding import Encoding, linear_from_srgb
+from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
+from blurnoise.light import effects
+from blurnoise.operating_point import OperatingPoint, items, operating_points
+from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
+from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E
+from blurnoise.spectra import Curve
+
+Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
+_FIELDS = 2  # noise fields that a scene keeps
 
 
 @dataclass(frozen=True)
@@ -21,3 +51,261 @@ class Exposure:
     temperature_c: float = 25.0
     gain_db: float = 0.0
     seed: int = 0
+
+
+class Frame(NamedTuple):
+    """A developed frame, (H, W, C) uint8, the ms it took, and where it moves the scene's boxes (None: nowhere)."""
+
+    picture: NDArray[np.uint8]
+    simulate_ms: float
+    move_boxes: Callable[[Tensor], Tensor] | None
+
+
+class ExposedScene:
+    """Pictures as linear light (B, C, H, W), in [0, 1], before cameras. Any number of threads may use it.
+
+    border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them.
+    """
+
+    def __init__(
+        self,
+        light: Tensor,
+        *,
+        border: Border = "reflect",
+        illuminant: str | Curve = "D55",
+        pattern_seed: int = 0,
+        fidelity: Fidelity = "auto",
+        tolerance_dn: float = TOLERANCE_DN,
+    ) -> None:
+        self.light = light
+        self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
+        self._border, self._illuminant, self._pattern_seed = border, illuminant, pattern_seed
+        self._tolerance_dn = tolerance_dn
+        self._fields: OrderedDict[tuple[int, str], Tensor] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @classmethod
+    def of_picture(cls, picture: NDArray[Any], **options: Any) -> ExposedScene:
+        """The scene of an 8- or 16-bit sRGB-coded picture (H, W, C); the options are the constructor's."""
+        return cls(_decoded(picture), **options)
+
+    def expose(
+        self,
+        camera: Camera,
+        *,
+        exposure_s: Numbers,
+        illuminance_lux: Numbers,
+        velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+        temperature_c: Numbers = 25.0,
+        generator: rng.Randomness = None,
+        noise: bool = True,
+        quantised: bool = True,
+    ) -> Tensor:
+        """Frame i of picture i, digital numbers (B, C, H, W); arguments as :func:`blurnoise.simulate` takes them."""
+        points = operating_points(
+            self.light,
+            camera,
+            exposure_s=exposure_s,
+            illuminance_lux=illuminance_lux,
+            velocity_px_s=velocity_px_s,
+            temperature_c=temperature_c,
+            illuminant=self._illuminant,
+        )
+        batch = len(self.light)
+        seeds = rng.item_seeds(generator, batch)
+        given = (self.light, points.exposure_s, points.white_e, points.displacement_px, points.temperature_c)
+        differentiable = torch.is_grad_enabled() and any(
+            torch.as_tensor(each).requires_grad for each in given
+        )
+
+        def frames(of: list[int], needs: Plan | None) -> Tensor:
+            every = len(of) == batch
+            some = points if every else items(points, of)
+            light = self.light if every else self.light[of]
+            return self._read(light, some, needs, [seeds[item] for item in of], noise, quantised)
+
+        if self.fidelity == "full" or differentiable:
+            return frames(list(range(batch)), None)
+        groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
+        for item, at in enumerate(_each(points)):
+            needs = plan_at(at, self._tolerance_dn)
+            _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
+            of.append(item)
+        if len(groups) == 1:
+            ((needs, of),) = groups.values()
+            return frames(of, needs)
+        out = torch.empty_like(self.light, memory_format=torch.contiguous_format)
+        for needs, of in groups.values():
+            out[of] = frames(of, needs)
+        return out
+
+    def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frame]:
+        """The only picture under each exposure, developed to 8 bits; neighbours share what they have in common."""
+        after_effects: dict[Hashable, Tensor] = {}
+        for shared, group in groupby(self._planned(exposures), key=lambda each: each.alike):
+            started = time.perf_counter()
+            alike = list(group)
+            points, needs = alike[0].points, alike[0].needs
+            if shared.light not in after_effects:
+                reduced = _reduced(points, needs)
+                after_effects[shared.light] = effects.through(
+                    self.light, reduced, border=self._border, without=shared.without
+                )
+            pictures = self._developed(after_effects[shared.light], shared, alike)
+            simulate_ms = 1e3 * (time.perf_counter() - started) / len(alike)
+            for picture, each in zip(pictures, alike, strict=True):
+                yield Frame(picture, simulate_ms, effects.box_mover(each.at))
+
+    def _developed(
+        self, light: Tensor, shared: _Alike, alike: Sequence[_Planned]
+    ) -> Sequence[NDArray[np.uint8]]:
+        count, (_, colours, height, width) = len(alike), self.light.shape
+        read_noise_e = shared.camera.read_noise_e
+        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E
+        given: dict[str, Any] = {
+            "white_e": torch.cat([each.points.white_e for each in alike]),
+            "exposure_s": torch.cat([each.points.exposure_s for each in alike]),
+            "temperature_c": torch.cat([each.points.temperature_c for each in alike]),
+            "generator": [shared.seed] * count,
+            "fixed_pattern": self._pattern(shared.camera),
+            "fidelity": self.fidelity,
+            "noise": shared.noisy,
+            "without": shared.without,
+            "normal": self._normal(shared.seed).expand(count, -1, -1, -1),
+            "read": self._normal(shared.seed, "read").expand(count, -1, -1, -1) if own_read else None,
+        }
+        expanded = light.expand(count, -1, -1, -1)
+        if not tabulated():
+            dn = read_out(expanded, shared.camera, **given)
+            developed = develop_8bit(dn, shared.delivering, shared.gain_db)
+            return list(developed.permute(0, 2, 3, 1).contiguous().numpy())
+        seen = torch.empty((count, height, width, colours), dtype=torch.uint8)
+        tones = tones_8bit(shared.delivering, shared.gain_db)
+        read_out(expanded, shared.camera, **given, tones=tones, out=seen.permute(0, 3, 1, 2))
+        return list(seen.numpy())
+
+    def _planned(self, exposures: Sequence[Exposure]) -> Iterator[_Planned]:
+        for camera, of_camera in groupby(exposures, key=lambda each: each.camera):
+            some = list(of_camera)
+            points = operating_points(
+                self.light.expand(len(some), -1, -1, -1),
+                camera,
+                exposure_s=[each.exposure_s for each in some],
+                illuminance_lux=[each.illuminance_lux for each in some],
+                velocity_px_s=[each.velocity_px_s for each in some],
+                temperature_c=[each.temperature_c for each in some],
+                illuminant=self._illuminant,
+            )
+            for place, (exposure, at) in enumerate(zip(some, _each(points), strict=True)):
+                gain = max(1.0, 10 ** (exposure.gain_db / 20))  # which magnifies what is left out
+                needs = plan_at(at, self._tolerance_dn / gain) if self.fidelity == "auto" else None
+                without = needs.without if needs else effects.NOTHING
+                alike = _Alike(
+                    needs.camera if needs else camera,
+                    without,
+                    needs.noisy if needs else True,
+                    camera,
+                    exposure.gain_db,
+                    exposure.seed,
+                    effects.key(_reduced(at, needs), without),
+                )
+                yield _Planned(alike, at, items(points, slice(place, place + 1)), needs)
+
+    def _read(
+        self,
+        light: Tensor,
+        points: OperatingPoint[Tensor],
+        needs: Plan | None,
+        seeds: list[int],
+        noise: bool,
+        quantised: bool,
+    ) -> Tensor:
+        reduced = _reduced(points, needs)
+        without = needs.without if needs else effects.NOTHING
+        moved = effects.through(light, reduced, border=self._border, without=without)
+        return read_out(
+            moved,
+            reduced.camera,
+            white_e=points.white_e,
+            exposure_s=points.exposure_s,
+            temperature_c=points.temperature_c,
+            generator=seeds,
+            fixed_pattern=self._pattern(reduced.camera),
+            fidelity=self.fidelity,
+            noise=noise and (needs is None or needs.noisy),
+            quantised=quantised,
+            without=without,
+            out=moved if moved is not light and moved.is_contiguous() else None,
+        )
+
+    def _pattern(self, camera: Camera) -> FixedPattern | None:
+        if camera.prnu == 0 and camera.dsnu_e == 0:
+            return None
+        return camera.fixed_pattern(tuple(self.light.shape[1:]), self._pattern_seed)
+
+    def _normal(self, seed: int, stream: str = "frame") -> Tensor:
+        """The N(0, 1) field of a seed and stream, of one picture; the last ``_FIELDS`` are kept."""
+        with self._lock:
+            if (seed, stream) not in self._fields:
+                self._fields[seed, stream] = rng.standard_normal([seed], self.light, stream)
+                while len(self._fields) > _FIELDS:
+                    self._fields.popitem(last=False)
+            return self._fields[seed, stream]
+
+
+def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
+    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
+    image_batch("image", image)
+    one_of("encoding", encoding, ("srgb", "linear"))
+    seen = image.detach()  # NumPy's extremes wake no threads, which would spin beside the work that follows
+    bounds = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
+    low, high = (float(bound) for bound in bounds)
+    if low < 0.0 or high > 1.0:
+        raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
+    return linear_from_srgb(image) if encoding == "srgb" else image
+
+
+class _Alike(NamedTuple):
+    """What exposures must have in common to be read out together; light: the key of what the effects make."""
+
+    camera: Camera
+    without: frozenset[str]
+    noisy: bool
+    delivering: Camera
+    gain_db: float
+    seed: int
+    light: Hashable
+
+
+class _Planned(NamedTuple):
+    alike: _Alike
+    at: OperatingPoint[float]
+    points: OperatingPoint[Tensor]
+    needs: Plan | None
+
+
+def _each(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
+    """The operating point of every frame, in the precision of the batch."""
+    numbers = (
+        points.exposure_s,
+        points.temperature_c,
+        points.white_e,
+        torch.as_tensor(points.displacement_px),
+    )
+    for exposure_s, temperature_c, white_e, (x, y) in zip(*(each.tolist() for each in numbers), strict=True):
+        yield OperatingPoint(points.camera, exposure_s, temperature_c, white_e, (x, y), points.illuminant)
+
+
+def _reduced(at: Point, needs: Plan | None) -> Point:
+    """The operating points with what is left out set to 0."""
+    return replace(at, camera=needs.camera) if needs else at
+
+
+def _decoded(picture: NDArray[Any]) -> Tensor:
+    """``scene_reflectance`` of a picture (H, W, C), (1, C, H, W): looked up, since its codes are integers."""
+    most = np.iinfo(picture.dtype).max
+    codes = torch.arange(most + 1, dtype=torch.float32) / float(most)
+    table = scene_reflectance(codes[None, None, None], "srgb").flatten()
+    planes = [torch.from_numpy(plane.astype(np.int32)).flatten() for plane in cv2.split(picture)]
+    looked_up = torch.stack([table.index_select(0, plane) for plane in planes])
+    return looked_up.view(1, len(planes), *picture.shape[:2]).contiguous()

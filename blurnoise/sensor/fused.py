@@ -1,29 +1,44 @@
-"""The sensor's chain on the CPU without derivatives: from light to digital numbers, a piece of a picture at a time.
+"""The fused route through the sensor's stages, on the CPU and without derivatives, a piece of a picture at a time.
 
 Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache
 through all its steps, which write in place, and every pass over it counts; exposures of one picture to several
-lights share what does not depend on the light. The physics stands in :mod:`blurnoise.sensor.readout`, whose
-differentiable route gives the same frame to a rounding step.
+lights share what does not depend on the light. The physics stands in :mod:`blurnoise.sensor.stages`, whose
+reference gives the same frame to a rounding step; :func:`supports` says which stages are in here.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import side_by_side
 from blurnoise.camera import Camera
+from blurnoise.sensor import stages
+from blurnoise.sensor.stage import Frames, Law, SensorStage
 
 Plane = NDArray[Any]
-Law = Literal["none", "merged", "counts", "exact"]
+_ALWAYS = frozenset({stages.SPECTRAL_INTEGRATION, stages.GAIN, stages.QUANTISATION, stages.LIMITS})
+_STAGES = (
+    stages.SPECTRAL_INTEGRATION,
+    stages.PRNU,
+    stages.DARK_CURRENT,
+    stages.SHOT_NOISE,
+    stages.READ_NOISE,
+    stages.DSNU,
+    stages.GAIN,
+    stages.QUANTISATION,
+    stages.LIMITS,
+)
+"""What is done here, in this order."""
 _PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 _BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
 _FAINT_E = 1e-9  # of white: less is no unit to reckon in
@@ -47,7 +62,7 @@ class Planes(NamedTuple):
     offset_e: Plane | None
 
 
-class Exposure(NamedTuple):
+class Light(NamedTuple):
     """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
 
     white_e: float
@@ -56,9 +71,26 @@ class Exposure(NamedTuple):
     interleaved: bool
 
 
+def supports(active: Sequence[SensorStage]) -> bool:
+    """Whether these stages, in this order, are what :func:`expose` does."""
+    return set(active) >= _ALWAYS and list(active) == [stage for stage in _STAGES if stage in active]
+
+
+def planes_of(scene: Tensor, at: Frames) -> Planes:
+    """The planes of a frame (1, C, H, W); Poisson counts are drawn here, by the stages that lead to them."""
+    counts = None
+    if at.law == "exact":
+        counts = scene
+        for stage in (stages.SPECTRAL_INTEGRATION, stages.PRNU, stages.DARK_CURRENT, stages.SHOT_NOISE):
+            counts = stage.apply(counts, at)
+    fields = (at.normal, at.read, counts, at.gain, at.offset_e)
+    flat = [None if field is None else field.reshape(scene.shape[1], -1).numpy() for field in fields]
+    return Planes(scene.reshape(scene.shape[1], -1).numpy(), *flat)
+
+
 def expose(
     planes: Planes,
-    exposures: Sequence[Exposure],
+    exposures: Sequence[Light],
     camera: Camera,
     law: Law,
     tones: Plane | None,
@@ -66,7 +98,7 @@ def expose(
 ) -> None:
     """Write the digital numbers of each exposure, or what ``tones`` has for them (one value for each number).
 
-    law: how noise is drawn, see :func:`blurnoise.sensor.readout.read_out`; all but "none" and "merged" take one
+    law: how noise is drawn, see :data:`blurnoise.sensor.stage.Law`; all but "none" and "merged" take one
     exposure. ``threads`` share the pieces, which changes no bit.
     """
     colours, pixels = planes.light.shape
@@ -86,7 +118,7 @@ def expose(
 def _expose_piece(
     planes: Planes,
     of: slice,
-    exposures: Sequence[Exposure],
+    exposures: Sequence[Light],
     camera: Camera,
     law: Law,
     table: Plane | None,
@@ -133,7 +165,7 @@ def _expose_piece(
 def _merged_noise(
     mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
 ) -> float:
-    """``sensor.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
+    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
 
     mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
     """

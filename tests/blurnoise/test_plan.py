@@ -12,7 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blurnoise import Camera, simulate
-from blurnoise.plan import plan
+from blurnoise.error_budget import plan
 
 BUSY = Camera(
     name="busy",

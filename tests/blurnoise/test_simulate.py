@@ -10,6 +10,7 @@ import torch
 
 from blurnoise import Camera, blur, photoelectrons, simulate
 from blurnoise.encoding import linear_from_srgb, srgb_from_linear
+from blurnoise.picture.develop import develop
 from blurnoise.sensor import readout as sensor
 from blurnoise.transfer import Optics
 
@@ -113,7 +114,7 @@ def test_bright_scenes_saturate_and_dark_ones_are_black() -> None:
     image = torch.ones(1, 1, 8, 8)
     bright = simulate(image, CAMERA, exposure_s=1.0, illuminance_lux=1e4)
     assert bright.unique().tolist() == [4095.0]
-    assert float(sensor.develop(bright, CAMERA).min()) == 1
+    assert float(develop(bright, CAMERA).min()) == 1
     dark = simulate(image, CAMERA, exposure_s=0.0, illuminance_lux=1e4)
     assert float((dark - CAMERA.black_level_dn).abs().max()) < 8 * CAMERA.read_noise_e
 
@@ -123,7 +124,7 @@ def test_good_light_gives_the_picture_back() -> None:
     image = picture(1, 3, 40, 50) * 0.8 + 0.1
     exposure = 0.9 * CAMERA.full_well_e / photoelectrons(CAMERA, 100.0, 1.0)
     dn = simulate(image, CAMERA, exposure_s=exposure, illuminance_lux=100.0, generator=[1])
-    seen = sensor.develop(dn, CAMERA, encoding="linear")
+    seen = develop(dn, CAMERA, encoding="linear")
     scene = 0.9 * linear_from_srgb(image)
     assert float((seen - scene).square().mean().sqrt()) < 1.05 * math.sqrt(
         float(scene.mean()) / CAMERA.full_well_e

@@ -23,7 +23,7 @@ from blurnoise_models.detector import STOP_SIGN, THRESHOLD
 from blurnoise_models.scenes import scene
 
 from blurnoise import Camera, simulate
-from blurnoise.sensor.readout import develop_8bit
+from blurnoise.picture.develop import develop_8bit
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "real" / "photos"
 HELD_OUT_SEED = 2

@@ -20,8 +20,12 @@ from torch import Tensor
 
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
+from blurnoise.exposure import scene_reflectance
+from blurnoise.light import effects
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import readout as sensor
-from blurnoise.simulate import lens_and_motion, scene_reflectance, simulate
+from blurnoise.simulation import simulate
 from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
 from blurnoise_eval.bench.written import write_bench
@@ -200,8 +204,10 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
     motion = displacements(case.length_px, case.angles_deg)
     conditions: dict[str, Any] = {"exposure_s": case.exposure_s, "temperature_c": 25.0, "generator": seeds}
     light = scene_reflectance(image, case.encoding)
-    white_e = sensor.photoelectrons(camera, case.illuminance_lux, case.exposure_s)
-    moved = lens_and_motion(light, camera, motion)
+    white_e = photoelectrons(camera, case.illuminance_lux, case.exposure_s)
+    none = light.new_zeros(len(light))
+    blur = partial(effects.through, light, OperatingPoint(camera, none, none, none, motion))
+    moved = blur()
     whole = partial(
         simulate, image, camera, illuminance_lux=case.illuminance_lux,
         velocity_px_s=motion / case.exposure_s, encoding=case.encoding, **conditions,
@@ -209,7 +215,7 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
     noise = partial(sensor.read_out, moved, camera, white_e=white_e, **conditions)
     calls: dict[str, tuple[Kind, Callable[[], object]]] = {
         **{name: ("whole", partial(whole, fidelity=fidelity)) for fidelity, name in WHOLE.items()},
-        BLUR: ("stage", partial(lens_and_motion, light, camera, motion)),
+        BLUR: ("stage", blur),
         **{name: ("stage", partial(noise, fidelity=fidelity)) for fidelity, name in NOISE.items()},
         KORNIA: ("other", partial(_kornia(nearest_odd(case.length_px)), image)),
     }

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from blurnoise.camera import Camera
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise_eval.bench import laws
 from blurnoise_eval.bench.laws import Converter, Law
 
@@ -84,7 +85,7 @@ def _full(mean_e: Tensor, converter: Converter) -> Tensor:
 
 def _auto_law(mean_e: Tensor, converter: Converter, normal: Tensor) -> Law:
     """Where counts are drawn apart, the law of a camera without read noise meets the exact read noise."""
-    if converter.read_noise_e >= sensor.MERGE_READ_NOISE_E:
+    if converter.read_noise_e >= MERGE_READ_NOISE_E:
         return laws.of_values(_auto(mean_e, converter, normal).numpy(), converter.full_scale_dn)
     counting = Converter(read_noise_e=0.0, black_dn=0.0)
     counts = laws.of_values(_auto(mean_e, counting, normal).numpy(), counting.full_scale_dn)

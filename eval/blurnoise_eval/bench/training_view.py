@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from blurnoise.sensor.readout import photoelectrons
+from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.bench.compared import FAILS, MOVING, RESAMPLES, THRESHOLD
 from blurnoise_eval.bench.training import CAMERA, OURS, Bench, Difference
 from blurnoise_eval.grid.conditions import Conditions

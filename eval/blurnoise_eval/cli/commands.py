@@ -17,9 +17,10 @@ def simulate(options: argparse.Namespace) -> int:
     import torch
 
     from blurnoise._core.checks import non_negative
-    from blurnoise.plan import plan
-    from blurnoise.sensor.readout import develop_8bit, photoelectrons
-    from blurnoise.simulate import simulate
+    from blurnoise.error_budget import plan
+    from blurnoise.picture.develop import develop_8bit
+    from blurnoise.radiometry import photoelectrons
+    from blurnoise.simulation import simulate
     from blurnoise_eval.datasets import decode, write_picture
 
     non_negative("seed", options.seed)

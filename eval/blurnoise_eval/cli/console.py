@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from blurnoise.plan import Plan
+    from blurnoise.error_budget import Plan
 
 
 def print_answers(found: list[dict[str, Any]], threshold: float) -> None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import in_range
 from blurnoise.augment import ExposureRanges, expose_pictures
 from blurnoise.camera import Camera
-from blurnoise.sensor.readout import photoelectrons
+from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.drawing.annotate import exposure_text
 from blurnoise_eval.system.files import write_whole
 

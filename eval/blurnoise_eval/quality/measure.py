@@ -31,7 +31,7 @@ from blurnoise.metrics.contrast import detection_probability, patch_contrast
 from blurnoise.metrics.edge_information import Reading
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
-from blurnoise.sensor import readout as sensor
+from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.grid.conditions import Conditions, Plan, cell_seed
 
 DARK, BRIGHT = 0.18, 0.8
@@ -183,7 +183,7 @@ def _condition(scenes: _Scenes, camera: Camera, plan: Plan, at: Conditions) -> l
     )
     readings = _of_edges(across_x, across_y)
     readings |= _of_patches(frames("bright").double(), frames("dark").double(), camera)
-    white_dn = camera.system_gain_dn_per_e * sensor.photoelectrons(camera, at.illuminance_lux, at.exposure_s)
+    white_dn = camera.system_gain_dn_per_e * photoelectrons(camera, at.illuminance_lux, at.exposure_s)
     readings |= _of_signs(frames("sign").double(), scenes.sign.double(), camera, white_dn)
     return [
         Row(at, metric.name, together(readings[metric.name]), _told(readings[metric.name]), plan.repeats)

@@ -1,133 +1,55 @@
-"""A picture under many conditions: what :func:`blurnoise.simulate` gives for each, computed with what they share.
+"""A picture's frames under the conditions of a sweep's cells.
 
 Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit, sRGB-coded; out as the camera's 8-bit picture.
 """
 
 from __future__ import annotations
 
-import threading
-import time
-from collections import OrderedDict
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core import rng
 from blurnoise.camera import Camera
-from blurnoise.plan import plan as needs_of
-from blurnoise.sensor import readout as sensor
-from blurnoise.simulate import frame_pattern, lens_and_motion, scene_reflectance
+from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise_eval.datasets import Image, eight_bit
 from blurnoise_eval.grid.conditions import Cell
 
 
 class Frame(NamedTuple):
-    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, and the ms that took."""
+    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, and where it moves boxes."""
 
     cell: Cell
     image: NDArray[np.uint8]
     simulate_ms: float
+    move_boxes: Callable[[Tensor], Tensor] | None = None
 
 
 class Scene:
-    """A picture as light: what all its conditions share. Any number of threads may use it.
-
-    ``image8``: the picture itself with 8 bits. ``sharp``: its reflectance, (1, 3, H, W).
-    """
+    """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits."""
 
     def __init__(self, image: Image) -> None:
         self.image8 = eight_bit(image)
-        self.sharp = _reflectance(image).contiguous()
-        self._fields: OrderedDict[tuple[int, str], Tensor] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def normal(self, seed: int, stream: str = "frame") -> Tensor:
-        """The N(0, 1) field of a seed and stream of ``rng``, (1, 3, H, W); the last two are kept."""
-        with self._lock:
-            if (seed, stream) not in self._fields:
-                self._fields[seed, stream] = rng.standard_normal([seed], self.sharp, stream)
-                while len(self._fields) > 2:
-                    self._fields.popitem(last=False)
-            return self._fields[seed, stream]
-
-
-class _Shared(NamedTuple):
-    """What exposures must have in common to be read out together."""
-
-    camera: Camera
-    noisy: bool
-    motion_px: tuple[float, float]
-    seed: int
+        self.light = ExposedScene.of_picture(image)
 
 
 def frames(scene: Scene, cells: Sequence[Cell], camera: Camera, temperature_c: float) -> Iterator[Frame]:
-    """The picture of each cell. The lines below are ``simulate``, what neighbours have in common done once.
-
-    A cell without conditions is the picture as it is.
-    """
-    on_sensor: dict[tuple[float, tuple[float, float]], Tensor] = {}  # by defocus and motion
-    per_lux_s = np.float32(sensor.electrons_per_lux_s(camera))
-    needed = [(cell, _shared(cell, camera, temperature_c)) for cell in cells]
-    for shared, group in groupby(needed, key=lambda pair: pair[1]):
-        alike = [cell for cell, _ in group]
-        if shared is None:
-            yield from (Frame(cell, scene.image8, 0.0) for cell in alike)
-            continue
-        started = time.perf_counter()
-        through = (shared.camera.defocus_radius_px, shared.motion_px)
-        if through not in on_sensor:
-            on_sensor[through] = lens_and_motion(scene.sharp, shared.camera, shared.motion_px)
-        at = [cell.conditions for cell in alike if cell.conditions]
-        count, (_, colours, height, width) = len(at), scene.sharp.shape
-        seen = torch.empty((count, height, width, colours), dtype=torch.uint8)
-        own_read_noise = 0 < shared.camera.read_noise_e < sensor.MERGE_READ_NOISE_E
-        sensor.read_out(
-            on_sensor[through].expand(count, -1, -1, -1),
-            shared.camera,
-            # As float32 and in this order, as simulate computes it.
-            white_e=[float(np.float32(c.illuminance_lux) * np.float32(c.exposure_s) * per_lux_s) for c in at],
-            exposure_s=[c.exposure_s for c in at],
-            temperature_c=temperature_c,
-            generator=[shared.seed] * count,
-            fixed_pattern=frame_pattern(shared.camera, scene.sharp, 0),
-            noise=shared.noisy,
-            normal=scene.normal(shared.seed).expand(count, -1, -1, -1),
-            read=scene.normal(shared.seed, "read").expand(count, -1, -1, -1) if own_read_noise else None,
-            tones=sensor.tones_8bit(camera),
-            out=seen.permute(0, 3, 1, 2),
+    """The picture of each cell; a cell without conditions is the picture as it is, and stands first."""
+    exposed = [cell for cell in cells if cell.conditions is not None]
+    yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
+    exposures = [
+        Exposure(
+            camera,
+            at.exposure_s,
+            at.illuminance_lux,
+            (at.velocity_x_px_s, at.velocity_y_px_s),
+            temperature_c,
+            seed=cell.seed,
         )
-        simulate_ms = 1e3 * (time.perf_counter() - started) / count
-        for cell, image in zip(alike, seen.numpy(), strict=True):
-            yield Frame(cell, image, simulate_ms)
-
-
-def _shared(cell: Cell, camera: Camera, temperature_c: float) -> _Shared | None:
-    at = cell.conditions
-    if at is None:
-        return None
-    displacement = at.displacement_px
-    needs = needs_of(
-        camera,
-        exposure_s=float(np.float32(at.exposure_s)),
-        illuminance_lux=float(np.float32(at.illuminance_lux)),
-        displacement_px=displacement,
-        temperature_c=float(np.float32(temperature_c)),
-    )
-    return _Shared(needs.camera, needs.noisy, displacement if needs.moves else (0.0, 0.0), cell.seed)
-
-
-def _reflectance(image: Image) -> Tensor:
-    """``scene_reflectance`` of a picture (H, W, 3), (1, 3, H, W): looked up, since its codes are integers."""
-    codes = torch.arange(np.iinfo(image.dtype).max + 1, dtype=torch.float32) / float(
-        np.iinfo(image.dtype).max
-    )
-    table = scene_reflectance(codes[None, None, None], "srgb").flatten()
-    planes = [torch.from_numpy(plane.astype(np.int32)).flatten() for plane in cv2.split(image)]
-    looked_up = torch.stack([table.index_select(0, plane) for plane in planes])
-    return looked_up.view(1, 3, *image.shape[:2])
+        for cell in exposed
+        if (at := cell.conditions)
+    ]
+    for cell, frame in zip(exposed, scene.light.frames(exposures), strict=True):
+        yield Frame(cell, frame.picture, frame.simulate_ms, frame.move_boxes)

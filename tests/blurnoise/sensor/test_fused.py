@@ -13,8 +13,10 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core import rng
+from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import fused as frames
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor.stages import noisy_electrons
 
 BASE = Camera(
     name="test",
@@ -49,7 +51,7 @@ def exposed(light: Tensor, camera: Camera, **options: Any) -> Tensor:
 @by_camera
 @pytest.mark.parametrize("tones", [False, True])
 def test_lights_together_are_lights_alone(camera: Camera, tones: bool) -> None:
-    light, table = scene(), sensor.tones_8bit(camera) if tones else None
+    light, table = scene(), tones_8bit(camera) if tones else None
     normal = rng.standard_normal([5], light)
     shared = exposed(
         light.expand(3, -1, -1, -1),
@@ -80,7 +82,7 @@ def test_lights_far_apart_or_out_of_range(lights_e: list[float]) -> None:
 @by_camera
 @pytest.mark.parametrize("tones", [False, True])
 def test_colours_side_by_side_are_the_same_frame(camera: Camera, tones: bool) -> None:
-    light, table = scene(), sensor.tones_8bit(camera) if tones else None
+    light, table = scene(), tones_8bit(camera) if tones else None
     kind = torch.uint8 if tones else torch.float32
     interleaved = torch.zeros(light.shape, dtype=kind).contiguous(memory_format=torch.channels_last)
     returned = exposed(light, camera, tones=table, out=interleaved)
@@ -134,9 +136,7 @@ def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> N
     scale_e = frames._merged_noise(
         (mean_e / unit_e).astype(kind), unit_e, 1.3, normal, normal**2 - 1, noise, skew
     )
-    exact = sensor.noisy_electrons(
-        torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()
-    ).numpy()
+    exact = noisy_electrons(torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()).numpy()
     spread = np.sqrt(mean_e + 1.69)
     error = np.abs(noise * scale_e - (exact - mean_e)) / spread
     assert float(error.max()) < (1e-5 if kind is np.float32 else 1e-12)

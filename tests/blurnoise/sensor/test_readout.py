@@ -12,7 +12,11 @@ from scipy.stats import norm, poisson
 
 from blurnoise import Camera
 from blurnoise.camera import PRESETS
+from blurnoise.picture.develop import develop, develop_8bit
+from blurnoise.radiometry import dark_electrons, photoelectrons
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E
+from blurnoise.sensor.stages import noisy_electrons
 
 BASE = Camera(
     name="test",
@@ -76,7 +80,7 @@ def drawn_law(mean_e: float, camera: Camera) -> np.ndarray:
     """Probability of every digital number under the merged draw, by integration over its normal."""
     z = torch.linspace(-8, 8, 400001, dtype=torch.float64)
     weight = torch.exp(-z * z / 2)
-    electrons = sensor.noisy_electrons(torch.full_like(z, mean_e), camera.read_noise_e, z)
+    electrons = noisy_electrons(torch.full_like(z, mean_e), camera.read_noise_e, z)
     dn = (
         (electrons * camera.system_gain_dn_per_e + camera.black_level_dn)
         .round()
@@ -85,7 +89,7 @@ def drawn_law(mean_e: float, camera: Camera) -> np.ndarray:
     return np.bincount(dn.long().numpy(), (weight / weight.sum()).numpy(), camera.full_scale_dn + 1)
 
 
-@pytest.mark.parametrize("read_noise_e", [sensor.MERGE_READ_NOISE_E, 1.5, 2.45, 6.0])
+@pytest.mark.parametrize("read_noise_e", [MERGE_READ_NOISE_E, 1.5, 2.45, 6.0])
 @pytest.mark.parametrize("gain", [0.1, 0.4, 1.0, 4.0])
 def test_merged_draw_is_close_to_the_exact_law(read_noise_e: float, gain: float) -> None:
     """Total variation distance below 1e-2 everywhere and below 1e-3 from 100 electrons on."""
@@ -129,7 +133,7 @@ def test_merged_draw_has_the_exact_moments() -> None:
     weight = torch.exp(-z * z / 2)
     weight /= weight.sum()
     for mean_e, read in ((0.2, 1.0), (5.0, 2.45), (300.0, 2.45)):
-        x = sensor.noisy_electrons(torch.full_like(z, mean_e), read, z)
+        x = noisy_electrons(torch.full_like(z, mean_e), read, z)
         centred = x - mean_e
         assert float((weight * x).sum()) == pytest.approx(mean_e, abs=1e-9)
         assert float((weight * centred**2).sum()) == pytest.approx(mean_e + read**2, rel=1e-9)
@@ -139,7 +143,7 @@ def test_merged_draw_has_the_exact_moments() -> None:
 def test_dark_current_doubles() -> None:
     camera = replace(BASE, dark_current_e_s=100.0, dark_reference_c=20.0, dark_doubling_c=8.0)
     exposure, warm = torch.tensor([2.0]), torch.tensor([36.0])
-    assert float(sensor.dark_electrons(camera, exposure, warm)) == pytest.approx(100 * 2 * 4)
+    assert float(dark_electrons(camera, exposure, warm)) == pytest.approx(100 * 2 * 4)
     dn = frame(0.0, camera, exposure_s=2.0, temperature_c=36.0).double()
     assert float(dn.mean()) == pytest.approx(40 + 0.4 * 800, rel=1e-3)
     assert float(dn.var()) == pytest.approx(0.16 * (800 + 9) + 1 / 12, rel=0.02)
@@ -203,14 +207,14 @@ def test_differentiable_route_gives_the_same_frame() -> None:
 
 def test_develop_is_black_to_white() -> None:
     dn = torch.tensor([0.0, 40.0, 2067.5, 4095.0]).round()
-    linear = sensor.develop(dn, BASE, encoding="linear")
+    linear = develop(dn, BASE, encoding="linear")
     torch.testing.assert_close(linear, ((dn - 40) / 4055).clamp(0, 1))
-    coded = sensor.develop(dn, BASE)
+    coded = develop(dn, BASE)
     assert coded.tolist()[1] == 0
     assert coded.tolist()[3] == pytest.approx(1)
-    assert sensor.develop_8bit(dn, BASE).tolist() == [0, 0, round(255 * float(coded[2])), 255]
+    assert develop_8bit(dn, BASE).tolist() == [0, 0, round(255 * float(coded[2])), 255]
     with pytest.raises(ValueError, match="encoding"):
-        sensor.develop(dn, BASE, encoding="gamma")  # type: ignore[arg-type]
+        develop(dn, BASE, encoding="gamma")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("bits", [1, 16])
@@ -250,7 +254,7 @@ def test_presets_follow_from_their_decibels(name: str, well_e: float, read_e: fl
 def test_lin2024_counts_a_quantum_as_one_digital_number() -> None:
     """Planck-lit 5774.616 quanta at 50 lux and 30 ms are 5774.6 DN before the 12 bits clip."""
     camera = Camera.preset("lin2024")
-    dn = sensor.photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
+    dn = photoelectrons(camera, 50.0, 0.030) * camera.system_gain_dn_per_e
     assert dn == pytest.approx(5774.616, rel=1e-4)
     assert 30 * 4095 / dn == pytest.approx(21.3, abs=0.1)  # ms to saturation at 50 lux
 

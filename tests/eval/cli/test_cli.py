@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from blurnoise import Camera, charts, simulate
 from blurnoise.encoding import srgb_from_linear
-from blurnoise.sensor import readout as sensor
+from blurnoise.picture.develop import develop_8bit
+from blurnoise.radiometry import photoelectrons
 
 Output = pytest.CaptureFixture[str]
 MOTION = "motion --speed-kmh 1 --distance-m 1 --target-width-m 1 --exposure-ms 1 --width-px 9 --hfov-deg 9"
@@ -170,9 +171,9 @@ def test_simulate(tmp_path: Path, capsys: Output, shape: tuple[int, ...], dtype:
     if len(shape) == 3:
         native, view = (each[..., ::-1].transpose(2, 0, 1) for each in (native, view))
     np.testing.assert_array_equal(native, dn.squeeze().numpy())
-    np.testing.assert_array_equal(view, sensor.develop_8bit(dn, chosen).squeeze().numpy())
+    np.testing.assert_array_equal(view, develop_8bit(dn, chosen).squeeze().numpy())
     assert facts["blur_px"] == pytest.approx(np.hypot(500, 90) * 0.0123)
-    assert facts["white_electrons"] == pytest.approx(sensor.photoelectrons(chosen, 70, 0.0123))
+    assert facts["white_electrons"] == pytest.approx(photoelectrons(chosen, 70, 0.0123))
     assert facts["mean_dn"] == pytest.approx(float(dn.mean()))
     assert (facts["camera"], facts["full_scale_dn"]) == (camera, 4095)
 

@@ -22,7 +22,7 @@ from matplotlib.colors import to_hex, to_rgba
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
 from blurnoise.metrics.edge_information import Reading
-from blurnoise.sensor import readout as sensor
+from blurnoise.radiometry import photoelectrons
 
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
@@ -62,7 +62,7 @@ def near(found: Reading, truth: float, widths: float = 3.0) -> bool:
 
 
 def electrons(exposure_s: float, reflectance: float) -> float:
-    return reflectance * sensor.photoelectrons(CAMERA, LUX, exposure_s)
+    return reflectance * photoelectrons(CAMERA, LUX, exposure_s)
 
 
 def noise_e2(exposure_s: float, reflectance: float) -> float:

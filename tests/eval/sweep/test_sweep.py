@@ -34,6 +34,8 @@ from numpy.typing import NDArray
 
 from blurnoise import Camera, charts, simulate
 from blurnoise.encoding import srgb_from_linear
+from blurnoise.picture.develop import develop_8bit
+from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import readout as sensor
 
 CAMERA = Camera.preset("imx250")
@@ -156,7 +158,7 @@ def test_cell_is_what_simulate_and_the_detector_give(
             # One of the sweep's pictures, number for number: conditions differ in far more than rounding.
             differing = [int((dn != each).sum()) for each in developed]
             assert min(differing) == 0, f"{cell}: {min(differing)} of {dn.numel()} digital numbers differ"
-            rgb = np.ascontiguousarray(sensor.develop_8bit(dn, camera)[0].permute(1, 2, 0).numpy())
+            rgb = np.ascontiguousarray(develop_8bit(dn, camera)[0].permute(1, 2, 0).numpy())
             direct, stored = detector.detect(rgb), store.detections(cell["cell_id"], cell["model"])
             for name in ("boxes_xyxy", "scores", "class_ids"):
                 np.testing.assert_array_equal(getattr(stored, name), getattr(direct, name))
@@ -319,7 +321,7 @@ def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_pa
 
 def test_still_and_bright_agrees_with_clean(detector: Detector, tmp_path: Path) -> None:
     """White fills 9/10 of the well: about 50 dB of signal to noise cost next to nothing."""
-    lux = 0.9 * CAMERA.saturation_e / sensor.photoelectrons(CAMERA, 1.0, 0.01)
+    lux = 0.9 * CAMERA.saturation_e / photoelectrons(CAMERA, 1.0, 0.01)
     plan = Plan((0.01,), (lux,))
     cells, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
     clean, exposed = (cell["target_confidence"] for cell in cells)

@@ -1,0 +1,134 @@
+"""The error budget of a frame: what each part of the chain would contribute, which may be left out, and why.
+
+Unit: DN RMS, at the brightest a white surface gets under the conditions. Contributions are bounds that hold
+for any picture within [0, 1], so what is left out stays within the tolerance for all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+from blurnoise._core.checks import in_range, non_negative, positive
+from blurnoise.camera import Camera
+from blurnoise.light import effects
+from blurnoise.light.effect import LightEffect
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.sensor import stages
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
+from blurnoise.spectra import Curve
+
+TOLERANCE_DN = 0.1
+"""Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
+_FREE = (stages.SPECTRAL_INTEGRATION, stages.QUANTISATION)  # leaving them out saves nothing
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One effect or stage: its contribution in DN RMS, whether it is modelled, and how or why not."""
+
+    name: str
+    contribution_dn: float
+    kept: bool
+    how: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The contributions in the order of the physics, and what follows from them.
+
+    camera: with what is left out set to 0. without: the names of effects and stages that are passed over; shot
+    noise never, as ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all that is left out, at
+    most tolerance_dn.
+    """
+
+    stages: tuple[Contribution, ...]
+    camera: Camera
+    without: frozenset[str]
+    noisy: bool
+    left_out_dn: float
+    tolerance_dn: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether motion is modelled."""
+        return "motion" not in self.without
+
+
+def plan(
+    camera: Camera,
+    *,
+    exposure_s: float,
+    illuminance_lux: float,
+    displacement_px: tuple[float, float] = (0.0, 0.0),
+    temperature_c: float = 25.0,
+    illuminant: str | Curve = "D55",
+    tolerance_dn: float = TOLERANCE_DN,
+) -> Plan:
+    """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
+
+    They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
+    their squares is within the tolerance. displacement_px: motion during the exposure; the other arguments as
+    in :func:`blurnoise.simulate`, for one picture.
+    Raises ``ValueError`` that names the argument.
+    """
+    positive("tolerance_dn", tolerance_dn)
+    exposure, lux = non_negative("exposure_s", exposure_s), non_negative("illuminance_lux", illuminance_lux)
+    temperature = in_range("temperature_c", temperature_c, -273.15, 300.0)
+    white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
+    at = OperatingPoint(camera, exposure, temperature, white_e, displacement_px, illuminant)
+    return plan_at(at, tolerance_dn)
+
+
+def plan_at(at: OperatingPoint[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
+    """:func:`plan` at an operating point."""
+    return _plan(at, tolerance_dn, effects.EFFECTS, stages.STAGES)
+
+
+@lru_cache(maxsize=1024)
+def _plan(
+    at: OperatingPoint[float],
+    tolerance_dn: float,
+    of_light: tuple[LightEffect, ...],
+    of_sensor: tuple[SensorStage, ...],
+) -> Plan:
+    camera = at.camera
+    bounds = {  # an error in units of white cannot exceed the range
+        effect.name: within_range_dn(camera, effect.bound(at) * at.white_e) for effect in of_light
+    }
+    bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
+    free = {stage.name for stage in _FREE if bounds.get(stage.name)}
+    budget, left_out = tolerance_dn**2, set[str]()
+    for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
+        if name in free or bound**2 > budget:
+            continue
+        budget -= bound**2
+        left_out.add(name)
+    shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
+    if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:
+        left_out.discard(read)  # it shares shot noise's draw and costs nothing
+    every: tuple[LightEffect | SensorStage, ...] = (*of_light, *of_sensor)
+    reduced = _without(
+        camera, frozenset(figure for each in every if each.name in left_out for figure in each.figures)
+    )
+    noisy = shot not in left_out or reduced.read_noise_e > 0
+    hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in of_light}
+    hows |= {stage.name: stage.how(reduced, noisy) for stage in of_sensor}
+    contributions = tuple(
+        Contribution(name, bound, name not in left_out, _why_not(bound) if name in left_out else hows[name])
+        for name, bound in bounds.items()
+    )
+    total = math.sqrt(sum(each.contribution_dn**2 for each in contributions if not each.kept))
+    return Plan(contributions, reduced, frozenset(left_out - {shot}), noisy, total, tolerance_dn)
+
+
+@lru_cache(maxsize=64)
+def _without(camera: Camera, figures: frozenset[str]) -> Camera:
+    """The camera with these figures 0."""
+    return replace(camera, **dict.fromkeys(figures, 0.0)) if figures else camera  # type: ignore[arg-type]
+
+
+def _why_not(contribution_dn: float) -> str:
+    return "none here" if contribution_dn == 0 else "left out: within the tolerance"

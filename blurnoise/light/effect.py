@@ -1,0 +1,58 @@
+"""The light effect: what one cause does to the light before it reaches the sensor.
+
+Domain: linear light (B, C, H, W), white is 1; boxes (left, top, right, bottom) px, x right, y down.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable
+from typing import NamedTuple
+
+from torch import Tensor
+
+from blurnoise._core.borders import Border
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.transfer import SHARP, Optics
+
+
+class Blur(NamedTuple):
+    """A blur that is the same everywhere: by the lens, and by motion (B, 2) px or none."""
+
+    optics: Optics = SHARP
+    displacement_px: Tensor | None = None
+
+
+class LightEffect(ABC):
+    """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
+
+    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
+    to 0 leaves it out.
+    """
+
+    name: str
+    figures: tuple[str, ...] = ()
+
+    @abstractmethod
+    def bound(self, at: OperatingPoint[float]) -> float:
+        """RMS, in units of white, that leaving it out changes any picture within [0, 1] by, at most."""
+
+    @abstractmethod
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        """The light after it, of the same shape; ``light`` itself stays as it is."""
+
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+        """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it."""
+        return None
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        """How it is modelled, in a few words."""
+        return "light in, light out"
+
+    def key(self, at: OperatingPoint[float]) -> Hashable:
+        """What of the operating point it depends on: equal keys, equal light."""
+        return at
+
+    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+        """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were."""
+        return boxes_xyxy

@@ -1,0 +1,85 @@
+"""The light effects, one table in causal order, and the way of light through them.
+
+``EFFECTS`` is read wherever light is changed, planned or explained: a new entry is all that a new effect needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from blurnoise import blur
+from blurnoise._core.borders import Border
+from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.lens import DEFOCUS, DIFFRACTION
+from blurnoise.light.motion import MOTION
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.transfer import SHARP, Optics
+
+EFFECTS: tuple[LightEffect, ...] = (DEFOCUS, DIFFRACTION, MOTION)
+NOTHING: frozenset[str] = frozenset()
+
+
+def through(
+    light: Tensor,
+    at: OperatingPoint[Tensor],
+    *,
+    border: Border = "reflect",
+    without: frozenset[str] = NOTHING,
+) -> Tensor:
+    """Light (B, C, H, W) after all effects but those named in ``without``; blurs side by side share a transform.
+
+    Where no effect changes anything ``light`` itself is returned.
+    """
+    waiting = Blur()
+    for effect in EFFECTS:
+        if effect.name in without:
+            continue
+        own = effect.blur(at)
+        if own is not None and (joined := _joined(waiting, own)) is not None:
+            waiting = joined
+            continue
+        light, waiting = _blurred(light, waiting, border), own or Blur()
+        if own is None:
+            light = effect.apply(light, at, border)
+    return _blurred(light, waiting, border)
+
+
+def key(at: OperatingPoint[float], without: frozenset[str] = NOTHING) -> Hashable:
+    """Equal for exposures of one picture whose light is equal after all effects."""
+    return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
+
+
+def box_mover(at: OperatingPoint[float]) -> Callable[[Tensor], Tensor] | None:
+    """Takes boxes (N, 4) of the scene to where they are at mid-exposure; None where every effect leaves them."""
+    moving = [effect for effect in EFFECTS if type(effect).move_boxes is not LightEffect.move_boxes]
+    return partial(_moved, moving, at) if moving else None
+
+
+def _moved(effects: list[LightEffect], at: OperatingPoint[float], boxes_xyxy: Tensor) -> Tensor:
+    for effect in effects:
+        boxes_xyxy = effect.move_boxes(boxes_xyxy, at)
+    return boxes_xyxy
+
+
+def _joined(first: Blur, second: Blur) -> Blur | None:
+    """Both blurs as one; None for two motions, whose displacements do not add."""
+    if first.displacement_px is not None and second.displacement_px is not None:
+        return None
+    moved = first.displacement_px if second.displacement_px is None else second.displacement_px
+    if SHARP in (first.optics, second.optics):
+        return Blur(second.optics if first.optics == SHARP else first.optics, moved)
+    a, b = vars(first.optics), vars(second.optics)
+    if any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
+        return None
+    return Blur(Optics(**{cause: a[cause] + b[cause] for cause in a}), moved)
+
+
+def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
+    if by.optics == SHARP and by.displacement_px is None:
+        return light
+    moved = torch.zeros(2) if by.displacement_px is None else by.displacement_px
+    return blur.exposure_blur(light, moved, by.optics, border=border)

@@ -1,0 +1,50 @@
+"""Motion as a light effect: uniform and straight during the exposure, the same for the whole picture.
+
+Convention: centred, so that what moves is at mid-exposure where the picture without motion has it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from blurnoise import blur, transfer
+from blurnoise._core.borders import Border
+from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.operating_point import OperatingPoint
+
+
+@dataclass(frozen=True)
+class Motion(LightEffect):
+    """Motion by its transfer function, any length and angle."""
+
+    name = "motion"
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        """:func:`blurnoise.transfer.motion_error` of the length."""
+        return transfer.motion_error(math.hypot(*at.displacement_px))
+
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+        """Shared with the lens."""
+        return Blur(displacement_px=torch.as_tensor(at.displacement_px))
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        """By its transfer function."""
+        return blur.motion_blur(light, at.displacement_px, border=border)
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        """The length."""
+        shares = at.camera.defocus_radius_px > 0 and not at.camera.defocus_counts_pixel
+        together = ", with the lens's" if shares or at.camera.diffraction_wavelength_um > 0 else ""
+        return f"transfer function, {math.hypot(*at.displacement_px):.3g} px{together}"
+
+    def key(self, at: OperatingPoint[float]) -> Hashable:
+        """The displacement."""
+        return at.displacement_px
+
+
+MOTION = Motion()

@@ -1,0 +1,77 @@
+"""The operating point of a frame: what every part of the chain needs to know of how it is taken.
+
+Convention: for one frame numbers are floats, for a batch of B frames of one camera tensors (B,), the
+displacement (B, 2); the same formulas serve both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import torch
+from torch import Tensor
+
+from blurnoise import blur
+from blurnoise._core.checks import Numbers, per_image
+from blurnoise.camera import Camera
+from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.spectra import Curve
+
+Number = TypeVar("Number", float, Tensor)
+
+
+@dataclass(frozen=True)
+class OperatingPoint(Generic[Number]):
+    """A camera and what its frame meets; hashable where the numbers are floats.
+
+    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure.
+    """
+
+    camera: Camera
+    exposure_s: Number
+    temperature_c: Number
+    white_e: Number
+    displacement_px: Tensor | tuple[float, float] = (0.0, 0.0)
+    illuminant: str | Curve = "D55"
+
+    @property
+    def dark_e(self) -> Number:
+        """Mean electrons of the dark current."""
+        return dark_electrons(self.camera, self.exposure_s, self.temperature_c)
+
+
+def operating_points(
+    image: Tensor,
+    camera: Camera,
+    *,
+    exposure_s: Numbers,
+    illuminance_lux: Numbers,
+    velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]],
+    temperature_c: Numbers,
+    illuminant: str | Curve,
+) -> OperatingPoint[Tensor]:
+    """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
+
+    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2). Raises ``ValueError`` naming the argument.
+    """
+    batch = len(image)
+    exposure = per_image("exposure_s", exposure_s, batch, image, low=0.0)
+    lux = per_image("illuminance_lux", illuminance_lux, batch, image, low=0.0)
+    temperature = per_image("temperature_c", temperature_c, batch, image, low=-273.15, high=300.0)
+    velocity = torch.as_tensor(velocity_px_s).to(image)
+    displacement = blur.displacements(velocity * exposure[:, None] if velocity.ndim < 3 else velocity, image)
+    white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
+    return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+
+
+def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoint[Tensor]:
+    """The operating points of some frames of a batch."""
+    return replace(
+        points,
+        exposure_s=points.exposure_s[of],
+        temperature_c=points.temperature_c[of],
+        white_e=points.white_e[of],
+        displacement_px=torch.as_tensor(points.displacement_px)[of],
+    )

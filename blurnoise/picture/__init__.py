@@ -1,0 +1,1 @@
+"""Pictures made of digital numbers; :mod:`.steps` is the table."""

@@ -1,0 +1,69 @@
+"""The picture's steps, one table in causal order: digital numbers to a picture, after the converter.
+
+Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), then a picture in [0, 1].
+``STEPS`` is read wherever a frame is developed: a new entry is all that a new step needs.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from blurnoise.camera import Camera
+from blurnoise.encoding import Encoding, srgb_from_linear
+
+
+@dataclass(frozen=True)
+class Development:
+    """How a frame becomes a picture. gain_db: digital gain. encoding: of the picture."""
+
+    camera: Camera
+    gain_db: float = 0.0
+    encoding: Encoding = "srgb"
+
+
+class PictureStep(ABC):
+    """One entry of ``STEPS``. pointwise: each value depends on its own digital number alone, so tables serve."""
+
+    name: str
+    pointwise: bool = True
+
+    @abstractmethod
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """The picture after it: differentiable, on any device."""
+
+
+class BlackLevel(PictureStep):
+    """Digital numbers to linear light: 0 at the black level, 1 at full scale."""
+
+    name = "black level"
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """(dn - black) / (full scale - black)."""
+        return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
+
+
+class DigitalGain(PictureStep):
+    """A factor after the converter: brighter, and no less noisy."""
+
+    name = "digital gain"
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """Times 10^(gain_db / 20)."""
+        return picture if at.gain_db == 0 else picture * 10 ** (at.gain_db / 20)
+
+
+class Tone(PictureStep):
+    """Clipping to [0, 1], and the sRGB curve where asked for."""
+
+    name = "tone"
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """Coded."""
+        return srgb_from_linear(picture) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
+
+
+BLACK_LEVEL, DIGITAL_GAIN, TONE = BlackLevel(), DigitalGain(), Tone()
+STEPS: tuple[PictureStep, ...] = (BLACK_LEVEL, DIGITAL_GAIN, TONE)

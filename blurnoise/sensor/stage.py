@@ -1,0 +1,93 @@
+"""The sensor stage: one step from light on the pixels to digital numbers, and its moments beside it.
+
+Domain: the signal is light (1: white) until it becomes electrons, then electrons, then digital numbers (DN), as
+floating tensors (B, C, H, W). Electrons may be negative in the dark, where read noise says so.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from torch import Tensor
+
+from blurnoise.camera import Camera
+from blurnoise.operating_point import OperatingPoint
+
+MERGE_READ_NOISE_E = 1.0
+"""From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
+Law = Literal["none", "merged", "counts", "exact"]
+"""How shot and read noise are drawn: not, in one normal draw, as counts made of one, as Poisson counts."""
+
+
+class Moments(NamedTuple):
+    """Mean, variance over frames, and variance over pixels of the fixed pattern, in the unit of the step."""
+
+    mean: Tensor
+    variance: Tensor
+    pattern_variance: Tensor
+
+    def scaled(self, factor: float | Tensor) -> Moments:
+        """Of the signal times a constant."""
+        squared = factor * factor
+        return Moments(self.mean * factor, self.variance * squared, self.pattern_variance * squared)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames being read out: means per frame (B, 1, 1, 1), and the fields that were drawn for them.
+
+    white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
+    N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
+    where the law or the camera does not ask for it.
+    """
+
+    camera: Camera
+    law: Law
+    white_e: Tensor
+    dark_e: Tensor
+    seeds: Sequence[int]
+    quantised: bool = True
+    normal: Tensor | None = None
+    read: Tensor | None = None
+    gain: Tensor | None = None
+    offset_e: Tensor | None = None
+
+
+class SensorStage(ABC):
+    """One entry of :data:`blurnoise.sensor.stages.STAGES`.
+
+    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
+    to 0 leaves it out.
+    """
+
+    name: str
+    figures: tuple[str, ...] = ()
+
+    @abstractmethod
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """The signal after it: differentiable, on any device."""
+
+    @abstractmethod
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """What it does to mean and variances."""
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float | None:
+        """DN RMS that it contributes where the picture is white, at most; None: it cannot be left out."""
+        return None
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """How it is modelled, in a few words. noisy: whether shot or read noise is."""
+        return "element by element"
+
+
+def signal_bound_e(at: OperatingPoint[float]) -> float:
+    """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
+    return min(at.white_e, 2 * at.camera.saturation_e)
+
+
+def within_range_dn(camera: Camera, electrons: float) -> float:
+    """An error of so many electrons in DN, which cannot exceed the range."""
+    return min(camera.system_gain_dn_per_e * electrons, camera.clip_dn)

@@ -1,0 +1,303 @@
+"""The sensor's stages, one table in causal order: the linear model of EMVA 1288 release 4.
+
+``STAGES`` is read wherever a frame is read out, planned, explained or its moments are told: a new entry is all
+that a new stage needs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from blurnoise._core import rng
+from blurnoise.camera import Camera
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.sensor.stage import (
+    MERGE_READ_NOISE_E,
+    Frames,
+    Moments,
+    SensorStage,
+    signal_bound_e,
+    within_range_dn,
+)
+from blurnoise.spectra import Curve
+
+
+class SpectralIntegration(SensorStage):
+    """Light to mean photo-electrons; below 0 (ringing of a blur) there are none."""
+
+    name = "spectral integration"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Light times the electrons of white."""
+        return (signal * at.white_e).clamp(min=0.0)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Scaled."""
+        return before.scaled(at.white_e)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Of a sensor whose curve were flat, at its mean over wavelengths."""
+        return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """Once."""
+        return "once per camera and light"
+
+
+class Prnu(SensorStage):
+    """Photo-response non-uniformity: a fixed factor per pixel."""
+
+    name = "PRNU"
+    figures = ("prnu",)
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Times the pattern, never below 0."""
+        return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Over pixels, (prnu mean)^2."""
+        spread = (at.camera.prnu * before.mean) ** 2
+        return before._replace(pattern_variance=before.pattern_variance + spread)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Of white."""
+        return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """A field."""
+        return "fixed field of factors"
+
+
+class DarkCurrent(SensorStage):
+    """Dark charge mu_I T, part of what shot noise is drawn from."""
+
+    name = "dark current"
+    figures = ("dark_current_e_s",)
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Plus its mean."""
+        return signal + at.dark_e
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Its mean; the variance comes with shot noise."""
+        return before._replace(mean=before.mean + at.dark_e)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Mean and noise of the charge."""
+        return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """In the mean."""
+        return "in the mean that shot noise is drawn from"
+
+
+class ShotNoise(SensorStage):
+    """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw."""
+
+    name = "shot noise"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Counts, or a normal draw corrected to their skewness; see :func:`noisy_electrons`."""
+        if at.law == "exact":
+            return rng.poisson(signal, at.seeds)
+        if at.normal is None:
+            return signal
+        if at.law == "merged":
+            return noisy_electrons(signal, at.camera.read_noise_e, at.normal)
+        return rng.poisson_of_normal(signal, at.normal)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """The variance is the mean."""
+        return before._replace(variance=before.variance + before.mean)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Of white."""
+        return within_range_dn(at.camera, math.sqrt(signal_bound_e(at)))
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """By which draw."""
+        if camera.read_noise_e >= MERGE_READ_NOISE_E:
+            return "one corrected normal draw, with read noise"
+        return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
+
+
+class ReadNoise(SensorStage):
+    """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
+
+    name = "read noise"
+    figures = ("read_noise_e",)
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Plus a draw of its own."""
+        return signal if at.read is None else signal + at.camera.read_noise_e * at.read
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Its square to the variance."""
+        return before._replace(variance=before.variance + at.camera.read_noise_e**2)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Its deviation."""
+        return within_range_dn(at.camera, at.camera.read_noise_e)
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """In which draw."""
+        merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
+        return "in the draw of shot noise" if merged else "a normal draw of its own"
+
+
+class Dsnu(SensorStage):
+    """Dark-signal non-uniformity: a fixed offset per pixel."""
+
+    name = "DSNU"
+    figures = ("dsnu_e",)
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Plus the pattern."""
+        return signal if at.offset_e is None else signal + at.offset_e
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Over pixels, its square."""
+        return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_e**2)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """Its deviation."""
+        return within_range_dn(at.camera, at.camera.dsnu_e)
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """A field."""
+        return "fixed field of offsets"
+
+
+class Gain(SensorStage):
+    """System gain K and black level: electrons to digital numbers, not yet whole ones."""
+
+    name = "gain"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Times K, plus the black level."""
+        return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Scaled and shifted."""
+        scaled = before.scaled(at.camera.system_gain_dn_per_e)
+        return scaled._replace(mean=scaled.mean + at.camera.black_level_dn)
+
+
+class Quantisation(SensorStage):
+    """Rounding to whole digital numbers."""
+
+    name = "quantisation"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Rounded; beside a derivative that adds a constant, since its own would be 0 throughout."""
+        return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """1/12 DN^2, which holds from about 0.5 DN of noise before it."""
+        return before._replace(variance=before.variance + 1 / 12)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        """A uniform error within a step."""
+        return 1 / math.sqrt(12)
+
+    def how(self, camera: Camera, noisy: bool) -> str:
+        """Rounding."""
+        return "rounding: the result is digital numbers"
+
+
+class Limits(SensorStage):
+    """0, and full scale or the full well, whichever is less, after the same rounding."""
+
+    name = "limits"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Clipped."""
+        return signal.clamp(0.0, at.camera.clip_dn)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Of the censored normal, right to a rounding step as far as the signal is normal.
+
+        With a = (low - mean) / s and b = (high - mean) / s; a fixed pattern keeps the share that is not clipped.
+        """
+        clip_dn = at.camera.clip_dn
+        mean, spread = before.mean, torch.sqrt(before.variance)
+        low, high = (-mean / spread, (clip_dn - mean) / spread)
+        below, above = torch.special.ndtr(low), torch.special.ndtr(-high)
+        inside = 1 - below - above
+        at_low, at_high = (torch.exp(-edge * edge / 2) / math.sqrt(2 * math.pi) for edge in (low, high))
+        first = at_low - at_high  # E[z; inside]
+        low_at, high_at = (torch.where(torch.isfinite(e), e, 0.0).clamp(-40, 40) for e in (low, high))
+        second = inside + low_at * at_low - high_at * at_high  # E[z^2; inside]
+        clipped_mean = inside * mean + spread * first + above * clip_dn
+        squares = inside * mean**2 + 2 * mean * spread * first + before.variance * second + above * clip_dn**2
+        variance = (squares - clipped_mean**2).clamp_min(0.0)
+        return Moments(clipped_mean, variance, before.pattern_variance * inside**2)
+
+
+SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
+SHOT_NOISE, READ_NOISE, DSNU = ShotNoise(), ReadNoise(), Dsnu()
+GAIN, QUANTISATION, LIMITS = Gain(), Quantisation(), Limits()
+STAGES: tuple[SensorStage, ...] = (
+    SPECTRAL_INTEGRATION,
+    PRNU,
+    DARK_CURRENT,
+    SHOT_NOISE,
+    READ_NOISE,
+    DSNU,
+    GAIN,
+    QUANTISATION,
+    LIMITS,
+)
+
+
+def active(camera: Camera, without: frozenset[str] = frozenset()) -> list[SensorStage]:
+    """The stages that do something in this camera and are not left out, in order."""
+    return [
+        stage
+        for stage in STAGES
+        if stage.name not in without
+        and (not stage.figures or any(getattr(camera, figure) for figure in stage.figures))
+    ]
+
+
+@lru_cache(maxsize=64)
+def reduced(camera: Camera, without: frozenset[str]) -> Camera:
+    """The camera whose stages named in ``without`` do nothing."""
+    figures = {figure: 0.0 for stage in STAGES if stage.name in without for figure in stage.figures}
+    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]  # all are numbers
+
+
+def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:
+    """Shot and read noise in one draw: a normal corrected to the skewness of Poisson(mean) + N(0, read^2).
+
+    x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms
+    of Cornish and Fisher): mean and variance exact. After gain and rounding the total variation distance
+    from the exact law is below 0.008 everywhere and below 0.0005 from 100 electrons on, for a read noise of
+    at least 1 electron; below that Poisson's integer steps show and counts are drawn instead.
+    mean_e, normal: any shape.
+    """
+    # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
+    variance = mean_e + max(read_noise_e**2, 1e-6)
+    skew = mean_e / variance / 6
+    spread = variance - 2 * skew * skew
+    if read_noise_e**2 < 1 / 18:  # else v > 2 k^2 throughout
+        spread = spread.clamp(min=1e-6)
+    return mean_e - skew + (torch.sqrt(spread) + skew * normal) * normal
+
+
+@lru_cache(maxsize=64)
+def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
+    """Relative error of the signal if the sensor's curve were flat, at its mean over wavelengths."""
+    curve = camera.quantum_efficiency
+    if not isinstance(curve, Curve):
+        return 0.0
+    mean = sum(curve.values) / len(curve.values)
+    flat = electrons_per_lux_s(replace(camera, quantum_efficiency=mean), illuminant)
+    exact = electrons_per_lux_s(camera, illuminant)
+    return abs(flat - exact) / exact if exact > 0 else 0.0

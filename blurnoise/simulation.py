@@ -1,0 +1,72 @@
+"""Simulation of one exposure: pictures as a camera would take them, from reflectance to digital numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from torch import Tensor
+
+from blurnoise._core import rng
+from blurnoise._core.borders import Border
+from blurnoise._core.checks import Numbers
+from blurnoise.camera import Camera
+from blurnoise.encoding import Encoding
+from blurnoise.error_budget import TOLERANCE_DN
+from blurnoise.exposure import ExposedScene, scene_reflectance
+from blurnoise.sensor.readout import Fidelity
+from blurnoise.spectra import Curve
+
+
+def simulate(
+    image: Tensor,
+    camera: Camera,
+    *,
+    exposure_s: Numbers,
+    illuminance_lux: Numbers,
+    velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    temperature_c: Numbers = 25.0,
+    encoding: Encoding = "srgb",
+    illuminant: str | Curve = "D55",
+    border: Border = "reflect",
+    pattern_seed: int = 0,
+    generator: rng.Randomness = None,
+    fidelity: Fidelity = "auto",
+    tolerance_dn: float = TOLERANCE_DN,
+    noise: bool = True,
+    quantised: bool = True,
+) -> Tensor:
+    """Expose ``image`` with ``camera``; returns digital numbers of the same shape, integral values.
+
+    image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
+    (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
+    velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down. illuminant: the light's spectrum.
+    pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
+    seed per image, or None for torch's default generator; image i depends on its own seed alone.
+
+    Order: linear light, then :data:`blurnoise.light.effects.EFFECTS` (lens, motion), then
+    :data:`blurnoise.sensor.stages.STAGES` (light level, shot, dark and read noise, full well, gain, black level,
+    rounding, converter limits).
+
+    fidelity: "full" models everything, "auto" what :func:`blurnoise.plan` keeps of it for each image
+    within ``tolerance_dn`` (DN RMS). noise: without it, the mean frame. quantised: without it, before rounding.
+    Gradients reach image, exposure, illuminance, velocity and temperature; with them, everything is modelled.
+    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+    """
+    scene = ExposedScene(
+        scene_reflectance(image, encoding),
+        border=border,
+        illuminant=illuminant,
+        pattern_seed=pattern_seed,
+        fidelity=fidelity,
+        tolerance_dn=tolerance_dn,
+    )
+    return scene.expose(
+        camera,
+        exposure_s=exposure_s,
+        illuminance_lux=illuminance_lux,
+        velocity_px_s=velocity_px_s,
+        temperature_c=temperature_c,
+        generator=generator,
+        noise=noise,
+        quantised=quantised,
+    )
