@@ -279,11 +279,7 @@ _AS: Mapping[str, Callable[[str, object], object]] = {
 }
 _FIELDS = tuple(entry.name for entry in fields(Camera))
 _REQUIRED = tuple(entry.name for entry in fields(Camera) if entry.default is entry.default_factory is MISSING)
-_FIGURES = tuple(
-    name
-    for name in _FIELDS
-    if name not in ("name", "defocus_counts_pixel", "diffraction_wavelength_um", "sources")
-)
+_FIGURES = tuple(name for name in _FIELDS if name not in ("name", "defocus_counts_pixel", "sources"))
 
 
 def _within(where: str, error: Exception) -> Exception:

@@ -22,7 +22,6 @@ from blurnoise.spectra import Curve
 
 TOLERANCE_DN = 0.1
 """Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
-_FREE = (stages.SPECTRAL_INTEGRATION, stages.QUANTISATION)  # leaving them out saves nothing
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,10 @@ def _plan(
         effect.name: within_range_dn(camera, effect.bound(at) * at.white_e) for effect in of_light
     }
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
-    free = {stage.name for stage in _FREE if bounds.get(stage.name)}
+    stay = {stage.name for stage in of_sensor if stage.essential}
     budget, left_out = tolerance_dn**2, set[str]()
     for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
-        if name in free or bound**2 > budget:
+        if bound**2 > budget or (name in stay and bound > 0):
             continue
         budget -= bound**2
         left_out.add(name)
@@ -121,7 +120,7 @@ def _plan(
         for name, bound in bounds.items()
     )
     total = math.sqrt(sum(each.contribution_dn**2 for each in contributions if not each.kept))
-    return Plan(contributions, reduced, frozenset(left_out - {shot}), noisy, total, tolerance_dn)
+    return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
 
 
 @lru_cache(maxsize=64)

@@ -26,7 +26,6 @@ from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames, Law, SensorStage
 
 Plane = NDArray[Any]
-_ALWAYS = frozenset({stages.SPECTRAL_INTEGRATION, stages.GAIN, stages.QUANTISATION, stages.LIMITS})
 _STAGES = (
     stages.SPECTRAL_INTEGRATION,
     stages.PRNU,
@@ -73,7 +72,7 @@ class Light(NamedTuple):
 
 def supports(active: Sequence[SensorStage]) -> bool:
     """Whether these stages, in this order, are what :func:`expose` does."""
-    return set(active) >= _ALWAYS and list(active) == [stage for stage in _STAGES if stage in active]
+    return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
 
 
 def planes_of(scene: Tensor, at: Frames) -> Planes:

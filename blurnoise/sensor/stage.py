@@ -60,11 +60,12 @@ class SensorStage(ABC):
     """One entry of :data:`blurnoise.sensor.stages.STAGES`.
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
-    to 0 leaves it out.
+    to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
     """
 
     name: str
     figures: tuple[str, ...] = ()
+    essential: bool = False
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
@@ -75,7 +76,7 @@ class SensorStage(ABC):
         """What it does to mean and variances."""
 
     def bound_dn(self, at: OperatingPoint[float]) -> float | None:
-        """DN RMS that it contributes where the picture is white, at most; None: it cannot be left out."""
+        """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""
         return None
 
     def how(self, camera: Camera, noisy: bool) -> str:

@@ -32,6 +32,7 @@ class SpectralIntegration(SensorStage):
     """Light to mean photo-electrons; below 0 (ringing of a blur) there are none."""
 
     name = "spectral integration"
+    essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Light times the electrons of white."""
@@ -178,6 +179,7 @@ class Gain(SensorStage):
     """System gain K and black level: electrons to digital numbers, not yet whole ones."""
 
     name = "gain"
+    essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Times K, plus the black level."""
@@ -193,6 +195,7 @@ class Quantisation(SensorStage):
     """Rounding to whole digital numbers."""
 
     name = "quantisation"
+    essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Rounded; beside a derivative that adds a constant, since its own would be 0 throughout."""
@@ -215,6 +218,7 @@ class Limits(SensorStage):
     """0, and full scale or the full well, whichever is less, after the same rounding."""
 
     name = "limits"
+    essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Clipped."""

@@ -9,8 +9,12 @@ import pytest
 import torch
 
 from blurnoise import Camera, moments
+from blurnoise._core import rng
 from blurnoise.moments import Moments
+from blurnoise.operating_point import OperatingPoint
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor import stages
+from blurnoise.sensor.stage import Frames, SensorStage
 
 BASE = Camera(
     name="bench",
@@ -85,6 +89,55 @@ def test_clipped_moments(level: float) -> None:
 def test_pattern_moments_over_pixels() -> None:
     camera = replace(BASE, prnu=0.02, dsnu_e=15.0, dark_current_e_s=0.0)
     pattern = camera.fixed_pattern((1, 1, PIXELS), seed=3)
-    photo = torch.tensor(4000.0, dtype=torch.float64)
-    steps = moments.pattern(moments.read(moments.shot(photo), camera), camera, photo)
-    check(frames(camera, 8000.0, fixed_pattern=pattern), moments.digital(steps, camera))
+    law = expected(camera, 8000.0)
+    both = law._replace(variance=law.variance + law.pattern_variance)
+    check(frames(camera, 8000.0, fixed_pattern=pattern), both)
+
+
+NOISES = {"merged": ("normal",), "counts": ("normal", "read"), "exact": ("read",)}
+
+
+@pytest.mark.parametrize("law", NOISES)
+@pytest.mark.parametrize("mean_photo_e", [3.0, 60.0, 4000.0, 8950.0])
+def test_every_stage_does_what_its_moments_say(mean_photo_e: float, law: str) -> None:
+    """Each entry of the table, alone: mean and variance over 200 000 pixels before and after it.
+
+    Five standard errors of the mean, and of the variance with the measured kurtosis; shot and read noise are
+    one step under the law that merges them.
+    """
+    camera = replace(BASE, prnu=0.02, dsnu_e=15.0)
+    shape, one = (1, 1, 1, PIXELS), torch.ones(1, 1, 1, 1, dtype=torch.float64)
+    like = torch.empty(shape, dtype=torch.float64)
+    fields = {
+        name: rng.standard_normal([seed], like, name)
+        for seed, name in enumerate(("normal", "read", "prnu", "dsnu"))
+    }
+    point = OperatingPoint(camera, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
+    at = Frames(
+        camera, law, one * mean_photo_e, point.dark_e, [7],  # type: ignore[arg-type]
+        gain=1 + camera.prnu * fields["prnu"], offset_e=camera.dsnu_e * fields["dsnu"],
+        **{name: fields[name] for name in NOISES[law]},
+    )  # fmt: skip
+    signal, zero = torch.ones(shape, dtype=torch.float64), torch.zeros_like(one)
+    told = Moments(one, zero, zero)
+    waiting = False
+    for stage in stages.STAGES:
+        told, signal = stage.moments(told, point), stage.apply(signal, at)
+        waiting = law == "merged" and stage is stages.SHOT_NOISE  # read noise is in there already
+        if not waiting and (stage is not stages.LIMITS or mean_photo_e < 8000):
+            check(signal, told._replace(variance=told.variance + told.pattern_variance))
+
+
+@pytest.mark.parametrize("stage", [stages.SHOT_NOISE, stages.READ_NOISE, stages.DSNU, stages.PRNU])
+def test_a_stage_with_a_tenth_more_variance_would_be_noticed(
+    stage: SensorStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = type(stage).moments
+
+    def more(self: SensorStage, before: Moments, at: OperatingPoint[torch.Tensor]) -> Moments:
+        told = own(self, before, at)
+        return told._replace(variance=1.1 * told.variance, pattern_variance=1.1 * told.pattern_variance)
+
+    monkeypatch.setattr(type(stage), "moments", more)
+    with pytest.raises(AssertionError):
+        test_every_stage_does_what_its_moments_say(60.0, "counts")

@@ -30,9 +30,10 @@ BUSY = Camera(
     defocus_radius_px=1.2,
 )
 ORDER = [
-    "spectral integration",
     "defocus",
+    "diffraction",
     "motion",
+    "spectral integration",
     "PRNU",
     "dark current",
     "shot noise",

@@ -32,7 +32,7 @@ from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
 
-from blurnoise import Camera, charts, simulate
+from blurnoise import Camera, charts, exposure, simulate
 from blurnoise.encoding import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.radiometry import photoelectrons
@@ -139,7 +139,7 @@ def test_cell_is_what_simulate_and_the_detector_give(
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(sensor, "read_out", watched)
+            patch.setattr(exposure, "read_out", watched)
             sweep.run([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell["clean"]]
         kept = 0
