@@ -1,0 +1,189 @@
+"""The chain's tables: an entry that nobody else knows of takes part everywhere; the fused route does as they say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from made_up import Pedestal, Shift, Veil
+
+from blurnoise import Camera, ExposedScene, Exposure, blur, moments, photoelectrons, plan, simulate
+from blurnoise.light import effects
+from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.lens import DEFOCUS, DIFFRACTION
+from blurnoise.light.motion import MOTION
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.picture.develop import develop_8bit
+from blurnoise.sensor import fused, stages
+from blurnoise.sensor.readout import read_out
+from blurnoise.transfer import Optics
+
+CAMERA = replace(
+    Camera.preset("imx250"),
+    prnu=0.02,
+    dsnu_e=3.0,
+    dark_current_e_s=400.0,
+    defocus_radius_px=1.2,
+    diffraction_wavelength_um=0.55,
+)
+CONDITIONS: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 50.0}
+
+
+def picture(height: int = 41, width: int = 67) -> torch.Tensor:
+    return torch.rand(1, 3, height, width, generator=torch.Generator().manual_seed(3))
+
+
+def mean_frame(**options: Any) -> torch.Tensor:
+    return simulate(picture(), CAMERA, **{"noise": False, "quantised": False, **CONDITIONS, **options})
+
+
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_a_new_light_effect_is_one_entry(monkeypatch: pytest.MonkeyPatch, fidelity: str) -> None:
+    before = mean_frame(fidelity=fidelity)
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(0.1)))
+    white_dn = CAMERA.system_gain_dn_per_e * 0.1 * photo_e()
+    unclipped = before + 1.05 * white_dn < CAMERA.clip_dn
+    pattern = CAMERA.fixed_pattern(tuple(before.shape[1:]), 0)[0]
+    after = mean_frame(fidelity=fidelity)
+    torch.testing.assert_close(
+        (after - before)[unclipped], (white_dn * pattern[None])[unclipped], rtol=1e-3, atol=2e-3
+    )
+    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    assert told["veil"].contribution_dn == pytest.approx(white_dn)
+    assert told["veil"].kept
+
+
+def photo_e() -> float:
+    return photoelectrons(CAMERA, CONDITIONS["illuminance_lux"], CONDITIONS["exposure_s"])
+
+
+@pytest.mark.parametrize("place", [3, 6])
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int) -> None:
+    """Before shot noise or after it: in the frame, in the plan, in the moments; the fused route declines."""
+    before = mean_frame(fidelity=fidelity, quantised=True)
+    photo = torch.tensor(300.0, dtype=torch.float64)
+    point = {"exposure_s": photo.new_tensor(0.01), "temperature_c": photo.new_tensor(25.0)}
+    plain = moments.frame(photo, CAMERA, **point)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
+    assert not fused.supports(stages.active(CAMERA))
+    after = mean_frame(fidelity=fidelity, quantised=True)
+    dn = 500 * CAMERA.system_gain_dn_per_e
+    unclipped = before + dn < CAMERA.clip_dn
+    assert float(((after - before)[unclipped] - dn).abs().max()) <= 1
+    told = {each.name: each for each in plan(CAMERA, **CONDITIONS).stages}
+    assert told["pedestal"].contribution_dn == pytest.approx(dn)
+    more = moments.frame(photo, CAMERA, **point)
+    assert float(more.mean - plain.mean) == pytest.approx(dn)
+    assert float(more.variance > plain.variance) == (place == 3)  # shot noise of it, or none
+
+
+def test_what_is_small_is_left_out_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = mean_frame()
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(1e-8)))
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(1e-4), *stages.STAGES[6:]))
+    found = plan(CAMERA, **CONDITIONS)
+    assert {"veil", "pedestal"} <= found.without
+    assert torch.equal(mean_frame(), before)
+    assert not torch.equal(mean_frame(fidelity="full"), before)
+
+
+def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effects, "EFFECTS", (Veil(0.05), *effects.EFFECTS, Shift()))
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(40.0), *stages.STAGES[6:]))
+    coded = (picture()[0].permute(1, 2, 0) * 255).round().byte().numpy()
+    scene = ExposedScene.of_picture(coded)
+    at = [Exposure(CAMERA, 0.004, lux, (900.0, -300.0), seed=5) for lux in (20.0, 60.0)]
+    at.append(Exposure(replace(CAMERA, f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
+    for exposure, frame in zip(at, scene.frames(at), strict=True):
+        dn = simulate(
+            torch.from_numpy(coded).permute(2, 0, 1)[None] / 255,
+            exposure.camera,
+            exposure_s=exposure.exposure_s,
+            illuminance_lux=exposure.illuminance_lux,
+            velocity_px_s=exposure.velocity_px_s,
+            temperature_c=exposure.temperature_c,
+            generator=[exposure.seed],
+            tolerance_dn=0.1 / 10 ** (exposure.gain_db / 20),
+        )
+        expected = develop_8bit(dn, exposure.camera, exposure.gain_db)[0].permute(1, 2, 0)
+        assert torch.equal(torch.from_numpy(frame.picture), expected)
+        assert frame.move_boxes is not None
+        moved = frame.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
+        assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
+
+
+def test_todays_effects_leave_boxes_where_they_are() -> None:
+    scene = ExposedScene.of_picture((picture()[0].permute(1, 2, 0) * 255).byte().numpy())
+    (frame,) = scene.frames([Exposure(CAMERA, 0.004, 20.0, (900.0, 0.0))])
+    assert frame.move_boxes is None
+
+
+@pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("read_noise_e", [2.5, 0.4])
+@pytest.mark.parametrize(
+    "alone", [(), ("prnu",), ("dark_current_e_s",), ("dsnu_e",), ("read_noise_e",), None]
+)
+def test_the_fused_route_is_the_reference_stage_by_stage(
+    alone: tuple[str, ...] | None, read_noise_e: float, noise: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With each stage alone, with none and with all: equal but for rounding, one DN in one pixel of a thousand."""
+    figures = {figure: 0.0 for stage in stages.STAGES for figure in stage.figures}
+    busy = replace(CAMERA, read_noise_e=read_noise_e)
+    kept = {name: 0.0 for name in figures if alone is not None and name not in alone}
+    camera = replace(busy, **kept)
+    light = torch.rand(2, 3, 61, 47, generator=torch.Generator().manual_seed(1)) * 1.1 - 0.05
+    pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu or camera.dsnu_e else None
+    given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}
+    given |= {"generator": [5, 6], "fixed_pattern": pattern, "noise": noise}
+    assert fused.supports(stages.active(camera))
+    quick = read_out(light, camera, **given)
+    monkeypatch.setattr(fused, "supports", lambda active: False)
+    reference = read_out(light, camera, **given)
+    off = (quick - reference).abs()
+    assert float(off.max()) <= 1
+    assert float((off > 0).float().mean()) < 1e-3
+    if noise:
+        assert float(reference.std()) > 0
+
+
+def test_the_fused_route_declines_another_order_or_a_lack(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = stages.active(CAMERA)
+    assert fused.supports(every)
+    assert not fused.supports(every[:-1])
+    assert not fused.supports([*every[1:], every[0]])
+    assert not fused.supports([stage for stage in every if stage is not stages.QUANTISATION])
+
+
+def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[Optics] = []
+    real = blur.exposure_blur
+
+    def watched(image: Any, moved: Any, optics: Optics, **options: Any) -> Any:
+        calls.append(optics)
+        return real(image, moved, optics, **options)
+
+    monkeypatch.setattr(blur, "exposure_blur", watched)
+    light = picture().double()
+    at = OperatingPoint(CAMERA, *[torch.zeros(1)] * 3, torch.tensor([[6.0, 2.0]]))
+    together = effects.through(light, at)
+    assert len(calls) == 1
+    assert calls[0] == Optics(1.2, 0.0, 0.55 * CAMERA.f_number / CAMERA.pixel_pitch_um)
+    monkeypatch.setattr(effects, "EFFECTS", (MOTION, Veil(0.0), DEFOCUS, DIFFRACTION))
+    calls.clear()
+    apart = effects.through(light, at)
+    assert len(calls) == 2
+    assert float((apart - together)[..., 10:-10, 10:-10].abs().max()) < 2e-3
+    twice = effects._joined(Blur(Optics(1.0)), Blur(Optics(1.0)))
+    assert twice is None  # two discs are no disc of twice the radius
+    assert effects._joined(Blur(displacement_px=torch.ones(2)), Blur(displacement_px=torch.ones(2))) is None
+
+
+def test_every_entry_says_what_it_is() -> None:
+    names = [each.name for each in (*effects.EFFECTS, *stages.STAGES)]
+    assert len(set(names)) == len(names)
+    for each in (*effects.EFFECTS, *stages.STAGES):
+        assert all(hasattr(CAMERA, figure) for figure in each.figures)
+        assert isinstance(each, LightEffect) or each.name

@@ -1,0 +1,63 @@
+"""A light effect and a sensor stage that no camera has, each one object: what a table's new entry has to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from blurnoise._core.borders import Border
+from blurnoise.light.effect import LightEffect
+from blurnoise.operating_point import OperatingPoint
+from blurnoise.sensor.stage import Frames, Moments, SensorStage
+
+
+@dataclass(frozen=True)
+class Veil(LightEffect):
+    """Stray light: a share of white over the whole picture."""
+
+    name = "veil"
+    share: float = 0.1
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        return self.share
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        return light + self.share
+
+
+@dataclass(frozen=True)
+class Shift(LightEffect):
+    """The picture displaced by whole pixels (x, y), and its boxes with it."""
+
+    name = "shift"
+    by_px: tuple[int, int] = (20, 10)
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        return 0.5
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        return torch.roll(light, (self.by_px[1], self.by_px[0]), (-2, -1))
+
+    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+        return boxes_xyxy + boxes_xyxy.new_tensor([*self.by_px, *self.by_px])
+
+
+class Pedestal(SensorStage):
+    """So many electrons in every pixel."""
+
+    name = "pedestal"
+
+    def __init__(self, electrons: float = 500.0) -> None:
+        self.electrons = electrons
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        return signal + self.electrons
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        return before._replace(mean=before.mean + self.electrons)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
