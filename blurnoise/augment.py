@@ -25,7 +25,10 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, per_image
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
+from blurnoise.light import effects
+from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop
+from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.simulation import simulate
 
@@ -234,10 +237,14 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
     def apply_transform_box(
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Boxes:
-        """The boxes, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
+        """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
+        corners = moved_corners(input.data, params, self.ranges.cameras)
+        if corners is not input.data:
+            input = input.clone()
+            input.data.copy_(corners)
         if not flags["grow_boxes"]:
             return input
-        corners = input.data  # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
+        # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
         half = swept_half_px(params).to(corners).reshape(-1, *[1] * (corners.ndim - 2), 2)
         height, width = params["forward_input_shape"][-2:].tolist()
         centre = (corners.amin(-2, keepdim=True) + corners.amax(-2, keepdim=True)) / 2
@@ -265,6 +272,32 @@ def swept_half_px(params: Params) -> Tensor:
     """Half the displacement during the exposure, (B, 2), px, >= 0: what is swept to either side of a place."""
     velocity = velocity_px_s(params["speed_px_s"], params["direction_deg"])
     return velocity.abs() * params["exposure_s"][:, None] / 2
+
+
+def moved_corners(corners: Tensor, params: Params, cameras: Sequence[Camera]) -> Tensor:
+    """Corners (B, N, 4, 2) or (N, 4, 2) of boxes, px, where the light effects have them at mid-exposure.
+
+    Where no effect displaces the picture, ``corners`` itself.
+    """
+    if not effects.displace():
+        return corners
+    numbers = [params[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")]
+    moved_px = velocity_px_s(params["speed_px_s"], params["direction_deg"]) * params["exposure_s"][:, None]
+    rows = zip(params["camera_index"].tolist(), *numbers, moved_px.tolist(), strict=True)
+    points = [
+        OperatingPoint(
+            cameras[index], exposure_s, temperature_c, photoelectrons(cameras[index], lux, exposure_s), (x, y)
+        )
+        for index, exposure_s, lux, temperature_c, (x, y) in rows
+    ]
+    batched = corners if len(points) > 1 or corners.ndim == 4 else corners[None]
+    moved = batched.clone()
+    for item, (boxes, at) in enumerate(zip(batched.double(), points, strict=True)):
+        low, high = boxes.amin(-2), boxes.amax(-2)
+        new = effects.moved_boxes(torch.cat([low, high], -1), at)
+        share = (boxes - low[:, None]) / (high - low)[:, None].clamp_min(1e-12)
+        moved[item] = (new[:, None, :2] + share * (new[:, None, 2:] - new[:, None, :2])).to(moved)
+    return moved.view_as(corners)
 
 
 def within_picture(corners: Tensor, by: Tensor, last: tuple[float, float]) -> Tensor:

@@ -23,10 +23,12 @@ from blurnoise.augment import (
     ExposureRanges,
     Range,
     expose_pictures,
+    moved_corners,
     swept_half_px,
     within_picture,
 )
 from blurnoise.encoding import Encoding
+from blurnoise.light import effects
 from blurnoise.sensor.readout import Fidelity
 
 
@@ -79,7 +81,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         if not params["applies"]:
             return inpt
         if isinstance(inpt, tv_tensors.BoundingBoxes):
-            return self._grown(inpt, params) if self.grow_boxes else inpt
+            return self._moved(inpt, params) if self.grow_boxes or effects.displace() else inpt
         if isinstance(inpt, PIL.Image.Image):
             one_of("image: PIL mode", inpt.mode, ("L", "RGB"))
             picture = v2.functional.pil_to_tensor(inpt)
@@ -111,16 +113,19 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         ).reshape(picture.shape)
         return exposed.mul(255).round().to(torch.uint8) if picture.dtype == torch.uint8 else exposed
 
-    def _grown(self, boxes: Any, params: dict[str, Any]) -> Any:
+    def _moved(self, boxes: Any, params: dict[str, Any]) -> Any:
         if boxes.format.value not in ("XYXY", "XYWH", "CXCYWH"):
             raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
         upright = tv_tensors.BoundingBoxFormat.XYXY
-        corners = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
-        half_x, half_y = swept_half_px(params)[0].tolist()
-        if not corners.is_floating_point():
-            half_x, half_y = math.ceil(half_x), math.ceil(half_y)
-        height, width = boxes.canvas_size
-        by = corners.new_tensor([[-half_x, -half_y], [half_x, half_y]])
-        grown = within_picture(corners.reshape(-1, 2, 2), by, (width, height)).reshape(corners.shape)
-        back = v2.functional.convert_bounding_box_format(grown, old_format=upright, new_format=boxes.format)
+        edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
+        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges.cameras)
+        if self.grow_boxes:
+            half_x, half_y = swept_half_px(params)[0].tolist()
+            if not corners.is_floating_point():
+                half_x, half_y = math.ceil(half_x), math.ceil(half_y)
+            height, width = boxes.canvas_size
+            by = corners.new_tensor([[-half_x, -half_y], [half_x, half_y]])
+            corners = within_picture(corners, by, (width, height))
+        moved = corners.reshape(edges.shape)
+        back = v2.functional.convert_bounding_box_format(moved, old_format=upright, new_format=boxes.format)
         return tv_tensors.wrap(back, like=boxes)

@@ -11,6 +11,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import groupby
 from typing import Any, NamedTuple, TypeVar
 
@@ -154,7 +155,8 @@ class ExposedScene:
             pictures = self._developed(after_effects[shared.light], shared, alike)
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(alike)
             for picture, each in zip(pictures, alike, strict=True):
-                yield Frame(picture, simulate_ms, effects.box_mover(each.at))
+                move_boxes = partial(effects.moved_boxes, at=each.at) if effects.displace() else None
+                yield Frame(picture, simulate_ms, move_boxes)
 
     def _developed(
         self, light: Tensor, shared: _Alike, alike: Sequence[_Planned]

@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from functools import partial
+from collections.abc import Hashable
 
 import torch
 from torch import Tensor
@@ -53,14 +52,14 @@ def key(at: OperatingPoint[float], without: frozenset[str] = NOTHING) -> Hashabl
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
 
-def box_mover(at: OperatingPoint[float]) -> Callable[[Tensor], Tensor] | None:
-    """Takes boxes (N, 4) of the scene to where they are at mid-exposure; None where every effect leaves them."""
-    moving = [effect for effect in EFFECTS if type(effect).move_boxes is not LightEffect.move_boxes]
-    return partial(_moved, moving, at) if moving else None
+def displace() -> bool:
+    """Whether any effect moves boxes at all."""
+    return any(type(effect).move_boxes is not LightEffect.move_boxes for effect in EFFECTS)
 
 
-def _moved(effects: list[LightEffect], at: OperatingPoint[float], boxes_xyxy: Tensor) -> Tensor:
-    for effect in effects:
+def moved_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    """Where boxes (N, 4) of the scene are in the picture at mid-exposure, after all effects."""
+    for effect in EFFECTS:
         boxes_xyxy = effect.move_boxes(boxes_xyxy, at)
     return boxes_xyxy
 

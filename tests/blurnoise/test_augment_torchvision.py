@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from made_up import Shift
 from torch import Tensor
 
 from blurnoise.augment import RandomExposure, expose_pictures
+from blurnoise.light import effects
 
 pytest.importorskip("PIL")
 if importlib.util.find_spec("torchvision") is None:
@@ -199,3 +201,13 @@ def test_wrong_arguments_and_pictures_are_named() -> None:
         transform(PIL.Image.new("RGBA", (5, 4)))
     with pytest.raises(TypeError, match="XYWHR"):
         transform(picture(), boxes([20, 12, 40, 30, 10], "XYWHR"))
+
+
+@pytest.mark.parametrize("box_format", ["XYXY", "XYWH"])
+def test_boxes_move_with_the_picture(monkeypatch: pytest.MonkeyPatch, box_format: str) -> None:
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Shift((3, 2))))
+    still = {**STRAIGHT, "speed_px_s": 0.0}
+    boxes = tv_tensors.BoundingBoxes([[5.0, 6.0, 20.0, 26.0]], format=box_format, canvas_size=SIZE)
+    _, found = RandomExposureV2(**still)(tv_tensors.Image(picture()), boxes)
+    end = [23.0, 28.0] if box_format == "XYXY" else [20.0, 26.0]
+    assert found.tolist() == [[8.0, 8.0, *end]]

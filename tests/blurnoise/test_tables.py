@@ -7,9 +7,20 @@ from typing import Any
 
 import pytest
 import torch
+from kornia.augmentation import AugmentationSequential
 from made_up import Pedestal, Shift, Veil
 
-from blurnoise import Camera, ExposedScene, Exposure, blur, moments, photoelectrons, plan, simulate
+from blurnoise import (
+    Camera,
+    ExposedScene,
+    Exposure,
+    RandomExposure,
+    blur,
+    moments,
+    photoelectrons,
+    plan,
+    simulate,
+)
 from blurnoise.light import effects
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
@@ -187,3 +198,12 @@ def test_every_entry_says_what_it_is() -> None:
     for each in (*effects.EFFECTS, *stages.STAGES):
         assert all(hasattr(CAMERA, figure) for figure in each.figures)
         assert isinstance(each, LightEffect) or each.name
+
+
+def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Shift((3, 2))))
+    boxes = torch.tensor([[[5.0, 6.0, 20.0, 26.0], [1.0, 2.0, 3.0, 4.0]]] * 2)
+    options: dict[str, Any] = {"exposure_s": 0.004, "illuminance_lux": 50.0, "speed_px_s": 0.0, "p": 1.0}
+    seen = AugmentationSequential(RandomExposure(**options), data_keys=["input", "bbox_xyxy"])
+    _, moved = seen(picture().expand(2, -1, -1, -1), boxes)
+    torch.testing.assert_close(moved, boxes + torch.tensor([3.0, 2.0, 3.0, 2.0]))
