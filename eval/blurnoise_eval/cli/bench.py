@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -29,7 +29,7 @@ def _sized(name: str, about: str) -> Any:
 
 
 def bench(
-    what: Annotated[What, Argument(metavar="WHAT", help=f"see above: {', '.join(get_args(What))}")],
+    what: Annotated[What, Argument(metavar="WHAT", help="see above")],
     *,
     model: Annotated[
         Path | None, Option(metavar="M.onnx", help="for sweep (default: the built-in one)")

@@ -12,7 +12,7 @@ CHARTS: tuple[str, ...] = get_args(Kind)
 
 
 def chart(
-    kind: Annotated[Kind, Argument(metavar="KIND", help=", ".join(CHARTS))],
+    kind: Annotated[Kind, Argument(metavar="KIND", help="which")],
     *,
     output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
     size: Annotated[float, Option(metavar="PX", help="of star and sign, px")] = 100.0,
@@ -24,9 +24,12 @@ def chart(
     ] = None,
     bit_depth: Annotated[Literal["8", "16"], Option(help="of the sRGB PNG")] = "8",
 ) -> None:
-    """Render a test target.
+    """Render a test target from its geometry.
 
-    blurnoise chart stop-sign --size 50 -o sign.png
+      blurnoise chart stop-sign --size 50 -o sign.png
+      blurnoise chart slanted-edge --bit-depth 16 -o edge.png
+
+    In Python, blurnoise.charts gives them as linear reflectance.
     """
     from blurnoise import charts
     from blurnoise.encoding import srgb_from_linear

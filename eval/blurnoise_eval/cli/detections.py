@@ -26,7 +26,12 @@ def detections(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Write what a run's models found as COCO results files."""
+    """Write what a run's models found as COCO results files.
+
+      blurnoise detections run
+
+    pycocotools reads them.
+    """
     from blurnoise_eval.scoring.per_condition import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -13,17 +13,17 @@ from blurnoise_eval.cli._options import Json, Range, bounds
 _EXPOSURE_MS, _LUX, _SPEED_PX_S = Range(1, 60), Range(5, 500), Range(0, 1000)
 
 
+def _range(usual: Range, about: str) -> Any:
+    return Option(parser=bounds, metavar="RANGE", show_default=str(usual), help=about)
+
+
 def gallery(
     image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")],
     *,
     output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="or .pdf, .svg")],
-    exposure_ms: Annotated[Range, Option(parser=bounds, metavar="RANGE", help="exposure time, ms")] = Range(
-        1, 60
-    ),
-    lux: Annotated[Range, Option(parser=bounds, metavar="RANGE", help="light on the scene, lux")] = Range(
-        5, 500
-    ),
-    speed: Annotated[Range, Option(parser=bounds, metavar="RANGE", help="motion, px/s")] = _SPEED_PX_S,
+    exposure_ms: Annotated[Range, _range(_EXPOSURE_MS, "exposure time, ms")] = _EXPOSURE_MS,
+    lux: Annotated[Range, _range(_LUX, "light on the scene, lux")] = _LUX,
+    speed: Annotated[Range, _range(_SPEED_PX_S, "motion, px/s")] = _SPEED_PX_S,
     camera: Annotated[
         str,
         Option(metavar="NAME|FILE,...", help="one is drawn for each tile; see 'blurnoise cameras'"),

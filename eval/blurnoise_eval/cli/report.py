@@ -27,7 +27,9 @@ def report(
 ) -> None:
     """Write a run's figures, tables and page again.
 
-    blurnoise report run --threshold 0.5
+      blurnoise report run --threshold 0.5
+
+    The sweep itself is not repeated.
     """
     from blurnoise._core.checks import in_range
     from blurnoise_eval.store.store import Store

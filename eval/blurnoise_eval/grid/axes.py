@@ -104,7 +104,7 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:.12g}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC", "Sensor temperature", "°C",
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)", "Sensor temperature", "°C",
         1.0, -273.15, 300.0, own=lambda camera: 25.0,
         text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:.12g}C",
     ),
@@ -121,7 +121,7 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:.12g}px",
     ),
     Axis(
-        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB", "Gain", "dB", 1.0, -60.0, 60.0,
+        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)", "Gain", "dB", 1.0, -60.0, 60.0,
         own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
     ),
 )  # fmt: skip
