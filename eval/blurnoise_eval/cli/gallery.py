@@ -14,7 +14,7 @@ _EXPOSURE_MS, _LUX, _SPEED_PX_S = Range(1, 60), Range(5, 500), Range(0, 1000)
 
 
 def _range(usual: Range, about: str) -> Any:
-    return Option(parser=bounds, metavar="RANGE", show_default=str(usual), help=about)
+    return Option(parser=bounds, metavar="RANGE", show_default=False, help=f"{about} (default: {usual})")
 
 
 def gallery(

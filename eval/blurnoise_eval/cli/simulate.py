@@ -40,8 +40,8 @@ def simulate(
 ) -> None:
     """One picture as a camera would take it.
 
-    blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
-    blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share.
     """

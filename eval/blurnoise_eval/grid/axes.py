@@ -104,8 +104,8 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:.12g}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)", "Sensor temperature", "°C",
-        1.0, -273.15, 300.0, own=lambda camera: 25.0,
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)",
+        "Sensor temperature", "°C", 1.0, -273.15, 300.0, own=lambda camera: 25.0,
         text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:.12g}C",
     ),
     Axis(
@@ -121,8 +121,8 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:.12g}px",
     ),
     Axis(
-        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)", "Gain", "dB", 1.0, -60.0, 60.0,
-        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
+        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
+        "Gain", "dB", 1.0, -60.0, 60.0, own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
