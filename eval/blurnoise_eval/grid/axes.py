@@ -122,7 +122,8 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
-        "Gain", "dB", 1.0, -60.0, 60.0, own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
+        "Gain", "dB", 1.0, -60.0, 60.0,
+        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
