@@ -1,40 +1,110 @@
-"""The ``blurnoise`` command. Heavy imports happen inside the commands, so that ``--help`` is immediate."""
+"""The ``blurnoise`` command: a table of commands, a file each. Heavy imports happen inside them."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from blurnoise_eval.cli import benches, commands, inspecting, measuring, networks, quality, sweeping
-from blurnoise_eval.cli.arguments import parse
+import typer
+from typer.main import get_command
+
+from blurnoise_eval.cli._help import Command, Program
+from blurnoise_eval.cli.bench import bench
+from blurnoise_eval.cli.cameras import cameras
+from blurnoise_eval.cli.chart import chart
+from blurnoise_eval.cli.detections import detections
+from blurnoise_eval.cli.gallery import gallery
+from blurnoise_eval.cli.inspect import inspect
+from blurnoise_eval.cli.measure import measure
+from blurnoise_eval.cli.motion import motion
+from blurnoise_eval.cli.quality import quality
+from blurnoise_eval.cli.report import report
+from blurnoise_eval.cli.scenes import scenes
+from blurnoise_eval.cli.simulate import simulate
+from blurnoise_eval.cli.sweep import sweep
+from blurnoise_eval.cli.train import train
+
+COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
+    (sweep, "detector x exposures x lights x speeds -> curves and report"),
+    (simulate, "one picture as a camera would take it"),
+    (gallery, "what ranges of conditions do to a picture, as tiles"),
+    (measure, "slanted edges of a picture -> sharpness, noise, information"),
+    (quality, "charts -> every image-quality metric, over exposure and blur"),
+    (motion, "road speed -> px/s and blur length"),
+    (chart, "render a test target"),
+    (report, "write a run's figures, tables and page again"),
+    (detections, "write what a run's models found as COCO results files"),
+    (inspect, "what a model takes and gives, and how it would be read"),
+    (bench, "measure: speed beside accuracy; what a training gains"),
+    (train, "train the stop-sign detector, and write it as ONNX"),
+    (scenes, "render labelled road-sign scenes, as COCO"),
+    (cameras, "the cameras there are, their figures and where these come from"),
+)
+_DESCRIPTION = """\
+What exposure time should this camera use, and how does my detector hold up
+when the picture gets dark, noisy and blurred?
+
+  blurnoise sweep -o run                        the whole job on built-in targets
+  blurnoise sweep --model M.onnx --images DIR -o run       ... on your own
+  blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted."""
-    options = parse(COMMANDS, sys.argv[1:] if arguments is None else arguments)
+    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
+
+    Raises ``SystemExit`` of code 2 for what no command understands.
+    """
+    given = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
     try:
-        return int(options.command(options))
+        code = _program(given).main(args=given, prog_name="blurnoise", standalone_mode=False)
+    except typer.TyperException as error:
+        print(_told(error) if given else error.format_message(), file=sys.stderr)
+        raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
         print(f"blurnoise: error: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    if code == 130:
         print("blurnoise: interrupted; what was finished is kept", file=sys.stderr)
-        return 130
+    return code or 0
 
 
-COMMANDS = {
-    "sweep": sweeping.sweep,
-    "simulate": commands.simulate,
-    "gallery": commands.gallery,
-    "measure": measuring.measure,
-    "quality": quality.quality,
-    "motion": commands.motion,
-    "chart": commands.chart,
-    "report": sweeping.report,
-    "detections": sweeping.detections,
-    "inspect": inspecting.inspect,
-    "bench": benches.bench,
-    "train": networks.train,
-    "scenes": networks.scenes,
-    "cameras": commands.cameras,
-}
+def _program(arguments: Sequence[str]) -> Any:
+    """The program; where a command is named, with that alone: options that nobody asks for take time to make."""
+    named = [entry for entry in COMMANDS if [entry[0].__name__] == [*arguments[:1]]]
+    program = typer.Typer(
+        cls=Program,
+        help=_DESCRIPTION,
+        no_args_is_help=True,
+        add_completion=not named,
+        add_help_option=not named,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    program.callback()(lambda: None)  # without it, one command would have no name
+    for run, about in named or COMMANDS:
+        program.command(run.__name__, cls=Command, short_help=about)(run)
+    return get_command(program)
+
+
+def _told(error: typer.TyperException) -> str:
+    """The error in one line, with the value that is wrong and where to look."""
+    told = error.format_message().replace("Value error, ", "").rstrip(".")
+    for fault in getattr(error.__cause__, "errors", list)():
+        if repr(fault["input"]) not in told:
+            told += f", got {fault['input']!r}"
+    context = getattr(error, "ctx", None)
+    hint = f"; see '{context.command_path} --help'" if context else ""
+    return f"blurnoise: error: {' '.join(told.split())}{hint}"
+
+
+def _with_ocr_method(arguments: Sequence[str]) -> list[str]:
+    """Say "crop" where ``--ocr`` stands alone: an option here has a value, or never has."""
+    return [
+        "--ocr=crop"
+        if argument == "--ocr" and (*arguments, "")[place + 1] not in ("crop", "find")
+        else argument
+        for place, argument in enumerate(arguments)
+    ]

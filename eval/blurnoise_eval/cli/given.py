@@ -1,69 +1,113 @@
-"""What the options of a command name: a camera, a detector, pictures, threads."""
+"""What the options of a command name: a camera, a plan, models, pictures, threads."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise_eval.datasets import PictureSet
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.grid.conditions import Plan
     from blurnoise_eval.scoring.on_picture import Model
 
 
-def camera(options: argparse.Namespace) -> Camera:
-    """The camera, with the lens's f-number if that is given."""
+def camera(name: str, f_number: float | None = None) -> Camera:
+    """The camera of a preset's name or a file, with the lens's f-number if that is given."""
     from dataclasses import replace
 
     from blurnoise_eval.drawing.photon_transfer import find
 
-    camera = find(options.camera)
-    if options.f_number is None:
+    camera = find(name)
+    if f_number is None:
         return camera
     sources = {**camera.sources, "f_number": "given on the command line"}
-    return replace(camera, f_number=options.f_number, sources=sources)
+    return replace(camera, f_number=f_number, sources=sources)
 
 
-def detector(options: argparse.Namespace) -> Any:
+def plan(grid: Mapping[str, tuple[float, ...]], *, repeats: int, seed: int) -> Plan:
+    """The plan of a grid: values by the name of their axis. Raises ``ValueError`` for what none can vary yet."""
+    from blurnoise_eval.grid.conditions import Plan
+
+    for name in ("defocus_radius_px", "gain_db"):
+        if name in grid:
+            raise ValueError(f"{name} = {grid[name]}: cannot be varied yet")
+    temperature_c = single(grid, "temperature_c")
+    return Plan(
+        exposures_s=grid["exposure_s"],
+        illuminances_lux=grid["illuminance_lux"],
+        velocities_x_px_s=grid["velocity_x_px_s"],
+        velocities_y_px_s=grid["velocity_y_px_s"],
+        repeats=repeats,
+        seed=seed,
+        temperature_c=25.0 if temperature_c is None else temperature_c,
+    )
+
+
+def single(grid: Mapping[str, tuple[float, ...]], name: str) -> float | None:
+    """The one value of an axis that no plan can vary yet; None: its own. Raises ``ValueError`` for several."""
+    value, *others = grid.get(name, (None,))
+    if others:
+        raise ValueError(f"{name} = {grid[name]}: must be one number")
+    return value
+
+
+def detector(model: Path | None, contract: str | None) -> Detector:
     """The user's model, or the built-in detector."""
     from blurnoise_models.detector import STOP_SIGN
 
     from blurnoise_eval.detectors.detector import Detector
 
-    return Detector(options.model or STOP_SIGN, contract=options.contract)
+    return Detector(model or STOP_SIGN, contract=contract)
 
 
-def models(options: argparse.Namespace) -> list[Model]:
+def models(
+    paths: Sequence[Path] = (),
+    contracts: Sequence[str] = (),
+    *,
+    ocr: Literal["crop", "find"] | None = None,
+    dictionary: Path | None = None,
+    text_detector: Path | None = None,
+) -> list[Model]:
     """The user's detectors and text recognisers, or the built-in detector. Equal names get a number.
 
     Raises ``ValueError`` where detectors and recognisers are named together: their targets differ.
     """
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.detectors.ocr import is_recogniser
+    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
 
-    if options.ocr:
-        _choose_packaged(options)
-    paths = options.model or [STOP_SIGN]
-    contracts = options.contract or [None]
-    if len(contracts) not in (1, len(paths)):
+    if ocr:
+        if paths or text_detector or dictionary:
+            raise ValueError(
+                "ocr: brings its own models; leave out --model, --text-detector and --dictionary"
+            )
+        finder, recogniser = _packaged()
+        paths, text_detector = [recogniser], finder if ocr == "find" else None
+    paths = paths or [STOP_SIGN]
+    if len(contracts) not in (0, 1, len(paths)):
         raise ValueError(
             f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
         )
-    contracts = contracts * len(paths) if len(contracts) == 1 else contracts
-    told = "ppocr" in contracts or options.dictionary is not None  # the graph alone may not show it
+    stated = contracts if len(contracts) == len(paths) else [*contracts, None][:1] * len(paths)
+    told = "ppocr" in contracts or dictionary is not None  # the graph alone may not show it
     kinds = [told or is_recogniser(path) for path in paths]
     if len(set(kinds)) > 1:
         raise ValueError(
             "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
         )
-    if (options.dictionary or options.text_detector) and not kinds[0]:
+    if (dictionary or text_detector) and not kinds[0]:
         raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
-    load = partial(_reader, options) if kinds[0] else _detector
-    found = [load(path, contract) for path, contract in zip(paths, contracts, strict=True)]
+
+    def load(path: Path, contract: str | None) -> Model:
+        if not kinds[0]:
+            return detector(path, contract)
+        recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
+        return TextSpotter(text_detector, recogniser) if text_detector else recogniser
+
+    found = [load(path, contract) for path, contract in zip(paths, stated, strict=True)]
     names: dict[str, int] = {}
     for model in found:
         names[model.name] = names.get(model.name, 0) + 1
@@ -72,17 +116,14 @@ def models(options: argparse.Namespace) -> list[Model]:
     return found
 
 
-def _choose_packaged(options: argparse.Namespace) -> None:
-    """Put the files of the package rapidocr in the place of --model and --text-detector."""
+def _packaged() -> tuple[Path, Path]:
+    """Text detector and recogniser of the package rapidocr."""
     from blurnoise_eval.detectors.ocr import rapidocr_models
 
-    if options.model or options.text_detector or options.dictionary:
-        raise ValueError("ocr: brings its own models; leave out --model, --text-detector and --dictionary")
     found = rapidocr_models()
     if found is None:
         raise ValueError("ocr: needs the package rapidocr: pip install --no-deps rapidocr")
-    options.model = [found[1]]
-    options.text_detector = found[0] if options.ocr == "find" else None
+    return found
 
 
 def read(models: Sequence[Model]) -> bool:
@@ -92,64 +133,63 @@ def read(models: Sequence[Model]) -> bool:
     return not isinstance(models[0], Detector)
 
 
-def _detector(path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.detectors.detector import Detector
+def pictures(
+    *,
+    images: Path | None = None,
+    coco: Path | None = None,
+    yolo: Path | None = None,
+    split: str | None = None,
+    bdd: Path | None = None,
+    text: Path | None = None,
+    targets: Sequence[str] = (),
+    keep_empty: bool = False,
+    limit: int | None = None,
+    reads: bool = False,
+) -> PictureSet:
+    """A labelled set's, a folder's, or rendered signs; the first ``limit`` of them. reads: text.
 
-    return Detector(path, contract=contract)
-
-
-def _reader(options: argparse.Namespace, path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
-
-    recogniser = Recogniser(path, contract=contract, dictionary=options.dictionary)
-    return TextSpotter(options.text_detector, recogniser) if options.text_detector else recogniser
-
-
-def pictures(options: argparse.Namespace, *, reads: bool) -> PictureSet:
-    """A labelled set's, a folder's, or rendered signs; the first ``--limit`` of them. reads: text."""
+    Raises ``ValueError`` for what does not go together.
+    """
     from dataclasses import replace
 
-    if options.limit is not None and options.limit < 1:
-        raise ValueError(f"limit = {options.limit}: must be >= 1")
-    found = _pictures(options, reads)
-    return replace(found, pictures=found.pictures[: options.limit])
-
-
-def _pictures(options: argparse.Namespace, reads: bool) -> PictureSet:
     from blurnoise_eval import datasets
 
-    sources = [name for name in ("coco", "yolo", "bdd", "text") if getattr(options, name)]
+    if limit is not None and limit < 1:
+        raise ValueError(f"limit = {limit}: must be >= 1")
+    sets = {"coco": coco, "yolo": yolo, "bdd": bdd, "text": text}
+    sources = [name for name, path in sets.items() if path]
     if len(sources) > 1:
         raise ValueError(f"--{' and --'.join(sources)}: must be one of them")
-    if options.target and (not sources or options.text):
+    if targets and (not sources or text):
         raise ValueError("target: goes with --coco, --yolo or --bdd, whose classes it names")
-    if options.keep_empty and not options.target:
+    if keep_empty and not targets:
         raise ValueError("keep-empty: goes with --target; without it, pictures of nothing count anyway")
-    if options.split and not options.yolo:
+    if split and not yolo:
         raise ValueError("split: goes with --yolo, whose data.yaml names it")
-    if reads and sources and not options.text:
+    if reads and sources and not text:
         raise ValueError(
             f"{sources[0]}: text recognisers take --text, which says what is to be read, or --images"
         )
-    chosen = {"images": options.images, "labels": options.target, "keep_empty": options.keep_empty}
-    if options.coco:
-        return datasets.coco(options.coco, **chosen)
-    if options.yolo:
-        return datasets.yolo(options.yolo, split=options.split, **chosen)
-    if options.bdd:
-        return datasets.bdd(options.bdd, **chosen)
-    if options.text:
-        return datasets.texts(options.text, images=options.images)
-    if options.images:
-        return datasets.image_folder(options.images)
-    return datasets.rendered_texts() if reads else datasets.rendered_signs()
+    if coco:
+        found = datasets.coco(coco, images=images, labels=targets, keep_empty=keep_empty)
+    elif yolo:
+        found = datasets.yolo(yolo, split=split, images=images, labels=targets, keep_empty=keep_empty)
+    elif bdd:
+        found = datasets.bdd(bdd, images=images, labels=targets, keep_empty=keep_empty)
+    elif text:
+        found = datasets.texts(text, images=images)
+    elif images:
+        found = datasets.image_folder(images)
+    else:
+        found = datasets.rendered_texts() if reads else datasets.rendered_signs()
+    return replace(found, pictures=found.pictures[:limit])
 
 
-def threads(options: argparse.Namespace) -> int:
+def threads(count: int | None) -> int:
     """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
     from blurnoise_eval.sweep.run_folder import usable_cores
 
-    threads = options.threads if options.threads is not None else usable_cores()
-    if threads < 1:
-        raise ValueError(f"threads = {threads}: must be >= 1")
-    return int(threads)
+    count = count if count is not None else usable_cores()
+    if count < 1:
+        raise ValueError(f"threads = {count}: must be >= 1")
+    return count

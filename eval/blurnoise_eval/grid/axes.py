@@ -1,7 +1,8 @@
 """The axes of a sweep, one table: options, limits, columns, file names, captions and pages follow from it.
 
 Domain: values in SI units and the units that stand in the names; an option's numbers times ``per_option``. What
-is not stated stands where the camera has it (``own``). A new axis is an entry of ``AXES``.
+is not stated stands where the camera has it (``own``). A new axis is an entry of ``AXES``. The command line's help
+is made from the table, so nothing heavy is imported above.
 """
 
 from __future__ import annotations
@@ -9,12 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from blurnoise._core.checks import in_range
-from blurnoise.camera import Camera
+if TYPE_CHECKING:
+    from blurnoise.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,10 @@ class Axis:
 
     def checked(self, values: Iterable[float]) -> tuple[float, ...]:
         """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
+        from blurnoise._core.checks import (
+            in_range,
+        )  # late: the options of the command line are made from here
+
         kept = tuple(sorted({in_range(self.name, value, self.low, self.high) + 0.0 for value in values}))
         if not kept:
             raise ValueError(f"{self.name}: must hold at least one value")
@@ -72,6 +75,8 @@ class Coordinate:
 
 def milliseconds(exposure_s: float) -> str:
     """'2.5': three digits of ms, never in powers of ten."""
+    import numpy as np
+
     return np.format_float_positional(1e3 * exposure_s, 3, fractional=False, trim="-")
 
 
@@ -99,8 +104,8 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:.12g}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC", "Sensor temperature", "°C",
-        1.0, -273.15, 300.0, own=lambda camera: 25.0,
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)",
+        "Sensor temperature", "°C", 1.0, -273.15, 300.0, own=lambda camera: 25.0,
         text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:.12g}C",
     ),
     Axis(
@@ -116,7 +121,8 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:.12g}px",
     ),
     Axis(
-        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB", "Gain", "dB", 1.0, -60.0, 60.0,
+        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
+        "Gain", "dB", 1.0, -60.0, 60.0,
         own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
     ),
 )  # fmt: skip
@@ -138,6 +144,8 @@ def speed_px_s(row: Mapping[str, Any]) -> float:
 
 def blur_px(row: Mapping[str, Any]) -> float:
     """Length of a row's motion during the exposure, px."""
+    import numpy as np
+
     return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])
 
 

@@ -23,7 +23,8 @@ from blurnoise_eval.bench.compared import (
     resting_log_s,
 )
 from blurnoise_eval.bench.training import QUICK, Bench, Difference, Model, Part
-from blurnoise_eval.cli import benches, main
+from blurnoise_eval.cli import main
+from blurnoise_eval.cli.bench import HELD_OUT_SEED
 from blurnoise_eval.datasets import Picture, PictureSet, Target, write_picture
 from blurnoise_eval.grid.conditions import Plan
 from blurnoise_eval.store.store import Store, StoreError
@@ -428,4 +429,4 @@ def test_bad_options_cost_no_training(
 def test_held_out_scenes_are_not_those_of_training() -> None:
     from blurnoise_models.training import POOL_SEED
 
-    assert benches.HELD_OUT_SEED != POOL_SEED
+    assert HELD_OUT_SEED != POOL_SEED

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from argparse import ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,8 @@ import pytest
 import torch
 from blurnoise_eval import report
 from blurnoise_eval.cli import main
-from blurnoise_eval.cli.arguments import CHARTS, numbers
+from blurnoise_eval.cli._options import numbers
+from blurnoise_eval.cli.chart import CHARTS
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
@@ -139,7 +139,7 @@ def test_lists(text: str, expected: list[float]) -> None:
     ["", "a", "1,", ",", "1:2", "1:2:0", "1:2:-1", "5:5.5:-1", "2:1:1", "1:2:3:4", "0:1:1e-9", "0:inf:1", "nan:1:1"],
 )  # fmt: skip
 def test_bad_lists(text: str) -> None:
-    with pytest.raises(ArgumentTypeError, match="start:stop:step"):
+    with pytest.raises(ValueError, match="start:stop:step"):
         numbers(text)
 
 

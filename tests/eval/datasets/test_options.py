@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections import defaultdict
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import given
-from blurnoise_eval.cli.arguments import parse
+from blurnoise_eval.cli import given, main
 from blurnoise_eval.datasets import PictureSet, write_picture
 
 
 def chosen(*options: object, reads: bool = False) -> PictureSet:
-    commands: dict[str, Callable[..., Any]] = defaultdict(lambda: print)
-    return given.pictures(parse(commands, ["sweep", *map(str, options), "-o", "run"]), reads=reads)
+    """What a sweep with these options would see; it is stopped there. Raises what the choice raises."""
+    choose, found, faults = given.pictures, [], []
+
+    def stop(**stated: Any) -> None:
+        try:
+            found.append(choose(**stated))
+        except (ValueError, OSError) as fault:
+            faults.append(fault)
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(given, "models", lambda *_, **__: [])
+        patch.setattr(given, "read", lambda models: reads)
+        patch.setattr(given, "pictures", stop)
+        assert main(["sweep", *map(str, options), "-o", "run"]) == 130
+    for fault in faults:
+        raise fault
+    return found[0]
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.cli import main
-from blurnoise_eval.cli.arguments import bounds
+from blurnoise_eval.cli._options import bounds
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.drawing import gallery
 

@@ -15,8 +15,8 @@ import pandas as pd
 import pytest
 import torch
 from blurnoise_eval.cli import main
-from blurnoise_eval.cli.arguments_measure import region
-from blurnoise_eval.cli.measuring import reading_text
+from blurnoise_eval.cli._options import region
+from blurnoise_eval.cli.measure import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality import picture_figures as edge_figures

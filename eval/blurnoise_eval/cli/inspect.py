@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from typer import Argument, Option
+
+from blurnoise_eval.cli._options import FAMILIES, Json, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
 
 if TYPE_CHECKING:
@@ -20,78 +22,115 @@ DRAWN_SCORE = 0.3  # detections from here on are drawn and listed
 _VALUE_LENGTH = 60  # of metadata, in characters
 
 
-def inspect(options: argparse.Namespace) -> int:
-    """Inputs, outputs, metadata, family, contract, doubts; with ``--probe`` a picture's answers."""
-    if options.output and not options.probe:
+def inspect(
+    model: Annotated[Path, Argument(metavar="M.onnx", help="a detector or a text recogniser")],
+    *,
+    contract: Annotated[
+        str | None,
+        Option(
+            metavar="FILE|PRESET",
+            help="how to read it; see 'blurnoise sweep --help'",
+            autocompletion=one_of(FAMILIES),
+        ),
+    ] = None,
+    probe: Annotated[
+        Path | None, Option(metavar="IMAGE", help="list and draw what it finds in this picture")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        Option("-o", "--output", metavar="OUT.png", help="of --probe (default: MODEL-IMAGE-probe.png)"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show a model's inputs, outputs and metadata, the family it belongs to and why, every
+    field of its contract and where that came from, and what nothing in the file tells.
+
+      blurnoise inspect M.onnx                        warnings come from a picture drawn for it
+      blurnoise inspect M.onnx --probe photo.jpg      ... from yours, with its detections drawn on it
+      blurnoise inspect M.onnx --contract yolov6 --probe photo.jpg    ... as another family
+
+    Red and blue swapped, or values 0-1 instead of 0-255, often still find something:
+    with --probe it says where the opposite would find markedly more.
+
+    Presets: yolov5 yolov6 yolov6e2e yolov7 yolov8 yolov10 yolox rtdetr detr rfdetr ppyoloe
+    mmdeploy nanodet nanodetplus fastestdet torchvision tfod; of text recognisers: ppocr.
+    """
+    if output and not probe:
         raise ValueError("output: goes with --probe, whose picture it shows")
     from blurnoise_eval.datasets import eight_bit, read_picture
     from blurnoise_eval.detectors.detector import open_session
     from blurnoise_eval.detectors.ocr import is_recogniser
 
-    picture = eight_bit(read_picture(options.probe)) if options.probe else None
-    session = open_session(options.model)
-    reads = options.contract == "ppocr" or is_recogniser(options.model)
-    about = _inspect_reader if reads else _inspect_detector
-    model, facts, found = about(options, picture)
-    contract = model.contract
+    picture = eight_bit(read_picture(probe)) if probe else None
+    session = open_session(model)
+    reads = contract == "ppocr" or is_recogniser(model)
+    if reads and output:
+        raise ValueError("output: nothing is drawn for a text recogniser")
+    look = _look_at_reader if reads else _look_at_detector
+    network, facts, found = look(model, contract, probe, picture, output)
+    read_by = network.contract
     metadata = dict(sorted(session.get_modelmeta().custom_metadata_map.items()))
     facts = {
-        "model": str(options.model),
-        "sha256": model.sha256,
+        "model": str(model),
+        "sha256": network.sha256,
         "inputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_inputs()],
         "outputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_outputs()],
         "metadata": metadata,
-        "family": contract.family,
+        "family": read_by.family,
         **facts,
     }
-    if options.json:
-        stated = {"contract": contract.to_dict(), "sources": dict(contract.sources)}
+    if as_json:
+        stated = {"contract": read_by.to_dict(), "sources": dict(read_by.sources)}
         probed = {"probe": found} if found else {}
-        print(json.dumps({**facts, **stated, "assumed": contract.assumptions, **probed}))
-        return 0
-    _print_all(facts, contract, options.probe or "a drawn picture")
+        print(json.dumps({**facts, **stated, "assumed": read_by.assumptions, **probed}))
+        return
+    _print_all(facts, read_by, probe or "a drawn picture")
     if found:
         _print_probe(found)
     if not reads:
-        print_assumptions(contract, options.model)
-    return 0
+        print_assumptions(read_by, model)
 
 
-def _inspect_detector(
-    options: argparse.Namespace, picture: NDArray[np.uint8] | None
+def _look_at_detector(
+    model: Path,
+    contract: str | None,
+    probe: Path | None,
+    picture: NDArray[np.uint8] | None,
+    output: Path | None,
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
-    """The detector, what is known of it, and what it finds in the picture."""
+    """The detector, what is known of it, and what it finds in the picture, which comes from ``probe``."""
     from blurnoise_eval.detectors.contract_checks import suspicions
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.detectors.formats import probe
+    from blurnoise_eval.detectors.formats import probe as drawn
 
-    detector = Detector(options.model, contract=options.contract)
+    detector = Detector(model, contract=contract)
     facts = {
         "recognised": _recognised(detector),
         "unknown": [detector.family.UNKNOWN] if detector.family.UNKNOWN else [],
-        "warnings": suspicions(detector, probe.picture() if picture is None else picture),
+        "warnings": suspicions(detector, drawn.picture() if picture is None else picture),
     }
-    if picture is None:
+    if picture is None or probe is None:
         return detector, facts, None
-    output = options.output or Path(f"{detector.name}-{options.probe.stem}-probe.png")
-    return detector, facts, _probed(detector, options.probe, picture, output)
+    return detector, facts, _probed(detector, probe, picture, output)
 
 
-def _inspect_reader(
-    options: argparse.Namespace, picture: NDArray[np.uint8] | None
+def _look_at_reader(
+    model: Path,
+    contract: str | None,
+    probe: Path | None,
+    picture: NDArray[np.uint8] | None,
+    _output: Path | None,
 ) -> tuple[Recogniser, dict[str, Any], dict[str, Any] | None]:
     """The text recogniser, what is known of it, and what it reads in the picture, taken as one line of text."""
-    if options.output:
-        raise ValueError("output: nothing is drawn for a text recogniser")
     from blurnoise_eval.detectors.ocr import Recogniser
 
-    recogniser = Recogniser(options.model, contract=options.contract)
+    recogniser = Recogniser(model, contract=contract)
     why = "graph: one picture in, a row of class probabilities per step out"
     facts: dict[str, Any] = {"recognised": why, "unknown": [], "warnings": []}
     if picture is None:
         return recogniser, facts, None
     reading = recogniser.read(picture, [(0, 0, picture.shape[1], picture.shape[0])])[0]
-    return recogniser, facts, {"image": str(options.probe), "text": reading.text, "score": reading.confidence}
+    return recogniser, facts, {"image": str(probe), "text": reading.text, "score": reading.confidence}
 
 
 def _recognised(detector: Detector) -> str:
@@ -100,11 +139,14 @@ def _recognised(detector: Detector) -> str:
     return source if own else f"stated ({source}); the graph agrees: {detector.why}"
 
 
-def _probed(detector: Detector, path: Path, picture: NDArray[np.uint8], output: Path) -> dict[str, Any]:
+def _probed(
+    detector: Detector, path: Path, picture: NDArray[np.uint8], output: Path | None
+) -> dict[str, Any]:
     """Write the picture with its detections to ``output``; return both, and what was below notice."""
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.drawing.annotate import drawn_example
 
+    output = output or Path(f"{detector.name}-{path.stem}-probe.png")
     answers = detector.detect(picture)
     rows = [
         {"class": detector.contract.classes[number], "score": float(score), "box_xyxy": box.tolist()}

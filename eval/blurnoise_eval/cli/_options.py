@@ -1,0 +1,145 @@
+"""Options that several commands share: camera, JSON, lists and ranges of numbers, regions, a grid's axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from functools import wraps
+from inspect import Parameter, signature
+from typing import Annotated, Any, NamedTuple
+
+from typer import Option
+
+from blurnoise_eval.grid.axes import AXES, Axis
+
+Grid = dict[str, tuple[float, ...]]
+"""Values by the name of their axis, in its column's unit."""
+
+# Named here, too, so that completion need not import PyTorch; a test holds them to what there is.
+CAMERAS = ("imx250", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
+FAMILIES = (
+    "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
+    "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "torchvision", "tfod", "ppocr",
+)  # fmt: skip
+_LIST = "1,5,10 or start:stop:step (stop included)"
+_MOST_NUMBERS = 100_000
+
+
+class Range(NamedTuple):
+    """From low to high."""
+
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """As it is typed."""
+        return f"{self.low:g}:{self.high:g}"
+
+
+class Region(NamedTuple):
+    """A rectangle of a picture, px."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Parse "1,5,10" or "start:stop:step", stop included. Raises ``ValueError``."""
+    try:
+        if ":" not in text:
+            return tuple(float(part) for part in text.split(","))
+        start, stop, step = (float(part) for part in text.split(":"))
+        count = math.floor((stop - start) / step + 1e-9) + 1
+        if step == 0 or count < 1 or count > _MOST_NUMBERS:
+            raise ValueError
+        return tuple(start + step * index for index in range(count))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise ValueError(f"{text!r}: must be numbers as {_LIST}") from None
+
+
+def bounds(text: str | Range) -> Range:
+    """Parse "low:high", or one number for both. Raises ``ValueError``."""
+    try:
+        low, high = str(text).split(":") if ":" in str(text) else (str(text),) * 2
+        return Range(float(low), float(high))
+    except ValueError:
+        raise ValueError(f"{text!r}: must be low:high or a number") from None
+
+
+def region(text: str) -> Region:
+    """Parse "x,y,w,h". Raises ``ValueError``."""
+    try:
+        left, top, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"{text!r}: must be x,y,w,h, four whole numbers of px") from None
+    return Region(left, top, width, height)
+
+
+def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """Complete a word to the names that begin with it."""
+    return lambda incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+CameraName = Annotated[
+    str,
+    Option(
+        metavar="NAME|FILE",
+        help="a preset or a YAML or JSON file; see 'blurnoise cameras'",
+        autocompletion=one_of(CAMERAS),
+    ),
+]
+FNumber = Annotated[float | None, Option(metavar="N", help="of the lens, in place of the camera's")]
+Threads = Annotated[int | None, Option(metavar="N", help="default: every core")]
+Json = Annotated[bool, Option("--json", help="print JSON for programs")]
+
+
+def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command an option for each of ``AXES`` in the place of its parameter ``grid``.
+
+    usual: by the axis's name what its option is unless stated, where that is not the axis's own default. The command
+    gets in ``grid`` what was stated or is usual; the camera knows the rest.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def run(**options: Any) -> None:
+            given = {axis: options.pop(axis.name) for axis in AXES}
+            grid = {
+                axis.name: in_columns_unit(axis, values)
+                for axis, values in given.items()
+                if values is not None
+            }
+            command(grid=grid, **options)
+
+        stated = signature(command, eval_str=True)
+        shared = [part for name, part in stated.parameters.items() if name != "grid"]
+        added = [_axis_option(axis, usual.get(axis.name, default_text(axis))) for axis in AXES]
+        place = list(stated.parameters).index("grid")
+        parameters = [*shared[:place], *added, *shared[place:]]
+        run.__signature__ = stated.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def default_text(axis: Axis) -> str | None:
+    """What a sweep tests if not told, as it is typed."""
+    return ",".join(f"{axis.shown(value):g}" for value in axis.default) or None
+
+
+def in_columns_unit(axis: Axis, values: Iterable[float]) -> tuple[float, ...]:
+    """Divided, because 9 ms are 9 / 1000 s, and 9 * 0.001 is not the same float."""
+    return tuple(value / (1 / axis.per_option) for value in values)
+
+
+def _axis_option(axis: Axis, usual: str | None) -> Parameter:
+    option = Option(
+        axis.option,
+        parser=numbers,
+        metavar="LIST",
+        help=axis.about,
+        rich_help_panel=f"Conditions, each as {_LIST}",
+    )
+    return Parameter(axis.name, Parameter.KEYWORD_ONLY, default=usual, annotation=Annotated[object, option])

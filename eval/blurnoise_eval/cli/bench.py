@@ -1,0 +1,264 @@
+"""``blurnoise bench``: what this machine and these methods do, measured."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli import given
+from blurnoise_eval.cli._options import FAMILIES, Json, Threads, one_of
+from blurnoise_eval.cli.console import ProgressBar, print_facts
+
+What = Literal["simulate", "sweep", "blur", "noise", "metrics", "augment", "training"]
+# Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
+TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}
+TRAINING_QUICK = {"scenes": 96, "pictures": 480, "seeds": 2, "held_out": 8}
+HEAVY_INPUT_PX = 960  # at which the matched filter takes 0.15 s per picture on one core
+HELD_OUT_SEED = 2  # training scenes have blurnoise_models.training.POOL_SEED
+_training = partial(Option, rich_help_panel="For training")
+
+
+def _sized(name: str, about: str) -> Any:
+    """The option of one of ``TRAINING``."""
+    usual = f"{about} (default: {TRAINING[name]}; {TRAINING_QUICK[name]} with --quick)"
+    return _training(metavar="N", help=usual)
+
+
+def bench(
+    what: Annotated[What, Argument(metavar="WHAT", help="see above")],
+    *,
+    model: Annotated[
+        Path | None, Option(metavar="M.onnx", help="for sweep (default: the built-in one)")
+    ] = None,
+    contract: Annotated[
+        str | None,
+        Option(metavar="FILE|PRESET", help="how to read it", autocompletion=one_of(FAMILIES)),
+    ] = None,
+    heavy: Annotated[
+        bool,
+        Option("--heavy", help="for sweep: a network of 0.15 s per picture instead of --model"),
+    ] = False,
+    images: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR",
+            help="for sweep (default: rendered signs); for training: the folder of --coco's photographs",
+        ),
+    ] = None,
+    threads: Threads = None,
+    output: Annotated[
+        Path | None,
+        Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="for all but sweep: tables, JSON and charts (default: bench-simulate, bench-blur, ...)",
+        ),
+    ] = None,
+    quick: Annotated[bool, Option("--quick", help="for all but sweep: less, in seconds or minutes")] = False,
+    pictures: Annotated[
+        int | None, _sized("pictures", "pictures that each network sees in its training")
+    ] = None,
+    scenes: Annotated[
+        int | None,
+        _sized("scenes", "rendered scenes that these are drawn from, 0.3 MB each on disk"),
+    ] = None,
+    seeds: Annotated[
+        int | None,
+        _sized("seeds", "networks per arm; with one, intervals say nothing about other trainings"),
+    ] = None,
+    held_out: Annotated[
+        int | None, _sized("held_out", "rendered scenes to judge by, which no network has seen")
+    ] = None,
+    coco: Annotated[
+        Path | None,
+        _training(
+            metavar="FILE",
+            help="photographs to judge by, too: COCO instances with the category 'stop sign'; all pictures count, "
+            "those without a sign by what is found in them",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure on this machine.
+
+      simulate   the whole chain and its stages, beside other libraries
+      blur       every way to blur by motion, time beside error
+      noise      every way to draw noise, time beside distance from the exact law
+      metrics    every way to measure a slanted edge, time beside error
+      sweep      a sweep against bare onnxruntime
+      augment    what the augmentations cost beside a training step
+      training   whether training with the exposure augmentation helps
+
+      blurnoise bench training -o proof --quick      the whole of it in a few minutes, too small to tell anything
+      blurnoise bench training -o proof              hours: train 3 arms x 3 seeds, judge them on held-out scenes
+      blurnoise bench training -o proof --coco instances.json --images photos     ... and on photographs
+
+    training: one small stop-sign network is trained without photometric augmentation (none), with Kornia's motion
+    blur and noise (kornia), and with blurnoise's RandomExposure (exposure). All see the same scenes, clean and
+    under a grid of exposures, lights and speeds. Open DIR/training.md and DIR/training.png; the networks stay as
+    DIR/models/ARM-SEED.onnx. The same command goes on where it was stopped.
+    """
+    workers = given.threads(threads)
+    folder = output or Path(f"bench-{what}")
+    if what == "sweep":
+        _sweep(model, contract, images, workers, heavy=heavy, as_json=as_json)
+    elif what == "augment":
+        _augment(workers, quick=quick, as_json=as_json)
+    elif what == "training":
+        stated = {"scenes": scenes, "pictures": pictures, "seeds": seeds, "held_out": held_out}
+        usual = TRAINING_QUICK if quick else TRAINING
+        sizes = {name: usual[name] if size is None else size for name, size in stated.items()}
+        _train(folder, sizes, coco, images, workers, quick=quick, as_json=as_json)
+    else:
+        _room(what, folder, workers, quick=quick, as_json=as_json)
+
+
+def _sweep(
+    model: Path | None, contract: str | None, images: Path | None, threads: int, *, heavy: bool, as_json: bool
+) -> None:
+    """A sweep against bare inference."""
+    import tempfile
+    from dataclasses import replace
+
+    from blurnoise_eval.bench.sweeps import sweep_speed
+    from blurnoise_eval.datasets import image_folder, rendered_signs
+
+    if heavy and model:
+        raise ValueError("heavy: brings its own model; leave out --model")
+    with tempfile.TemporaryDirectory() as folder:
+        if heavy:
+            from blurnoise_models import matched_filter
+
+            model = matched_filter.build(Path(folder) / "heavy.onnx", input_px=HEAVY_INPUT_PX)
+        pictures = image_folder(images) if images else rendered_signs()
+        if heavy:
+            pictures = replace(pictures, pictures=pictures.pictures[:1])
+        facts = sweep_speed(given.detector(model, contract), pictures, threads, Path(folder))
+    print_facts(facts, as_json)
+
+
+def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) -> None:
+    """One room of methods side by side: tables, JSON, charts."""
+    from rich.console import Console
+
+    from blurnoise_eval.bench import (
+        blur,
+        blur_view,
+        chain,
+        chain_view,
+        metrics,
+        metrics_view,
+        noise,
+        noise_view,
+    )
+
+    rooms = {
+        "blur": (blur, blur_view),
+        "metrics": (metrics, metrics_view),
+        "noise": (noise, noise_view),
+        "simulate": (chain, chain_view),
+    }
+    room: Any
+    view: Any
+    room, view = rooms[what]
+    extent = room.QUICK if quick else room.FULL
+    folder.mkdir(parents=True, exist_ok=True)
+    with ProgressBar("bench", room.steps(extent)) as advance:
+        bench = room.measure(extent, threads, advance)
+    room.write(bench, folder)
+    view.write(bench, folder)
+    if as_json:
+        print(json.dumps(bench.document()))
+        return
+    console = Console()
+    for table in view.tables(bench):
+        console.print(table)
+    for line in bench.losses():
+        print(line)
+    print(f"open {folder / f'{what}.png'}")
+
+
+def _augment(threads: int, *, quick: bool, as_json: bool) -> None:
+    """What the augmentations cost in a training loop, each at the share of pictures that trainings use."""
+    import tempfile
+
+    import numpy as np
+    from blurnoise_models import training
+
+    from blurnoise_eval.bench.steps import step_cost
+
+    with tempfile.TemporaryDirectory() as folder:
+        pictures, boxes = training.batch(
+            training.pool(Path(folder), training.BATCH), np.arange(training.BATCH)
+        )
+    steps = {
+        name: partial(training.learn, *training.beginner(), pictures, boxes, bfloat16=name == "bfloat16")
+        for name in ("float32", *(["bfloat16"] if training.has_bfloat16() else []))
+    }
+    changes = {
+        f"{arm}, p = {share:g}": partial(training.augmentation(arm, share), pictures)
+        for share in (0.5, training.SHARE, 1.0)
+        for arm in ("kornia", "exposure")
+    }
+    turns = 3 if quick else 15
+    with ProgressBar("bench", len(steps) + len(changes)) as advance:
+        facts = step_cost(steps, changes, len(pictures), threads, advance, turns=turns)
+    print_facts(facts, as_json)
+
+
+def _train(
+    folder: Path,
+    sizes: dict[str, int],
+    coco: Path | None,
+    images: Path | None,
+    threads: int,
+    *,
+    quick: bool,
+    as_json: bool,
+) -> None:
+    """Train the networks that are missing, then judge them all."""
+    from blurnoise_models import arms
+    from blurnoise_models.scenes import write_coco
+    from blurnoise_models.training import pool
+    from rich.console import Console
+
+    from blurnoise_eval import datasets
+    from blurnoise_eval.bench import training, training_view
+
+    held_out = sizes.pop("held_out")
+    if images and not coco:
+        raise ValueError("images: goes with --coco, whose photographs it holds")
+    photographs = None
+    if coco:  # before the hours of training
+        photographs = datasets.coco(coco, images=images, labels=[training.LABEL], keep_empty=True)
+    recipes = arms.recipes(folder / "models", **sizes)
+    missing = [recipe for recipe in recipes if not recipe.is_ready()]
+    listing = write_coco(folder / "held-out", HELD_OUT_SEED, held_out)
+    if missing:
+        with ProgressBar("draw scenes", sizes["scenes"]) as advance:
+            pool(folder / "pool", sizes["scenes"], progress=advance)
+        with ProgressBar(f"train {len(missing)} networks", len(missing) * sizes["pictures"]) as advance:
+            arms.train_all(missing, folder / "pool", processes=threads, progress=advance)
+    unseen = datasets.coco(listing, labels=[training.LABEL], keep_empty=True)
+    plans = (training.QUICK,) * 2 if quick else (training.SCENES, training.PHOTOGRAPHS)
+    parts = [training.Part("scenes", unseen, plans[0])]
+    if photographs is not None:
+        parts.append(training.Part("photographs", photographs, plans[1]))
+    models = [training.Model(recipe.arm, recipe.seed, recipe.path) for recipe in recipes]
+    with ProgressBar("judge", training.steps(models, parts)) as advance:
+        bench = training.measure(models, parts, folder, threads=threads, progress=advance)
+    training.write(bench, folder)
+    charts = training_view.write(bench, folder)
+    if as_json:
+        print(json.dumps(bench.document()))
+        return
+    for table in training_view.tables(bench):
+        Console().print(table)
+    for verdict in bench.verdicts():
+        print(verdict)
+    print(f"open {folder / 'training.md'} and {', '.join(map(str, charts))}")

@@ -1,0 +1,64 @@
+"""``blurnoise cameras``: the presets, or one camera's figures and where they come from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli._options import CAMERAS, Json, one_of
+
+
+def cameras(
+    camera: Annotated[
+        str | None,
+        Argument(
+            metavar="NAME|FILE", help="one camera (default: all presets)", autocompletion=one_of(CAMERAS)
+        ),
+    ] = None,
+    *,
+    save: Annotated[Path | None, Option(metavar="FILE.yaml", help="write it, to edit; or FILE.json")] = None,
+    plot: Annotated[
+        Path | None, Option(metavar="FILE.png", help="draw its photon transfer, measured")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the camera presets, or show every figure of one camera and its source.
+
+      blurnoise cameras                              the presets, a line each
+      blurnoise cameras imx250 --save mine.yaml      a starting point for your own
+      blurnoise cameras mine.yaml --plot mine.png    variance against mean, and SNR
+      blurnoise sweep --camera mine.yaml -o run      the answer for it
+
+    A file may hold 'base: imx250' and only the fields that differ.
+    """
+    from rich.console import Console
+
+    from blurnoise.camera import PRESETS
+    from blurnoise_eval.drawing import photon_transfer
+
+    if camera is None:
+        if save or plot:
+            raise ValueError("save, plot: need a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
+        presets = list(PRESETS.values())
+        if as_json:
+            print(json.dumps([photon_transfer.facts(preset) for preset in presets]))
+        else:
+            Console().print(photon_transfer.overview(presets))
+        return
+    found = photon_transfer.find(camera)
+    if plot:
+        photon_transfer.plot_suffix(plot)  # before a file is made
+    if save:
+        found.save(save)
+    if plot:
+        photon_transfer.write(found, plot)
+    if as_json:
+        print(json.dumps(photon_transfer.facts(found)))
+        return
+    Console().print(photon_transfer.figures(found))
+    for path in (save, plot):
+        if path:
+            print(path)

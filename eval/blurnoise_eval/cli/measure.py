@@ -1,0 +1,168 @@
+"""``blurnoise measure``: the slanted edges of a picture, as a table, CSV, JSON or drawn."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli._options import Json, Region, region
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from blurnoise.metrics.edge_information import Reading
+    from blurnoise_eval.quality.picture import Measured
+
+_LABEL_WIDTH, _REGION_WIDTH = 24, 28  # of the table's columns, in characters
+
+
+def measure(
+    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour")],
+    *,
+    roi: Annotated[
+        list[Region] | None,
+        Option(
+            parser=region,
+            metavar="X,Y,W,H",
+            help="a region, px, instead of those found; may be given several times",
+        ),
+    ] = None,
+    mode: Annotated[
+        Literal["exact", "iso"],
+        Option(help="exact: a spline through every pixel; iso: the steps of ISO 12233, with their errors"),
+    ] = "exact",
+    linear: Annotated[
+        bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")
+    ] = False,
+    srgb: Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")] = False,
+    black_level: Annotated[float | None, Option(metavar="DN", help="of no light (default: 0)")] = None,
+    full_scale: Annotated[
+        float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
+    ] = None,
+    target_size: Annotated[int, Option(metavar="PX", help="side of SNRI's square, 1 to 64")] = 10,
+    target_contrast: Annotated[
+        float, Option(metavar="C", help="of SNRI's square to the region's mean level")
+    ] = 0.1,
+    plot: Annotated[
+        Path | None,
+        Option(
+            metavar="OUT.png",
+            help="draw the regions, and of the first four edge, ESF, LSF and SFR; or .pdf, .svg",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None, Option("--csv", metavar="OUT.csv", help="a row per region, for pandas")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure the slanted edges of a picture: MTF50 and its kin, CNR and edge SNR, contrast, information capacity
+    (SIC), noise-equivalent quanta (NEQ) and an ideal observer's SNR (SNRI), each with a 95 % interval.
+
+      blurnoise measure chart.png                             finds the edges by itself
+      blurnoise measure raw.png --black-level 40 --full-scale 4095 --plot edges.png --csv edges.csv
+      blurnoise measure photo.jpg --roi 410,96,80,120         this region: left, top, width, height, px
+
+    Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason.
+    SIC radial takes the blur for the same in all directions. SIC square and the NEQ sum cover the square of all
+    frequencies: with the nearest edge across the other axis, or without one as if the blur were the same both ways.
+    NEQ is that of the bright side; it needs no gain, which cancels, but the black level.
+    """
+    if linear and srgb:
+        raise ValueError("linear, srgb: must be one of them")
+    from blurnoise_eval.datasets import decode
+    from blurnoise_eval.drawing.photon_transfer import plot_suffix
+    from blurnoise_eval.quality import picture as measuring
+    from blurnoise_eval.system.files import write_whole
+
+    if plot:
+        plot_suffix(plot)  # before anything is measured
+    target = measuring.Target(target_size, target_contrast)
+    light = measuring.linear(
+        decode(image),
+        "linear" if linear else "srgb" if srgb else "auto",
+        black_level=black_level,
+        full_scale=full_scale,
+    )
+    rois, passed = (roi, ()) if roi else measuring.found_regions(light)
+    measured = measuring.measure(light, rois, mode=mode, target=target)
+    notes = [*light.notes, *passed]
+    rows = [region.row() for region in measured]
+    if table:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_whole(table, text.getvalue().encode())
+    if plot:
+        from blurnoise_eval.quality import picture_figures as edge_figures
+
+        edge_figures.write(light, measured, plot)
+    if as_json:
+        facts = {
+            "image": str(image),
+            "mode": mode,
+            "unit": light.unit,
+            "target": {"size_px": target.size_px, "contrast": target.contrast},
+            "notes": notes,
+            "regions": rows,
+        }
+        print(json.dumps(facts, allow_nan=False))
+        return
+    from rich.console import Console
+
+    _print(Console(), measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
+    for note in notes:
+        print(note, file=sys.stderr)
+    for path in (table, plot):
+        if path:
+            print(path)
+
+
+def _print(console: Console, measured: list[Measured], target: str) -> None:
+    """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
+    from rich.table import Table
+
+    from blurnoise_eval.quality.picture import TITLES
+
+    side_by_side = max(1, (console.width - _LABEL_WIDTH) // _REGION_WIDTH)
+    for start in range(0, len(measured), side_by_side):
+        shown = measured[start : start + side_by_side]
+        table = Table("region", *(str(region.number) for region in shown))
+        table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
+        table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
+        for name, title in TITLES.items():
+            label = f"{title} {target}" if name == "snri" else title
+            table.add_row(label, *(reading_text(region.readings[name]) for region in shown))
+        table.add_row("square, SNRI with", *(_second(region) for region in shown))
+        console.print(table)
+    for each in measured:
+        if each.doubts:
+            console.print(f"{each.number}: {'; '.join(each.doubts)}", highlight=False, markup=False)
+
+
+def reading_text(reading: Reading) -> str:
+    """'0.09882 (0.0981–0.0995)', or a dash for what cannot be told."""
+    if not reading.told:
+        return "-"
+    return f"{_number(reading.value, 4)} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.{digits}g}"
+
+
+def _angle(region: Measured) -> str:
+    edge = region.edge
+    return "-" if edge.orientation is None else f"{edge.angle_deg:.2f}, bright {edge.bright_side}"
+
+
+def _second(region: Measured) -> str:
+    if region.edge.orientation is None:
+        return "-"
+    return "same blur both ways" if region.second is None else f"edge {region.second}"

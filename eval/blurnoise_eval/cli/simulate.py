@@ -1,0 +1,104 @@
+"""``blurnoise simulate``: one picture as a camera would take it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli import given
+from blurnoise_eval.cli._options import CameraName, FNumber, Json
+from blurnoise_eval.cli.console import print_facts, print_stages
+
+
+def simulate(
+    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")],
+    *,
+    output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
+    exposure_ms: Annotated[float, Option(metavar="MS", help="exposure time, ms")] = 10.0,
+    lux: Annotated[float, Option(metavar="LUX", help="light on the scene, lux")] = 100.0,
+    dx: Annotated[float, Option(metavar="PX_S", help="motion to the right, px/s")] = 0.0,
+    dy: Annotated[float, Option(metavar="PX_S", help="motion down, px/s")] = 0.0,
+    temperature_c: Annotated[float, Option(metavar="C", help="of the sensor, degC")] = 25.0,
+    gain_db: Annotated[
+        float, Option(metavar="DB", help="digital gain of the picture; native numbers are before it")
+    ] = 0.0,
+    seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
+    fidelity: Annotated[
+        Literal["auto", "full"],
+        Option(help="auto: leave out what changes less than the tolerance; full: model everything"),
+    ] = "auto",
+    tolerance_dn: Annotated[float, Option(metavar="DN", help="what auto may leave out, DN RMS")] = 0.1,
+    explain: Annotated[
+        bool, Option("--explain", help="print what each stage contributes, and what is done about it")
+    ] = False,
+    bit_depth: Annotated[
+        Literal["8", "native"],
+        Option(help="8: the sRGB picture to look at; native: the camera's digital numbers in a 16-bit PNG"),
+    ] = "8",
+    camera: CameraName = "imx250",
+    f_number: FNumber = None,
+    as_json: Json = False,
+) -> None:
+    """One picture as a camera would take it.
+
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
+
+    --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share.
+    """
+    taker = given.camera(camera, f_number)
+    from dataclasses import asdict
+
+    import torch
+
+    from blurnoise import plan
+    from blurnoise._core.checks import non_negative
+    from blurnoise.picture.develop import develop_8bit
+    from blurnoise.radiometry import photoelectrons
+    from blurnoise.simulation import simulate
+    from blurnoise_eval.datasets import decode, write_picture
+
+    non_negative("seed", seed)
+    exposure_s = exposure_ms / 1e3
+    picture = decode(image)
+    scene = torch.from_numpy(picture.astype("float32") / float(2 ** (8 * picture.itemsize) - 1))
+    scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
+    dn = simulate(
+        scene,
+        taker,
+        exposure_s=exposure_s,
+        illuminance_lux=lux,
+        velocity_px_s=(dx, dy),
+        temperature_c=temperature_c,
+        generator=[seed],
+        fidelity=fidelity,
+        tolerance_dn=tolerance_dn,
+    )
+    native = bit_depth == "native"
+    out = dn.to(torch.int32).numpy().astype("uint16") if native else develop_8bit(dn, taker, gain_db).numpy()
+    write_picture(output, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
+    needs = plan(
+        taker,
+        exposure_s=exposure_s,
+        illuminance_lux=lux,
+        displacement_px=(dx * exposure_s, dy * exposure_s),
+        temperature_c=temperature_c,
+        tolerance_dn=tolerance_dn,
+    )
+    facts: dict[str, Any] = {
+        "output": str(output),
+        "camera": taker.name,
+        "white_electrons": photoelectrons(taker, lux, exposure_s),
+        "saturation_electrons": taker.saturation_e,
+        "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
+        "mean_dn": float(dn.mean()),
+        "full_scale_dn": taker.full_scale_dn,
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.clip_dn)).float().mean()),
+    }
+    if explain and as_json:
+        facts["stages"] = [asdict(stage) for stage in needs.stages]
+    print_facts(facts, as_json)
+    if explain and not as_json:
+        print_stages(needs, fidelity)

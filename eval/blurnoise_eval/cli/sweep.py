@@ -1,0 +1,173 @@
+"""``blurnoise sweep``: models x conditions x pictures, then the report."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Option
+
+from blurnoise_eval.cli import given
+from blurnoise_eval.cli._options import FAMILIES, CameraName, Grid, Json, Threads, axis_options, one_of
+from blurnoise_eval.cli.console import ProgressBar, print_assumptions
+from blurnoise_eval.cli.report import Threshold, finish
+
+if TYPE_CHECKING:
+    from blurnoise_eval.datasets import PictureSet
+    from blurnoise_eval.scoring.on_picture import Model
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep.run import Outcome
+
+_SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
+_what = partial(Option, rich_help_panel="What to run")
+
+
+@axis_options()
+def sweep(
+    *,
+    model: Annotated[
+        list[Path] | None,
+        _what(
+            metavar="M.onnx",
+            help="a detector or a text recogniser; 'blurnoise inspect M.onnx' says what it is taken for; several "
+            "may be named, each with its own --model, to see them side by side (default: the built-in detector)",
+        ),
+    ] = None,
+    contract: Annotated[
+        list[str] | None,
+        _what(
+            metavar="FILE|PRESET",
+            help="how pictures enter the model and what its classes are: a JSON or YAML file, or a preset; see "
+            "'blurnoise inspect --help' (default: MODEL.contract.json beside the model, then its metadata, then "
+            "its shape); one for all models, or one for each in their order",
+            autocompletion=one_of(FAMILIES),
+        ),
+    ] = None,
+    ocr: Annotated[
+        Literal["crop", "find"] | None,
+        _what(
+            metavar="[crop|find]",
+            help="read text with PP-OCR of the installed package rapidocr: in known boxes (crop, the default), or "
+            "found by its text detector first (find)",
+        ),
+    ] = None,
+    dictionary: Annotated[
+        Path | None,
+        _what(metavar="FILE", help="a recogniser's characters, a line each"),
+    ] = None,
+    text_detector: Annotated[
+        Path | None,
+        _what(
+            metavar="D.onnx",
+            help="find text with this (PP-OCR's) before it is read; without it the known boxes are read",
+        ),
+    ] = None,
+    images: Annotated[
+        Path | None,
+        _what(
+            metavar="DIR",
+            help="a folder; targets: what is found when clean. With one of the files below: their folder",
+        ),
+    ] = None,
+    coco: Annotated[Path | None, _what(metavar="FILE", help="COCO instances")] = None,
+    yolo: Annotated[Path | None, _what(metavar="DATA.yaml|DIR", help="YOLO's text labels")] = None,
+    split: Annotated[
+        str | None,
+        _what(metavar="NAME", help="of DATA.yaml (default val, else train)"),
+    ] = None,
+    bdd: Annotated[Path | None, _what(metavar="FILE", help="BDD100K detection labels")] = None,
+    text: Annotated[
+        Path | None,
+        _what(metavar="FILE", help="PP-OCR labels: texts, or texts and places"),
+    ] = None,
+    target: Annotated[
+        list[str] | None,
+        _what(metavar="CLASS", help="only this class, and pictures with it"),
+    ] = None,
+    keep_empty: Annotated[
+        bool,
+        _what(
+            "--keep-empty",
+            help="with --target: pictures without it count by what is found in them",
+        ),
+    ] = False,
+    limit: Annotated[int | None, _what(metavar="N", help="only the first N pictures")] = None,
+    grid: Grid,
+    repeats: Annotated[
+        int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
+    ] = None,
+    seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
+    camera: CameraName = "imx250",
+    threshold: Threshold = 0.6,
+    threads: Threads = None,
+    output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
+    as_json: Json = False,
+) -> None:
+    """Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures,
+    tables and a page that answers with the exposure to use.
+
+      blurnoise sweep -o run                                             rendered stop signs, the built-in detector
+      blurnoise sweep --model a.onnx --coco instances.json -o run        boxes from COCO: AP and all that
+      blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
+      blurnoise sweep --ocr -o run                                       the rendered STOP, read
+
+    Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
+    the same command is given again.
+    """
+    exposed_by = given.camera(camera, given.single(grid, "f_number"))
+    from blurnoise._core.checks import in_range
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep import run as sweep
+    from blurnoise_eval.sweep import run_folder as results
+
+    in_range("threshold", threshold, 0.0, 1.0)
+    threads = given.threads(threads)
+    models = given.models(  # before a folder is made
+        model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
+    )
+    pictures = given.pictures(
+        images=images,
+        coco=coco,
+        yolo=yolo,
+        split=split,
+        bdd=bdd,
+        text=text,
+        targets=target or (),
+        keep_empty=keep_empty,
+        limit=limit,
+        reads=given.read(models),
+    )
+    repeats = repeats if repeats is not None else (3 if pictures.kind == "rendered" else 1)
+    plan = given.plan(grid, repeats=repeats, seed=seed)
+    with Store(output, create=True) as store:
+        for each in models if model or ocr else ():
+            print_assumptions(each.contract, each.path)
+        facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
+        results.open_run(store, models, exposed_by, pictures, plan, facts)
+        with ProgressBar("sweep", sweep.count_cells(pictures, plan)) as advance:
+            outcome = sweep.run(models, exposed_by, pictures, plan, store, threads=threads, progress=advance)
+        if outcome.skipped and len(outcome.skipped) == len(pictures):
+            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
+        _note(store, models, pictures, outcome)
+        finish(store, threshold, outcome, as_json=as_json)
+
+
+def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
+    """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
+    from blurnoise_eval.datasets import sample
+    from blurnoise_eval.detectors.contract_checks import common_suspicions
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.sweep import latency
+
+    manifest = store.about("manifest")
+    manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
+    for model, about in zip(models, manifest["models"], strict=True):
+        about["latency"] = latency.measure(model, pictures)
+        about["non_finite_values"] = model.non_finite_values
+        if isinstance(model, Detector):
+            some = [image for _, image in sample(pictures, _SUSPECTED_PICTURES)]
+            about["suspicions"] = common_suspicions(model, some)
+    store.set_about("manifest", manifest)
