@@ -55,9 +55,11 @@ def _square(value: object) -> object:
 
 
 Colour = Literal["rgb", "bgr"]
-PerChannel = Annotated[tuple[float, float, float], "must be three numbers, one per channel"]
+PerChannel = Annotated[tuple[float, float, float] | None, "must be three numbers, one per channel"]
 _Positive = Annotated[float, Gt(0)]
-Spread = Annotated[tuple[_Positive, _Positive, _Positive], "must be > 0, three numbers, one per channel"]
+Spread = Annotated[
+    tuple[_Positive, _Positive, _Positive] | None, "must be > 0, three numbers, one per channel"
+]
 _Side = Annotated[int, Ge(1), Le(1 << 16)]
 _Size = Annotated[
     tuple[_Side, _Side] | None,
@@ -117,8 +119,8 @@ class Contract(Sourced):
     classes: _Names
     colour: Colour = "rgb"
     value_range: Literal["0-1", "0-255"] = "0-1"
-    mean: PerChannel | None = None
-    std: Spread | None = None
+    mean: PerChannel = None
+    std: Spread = None
     resize: Literal["letterbox", "letterbox-top-left", "stretch", "none"] = "letterbox"
     pad_value: Annotated[int, Ge(0), Le(255)] = 114
     input_size_px: _Size = None
