@@ -223,6 +223,7 @@ FIGURES: tuple[Figures, ...] = (
             "f_number": f"quoted: {_LIN}",
             "transmission": f"quoted: {_LIN}",
             "defocus_radius_px": f"quoted: {_LIN} (fspecial disk of radius 1)",
+            "diffraction_wavelength_um": "the tool has none",
             "width_px": f"quoted: {_LIN}, road scenes",
             "height_px": "assumed: 4096 x 2160",
             "hfov_deg": f"quoted: {_LIN}, as its Table 2 needs (printed as 99)",

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import reprlib
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 
 import numpy as np
 import torch
@@ -32,8 +34,16 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
     choices = list(allowed)
     if value not in choices:
-        raise ValueError(f"{name} = {value!r}: must be one of {', '.join(map(repr, choices))}")
+        raise ValueError(f"{name} = {shown(value)}: must be one of {', '.join(map(repr, choices))}")
     return value
+
+
+def known(what: str, name: object, names: Collection[str]) -> None:
+    """Raise ``ValueError`` that suggests the nearest of ``names`` unless ``name`` is among them."""
+    if name not in names:
+        near = get_close_matches(name[:99], names, n=1) if isinstance(name, str) else []
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise ValueError(f"{what} {shown(name)} is unknown; {hint}Known are {', '.join(names)}")
 
 
 def image_batch(name: str, value: Tensor) -> Tensor:
@@ -83,7 +93,7 @@ def per_image(
         raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
     seen = tensor.detach()
     if not bool(torch.isfinite(seen).all()) or bool((seen < low).any()) or bool((seen > high).any()):
-        raise ValueError(f"{name} = {_shown(value)}: must be finite{_bounds(low, high)}")
+        raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high)}")
     return tensor.expand(batch)
 
 
@@ -91,9 +101,9 @@ def _number(name: str, value: float, *, low: float, high: float = math.inf, stri
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{name} = {value!r}: must be a number") from None
+        raise TypeError(f"{name} = {shown(value)}: must be a number") from None
     if not math.isfinite(number) or number < low or number > high or (strict and number == low):
-        raise ValueError(f"{name} = {value!r}: must be finite{_bounds(low, high, strict)}")
+        raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high, strict)}")
     return number
 
 
@@ -106,5 +116,21 @@ def _bounds(low: float, high: float, strict: bool = False) -> str:
     return f" and {' and '.join(parts)}" if parts else ""
 
 
-def _shown(value: object) -> str:
-    return str(value.tolist()) if isinstance(value, Tensor) else repr(value)
+def shown(value: object) -> str:
+    """The value as a message shows it: on one line of at most 120 characters, however large it is inside."""
+    text = " ".join(_SHORT.repr(value.tolist() if isinstance(value, Tensor) else value).split())
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+
+
+class _Short(reprlib.Repr):
+    """What is large is cut before it is written: aliases make a short file hold a billion entries."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxlevel, self.maxstring, self.maxother = 3, 100, 100
+
+    def repr_int(self, value: int, level: int) -> str:
+        return repr(value) if value.bit_length() <= 128 else f"<integer of {value.bit_length()} bits>"
+
+
+_SHORT, _SHOWN = _Short(), 120

@@ -26,6 +26,14 @@ OWN = {
     "read_noise_e": 3.0,
 }
 
+LAUGHS = "\n".join(
+    [
+        "a0: &a0 [ha, ha]",
+        *(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12)),
+        "name: *a11",
+    ]
+)
+
 
 def written(path: Path, values: Any) -> Path:
     path.write_text(values if isinstance(values, str) else yaml.safe_dump(values), encoding="utf-8")
@@ -120,6 +128,12 @@ def test_quantum_efficiency_from_csv(tmp_path: Path, column: int | None, values:
         ({"black_level_dn": 4095}, ValueError, "black_level_dn = 4095.0: must be finite and >= 0 and <= 4094"),
         ({"black_level_dn": 5000}, ValueError, "black_level_dn = 5000.0"),
         ({"read_noise_e": -1}, ValueError, "read_noise_e = -1.0: must be finite and >= 0"),
+        ({"diffraction_wavelength_um": -1}, ValueError, "diffraction_wavelength_um = -1.0: must be finite and >= 0"),
+        ({"bit_depth": 10**400}, ValueError, "bit_depth = <integer of 1329 bits>: must be finite and >= 1"),
+        ({"sources": {"x" * 10**5: "x"}}, ValueError, "sources: field 'xxx"),
+        ({"y" * 10**5: 1}, ValueError, "field 'yyy"),
+        ({"full_well_e": "9" * 10**5}, TypeError, "full_well_e = '999"),
+        ({"quantum_efficiency": {"csv": ["a"] * 10**4}}, TypeError, "quantum_efficiency: csv = ['a', 'a'"),
         ({"base": "imx25"}, ValueError, "base = 'imx25': must be one of 'ar0132at'"),
         ({"base": ["imx250"]}, TypeError, "base = ['imx250']: must be text"),
         ({"sources": "a book"}, TypeError, "sources = 'a book': must map"),
@@ -159,6 +173,26 @@ def test_bad_fields_are_named(
     assert str(error.value).startswith(f"{path}: ")
     assert named in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+    assert len(str(error.value)) < len(str(path)) + 700
+
+
+def test_halves_of_characters_are_refused_where_they_stand(tmp_path: Path) -> None:
+    """They cannot be written: a camera that holds one could not be saved."""
+    for change, named in ({"name": "a\ud800"}, "name"), ({"sources": {"prnu": "\ud800"}}, "sources.prnu"):
+        path = tmp_path / "half.json"
+        path.write_text(json.dumps(OWN | change))
+        with pytest.raises(
+            ValueError, match=rf"half\.json: {named} = '.*ud800': must be text, without halves"
+        ):
+            Camera.load(path)
+
+
+def test_diffraction_is_of_the_wavelength_at_the_f_number() -> None:
+    """A green f/2.8 on 3.45 um has lambda N = 0.446 px; by default the lens has none."""
+    camera = replace(IMX250, f_number=2.8, diffraction_wavelength_um=0.55, defocus_radius_px=0.7)
+    assert camera.optics.diffraction_lambda_n_px == pytest.approx(0.4464, abs=5e-5)
+    assert camera.optics.defocus_radius_px == 0.7
+    assert all(each.optics.diffraction_lambda_n_px == 0.0 for each in PRESETS.values())
 
 
 @pytest.mark.parametrize("left_out", sorted(set(OWN) - {"name"}))
@@ -185,6 +219,9 @@ def test_name_is_needed_or_the_files(tmp_path: Path) -> None:
         ("a.yaml", "- 1\n- 2\n", TypeError, "must map fields to values, got list"),
         ("a.json", "[1, 2]", TypeError, "must map fields to values, got list"),
         ("a.yaml", "", TypeError, "must map fields to values, got NoneType"),
+        ("a.yaml", LAUGHS, ValueError, "is no YAML: more than 16 aliases"),
+        ("a.yaml", "name: !!int ''", ValueError, "is no YAML: "),
+        ("a.json", '{"full_well_e": 1' + "0" * 5000 + "}", ValueError, "is no JSON: Exceeds the limit"),
         ("a.txt", "name: own", ValueError, "'.txt': must be one of '.json', '.yaml', '.yml'"),
         ("camera", "name: own", ValueError, "'': must be one of '.json'"),
     ],

@@ -7,8 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.chosen import Choice
-from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, shown, text
+from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, text
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.records import PictureSet, Target
 

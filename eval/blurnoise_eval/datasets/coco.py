@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     LARGEST_ID,
@@ -18,7 +19,6 @@ from blurnoise_eval.datasets.fields import (
     inside,
     number,
     read_json,
-    shown,
     text,
     whole,
 )

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-import reprlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any, TypeVar
 
-import yaml
+from blurnoise._core.checks import shown
+from blurnoise._core.documents import json_of, yaml_of
 
 T = TypeVar("T")
-_SHOWN = 80  # characters of a value in a message
 LARGEST_ID = 2**63  # COCO's tools hold ids in 64 bits
 
 
@@ -44,9 +42,7 @@ def read_json(file: Path, what: str) -> Any:
 def as_json(content: str, what: str) -> Any:
     """``content`` as JSON. Raises ``ValueError`` that it is not ``what``."""
     try:
-        return json.loads(content)
-    except RecursionError:
-        raise ValueError(f"not {what}: nested too deeply") from None
+        return json_of(content)
     except ValueError as error:
         raise ValueError(f"not {what}: {error}") from None
 
@@ -55,8 +51,8 @@ def read_yaml(file: Path) -> dict[Any, Any]:
     """The file as a YAML mapping. Raises ``OSError``, and ``ValueError`` for anything else."""
     content = read_text(file)
     try:
-        data = yaml.safe_load(content)
-    except Exception as error:  # its constructors raise all sorts
+        data = yaml_of(content)
+    except ValueError as error:
         raise ValueError(f"not YAML: {error}") from None
     if not isinstance(data, dict):
         raise ValueError(f"{shown(data)}: must be a mapping")
@@ -142,12 +138,6 @@ def inside(name: str) -> str:
             "(no root, drive or backslash)"
         )
     return "/".join(parts)
-
-
-def shown(value: object) -> str:
-    """The value, shortened to fit a message."""
-    short = reprlib.repr(value)
-    return short if len(short) <= _SHOWN else f"{short[: _SHOWN - 3]}..."
 
 
 def is_unicode(characters: str) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     as_json,
@@ -18,7 +19,6 @@ from blurnoise_eval.datasets.fields import (
     faults_of,
     inside,
     read_text,
-    shown,
     text,
 )
 from blurnoise_eval.datasets.folder import from_file

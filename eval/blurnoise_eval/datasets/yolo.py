@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     each_line,
@@ -19,7 +20,6 @@ from blurnoise_eval.datasets.fields import (
     is_unicode,
     read_text,
     read_yaml,
-    shown,
 )
 from blurnoise_eval.datasets.folder import from_file, picture_names
 from blurnoise_eval.datasets.images import size_px

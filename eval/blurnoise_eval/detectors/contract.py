@@ -7,16 +7,18 @@ carries where it came from, so that nothing is guessed in silence.
 from __future__ import annotations
 
 import ast
-import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
 
-import yaml
+from annotated_types import Ge, Gt, Le, Len
+from pydantic import BeforeValidator
 
-from blurnoise._core import checks
+from blurnoise._core.checks import shown
+from blurnoise._core.documents import json_of, read_document
+from blurnoise._core.validation import Characters, check_fields
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 
 METADATA_KEY = "blurnoise.contract"
@@ -31,35 +33,48 @@ class ModelError(ValueError):
     """A model or its contract cannot be used; the message says what it is and what to do."""
 
 
-def _class_names(value: object) -> tuple[str, ...]:
+def _listed(value: object) -> object:
+    """Names in order: of COCO, or by id."""
     if value in ("coco80", "coco91"):
         return COCO80 if value == "coco80" else COCO91
-    if isinstance(value, Mapping):
+    if not isinstance(value, Mapping):
+        return value
+    try:
         by_id = {int(class_id): name for class_id, name in value.items()}
-        if sorted(by_id) == list(range(1, len(by_id) + 1)):  # counted from 1, as TensorFlow does
-            by_id[0] = "unused 0"
-        if sorted(by_id) != list(range(len(by_id))):
-            raise ValueError(f"classes: ids must be 0 to {len(value) - 1}, got {list(value)[:8]}")
-        value = [by_id[class_id] for class_id in sorted(by_id)]
-    if isinstance(value, (list, tuple)) and value and all(isinstance(name, str) for name in value):
-        return tuple(value)
-    raise ValueError(f"classes = {_shown(value)}: must be a list of names, names by id, 'coco80' or 'coco91'")
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"classes: ids must be integers, got {shown(list(value))}") from None
+    if sorted(by_id) == list(range(1, len(by_id) + 1)):  # counted from 1, as TensorFlow does
+        by_id[0] = "unused 0"
+    if sorted(by_id) != list(range(len(by_id))):
+        raise ValueError(f"classes: ids must be 0 to {len(value) - 1}, got {shown(list(value))}")
+    return tuple(by_id[class_id] for class_id in sorted(by_id))
 
 
-def _three(name: str, value: object) -> tuple[float, ...]:
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
-        raise ValueError(f"{name} = {value!r}: must be three numbers, one per channel")
-    return tuple(checks.in_range(name, number, -math.inf, math.inf) for number in value)
+def _square(value: object) -> object:
+    return (value, value) if isinstance(value, int) else value
 
 
-def _size(value: object) -> tuple[int, int]:
-    pair = [value, value] if isinstance(value, int) else value
-    if not isinstance(pair, (list, tuple)) or [type(n) for n in pair] != [int, int] or min(pair) < 1:
-        raise ValueError(f"input_size_px = {value!r}: must be (height, width), two integers > 0")
-    return pair[0], pair[1]
+Colour = Literal["rgb", "bgr"]
+PerChannel = Annotated[tuple[float, float, float] | None, "must be three numbers, one per channel"]
+_Positive = Annotated[float, Gt(0)]
+Spread = Annotated[
+    tuple[_Positive, _Positive, _Positive] | None, "must be > 0, three numbers, one per channel"
+]
+_Side = Annotated[int, Ge(1), Le(1 << 16)]
+_Size = Annotated[
+    tuple[_Side, _Side] | None,
+    BeforeValidator(_square),
+    "must be (height, width), two integers > 0 and <= 65536",
+]
+_Names = Annotated[
+    tuple[Characters, ...],
+    Len(1),
+    BeforeValidator(_listed),
+    "must be a list of names, names by id, 'coco80' or 'coco91'",
+]
 
 
-def _shown(value: object) -> str:
+def _brief(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -73,7 +88,7 @@ class Sourced:
     def assumptions(self) -> list[str]:
         """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
         return [
-            f"{name} = {_shown(getattr(self, name))} is {source}; "
+            f"{name} = {_brief(getattr(self, name))} is {source}; "
             f"to state it, put {name!r} into <model>.contract.json beside the model"
             for name, source in self.sources.items()
             if source.startswith("assumed")
@@ -101,35 +116,23 @@ class Contract(Sourced):
     """
 
     family: str
-    classes: tuple[str, ...]
-    colour: str = "rgb"
-    value_range: str = "0-1"
-    mean: tuple[float, float, float] | None = None
-    std: tuple[float, float, float] | None = None
-    resize: str = "letterbox"
-    pad_value: int = 114
-    input_size_px: tuple[int, int] | None = None
-    nms_iou: float | None = 0.65
+    classes: _Names
+    colour: Colour = "rgb"
+    value_range: Literal["0-1", "0-255"] = "0-1"
+    mean: PerChannel = None
+    std: Spread = None
+    resize: Literal["letterbox", "letterbox-top-left", "stretch", "none"] = "letterbox"
+    pad_value: Annotated[int, Ge(0), Le(255)] = 114
+    input_size_px: _Size = None
+    nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        checks.one_of("colour", self.colour, ("rgb", "bgr"))
-        checks.one_of("value_range", self.value_range, ("0-1", "0-255"))
-        checks.one_of("resize", self.resize, ("letterbox", "letterbox-top-left", "stretch", "none"))
-        checks.in_range("pad_value", self.pad_value, 0, 255)
-        if self.nms_iou is not None:
-            checks.in_range("nms_iou", self.nms_iou, 0, 1)
-        object.__setattr__(self, "classes", _class_names(self.classes))
-        for name in ("mean", "std"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, _three(name, getattr(self, name)))
-        if self.std is not None and min(self.std) <= 0:
-            raise ValueError(f"std = {self.std}: must be > 0")
-        if self.input_size_px is not None:
-            object.__setattr__(self, "input_size_px", _size(self.input_size_px))
+        check_fields(self)
         object.__setattr__(self, "sources", {name: self.sources.get(name, "given") for name in FIELDS})
 
 
+Stated = TypeVar("Stated", bound=Sourced)
 FIELDS = tuple(f.name for f in fields(Contract) if f.name != "sources")
 
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # mean and std of RGB, 0-1
@@ -177,8 +180,8 @@ PRESETS = {contract.family: contract for contract in _PRESETS}
 
 def preset(name: str) -> Contract:
     """Return the named family's contract with COCO's classes. Raises :class:`ModelError` if there is none."""
-    if name not in PRESETS:
-        raise ModelError(f"family {name!r} is unknown: must be one of {', '.join(map(repr, PRESETS))}")
+    if not isinstance(name, str) or name not in PRESETS:
+        raise ModelError(f"family {shown(name)} is unknown: must be one of {', '.join(map(repr, PRESETS))}")
     return replace(PRESETS[name], sources=dict.fromkeys(FIELDS, f"preset {name}"))
 
 
@@ -188,16 +191,29 @@ def parse_contract(stated: object, source: str) -> Contract:
     ``family`` and ``classes`` (names by id, or "coco80") are required. ``source`` names the mapping in
     messages and in ``sources``. Raises :class:`ModelError` for an unknown or missing key or a bad value.
     """
-    if not isinstance(stated, Mapping):
-        raise ModelError(f"{source}: must map contract fields to values, for example {EXAMPLE}")
-    values = {name: value for name, value in stated.items() if name != "sources"}
-    if unknown := [repr(name) for name in values if name not in FIELDS]:
-        raise ModelError(f"{source}: unknown key {', '.join(unknown)}; known are {', '.join(FIELDS)}")
+    values = stated_values(stated, FIELDS, source, EXAMPLE)
     if missing := [repr(name) for name in ("family", "classes") if name not in values]:
         raise ModelError(f"{source}: missing key {', '.join(missing)}; for example {EXAMPLE}")
-    base = preset(str(values["family"]))
+    return completed(preset(values["family"]), values, source)
+
+
+def stated_values(stated: object, names: Sequence[str], source: str, example: str) -> dict[str, Any]:
+    """Return what a mapping states of the fields ``names``. Raises :class:`ModelError` for another key."""
+    if not isinstance(stated, Mapping):
+        raise ModelError(f"{source}: must map contract fields to values, for example {example}")
+    values = {name: value for name, value in stated.items() if name != "sources"}
+    if unknown := [name for name in values if name not in names]:
+        near = get_close_matches(str(unknown[0])[:99], names, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise ModelError(f"{source}: unknown key {shown(unknown)[1:-1]}; known are {', '.join(names)}{hint}")
+    return values
+
+
+def completed(base: Stated, values: Mapping[str, Any], source: str) -> Stated:
+    """Return ``base`` with ``values`` of ``source``. Raises :class:`ModelError` for a bad value."""
     try:
-        return replace(base, **values, sources={**base.sources, **dict.fromkeys(values, source)})
+        sources = {**base.sources, **dict.fromkeys(values, source)}
+        return replace(base, **values, sources=sources)  # type: ignore[type-var]  # what mixes it in is a dataclass
     except (TypeError, ValueError) as error:
         raise ModelError(f"{source}: {error}") from None
 
@@ -220,10 +236,25 @@ def load_contract(name_or_path: str | Path) -> Contract:
 def read_mapping(path: Path) -> object:
     """Return what a JSON or YAML file holds. Raises :class:`ModelError` if it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
-        return json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        return read_document(path)
+    except (OSError, ValueError) as error:
         raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
+
+
+def metadata_mapping(metadata: Mapping[str, str]) -> object:
+    """Return what the metadata states, None for nothing. Raises :class:`ModelError` if it is no JSON."""
+    try:
+        return json_of(metadata.get(METADATA_KEY, "null"))
+    except ValueError as error:
+        raise ModelError(f"metadata {METADATA_KEY}: not JSON: {error}") from None
+
+
+def contract_file(model_path: Path, contract: object = None) -> Path | None:
+    """Return the caller's file, else ``model.contract.json``, ``.yaml`` or ``.yml`` beside it, else None."""
+    if isinstance(contract, (str, Path)):
+        return Path(contract) if Path(contract).is_file() else None
+    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
+    return next((path for path in beside if path.is_file()), None)
 
 
 def stated_contract(
@@ -239,16 +270,11 @@ def stated_contract(
         return contract
     if contract is not None:
         return load_contract(contract)
-    for suffix in ("json", "yaml", "yml"):
-        beside = model_path.with_name(f"{model_path.stem}.contract.{suffix}")
-        if beside.is_file():
-            return load_contract(beside)
+    if (beside := contract_file(model_path)) is not None:
+        return load_contract(beside)
     if METADATA_KEY not in metadata:
         return None
-    try:
-        return parse_contract(json.loads(metadata[METADATA_KEY]), f"metadata {METADATA_KEY}")
-    except json.JSONDecodeError as error:
-        raise ModelError(f"metadata {METADATA_KEY}: not JSON: {error}") from None
+    return parse_contract(metadata_mapping(metadata), f"metadata {METADATA_KEY}")
 
 
 def exported_fields(metadata: Mapping[str, str]) -> dict[str, Any]:
@@ -259,10 +285,11 @@ def exported_fields(metadata: Mapping[str, str]) -> dict[str, Any]:
     if metadata.get("task", "detect") != "detect":
         raise ModelError(f"metadata task = {metadata['task']!r}: only 'detect' can be evaluated")
     known: dict[str, Any] = {}
-    for key, name, convert in (("names", "classes", _class_names), ("imgsz", "input_size_px", _size)):
+    for key, name in (("names", "classes"), ("imgsz", "input_size_px")):
         if key in metadata:
             try:
-                known[name] = convert(ast.literal_eval(metadata[key]))
+                stated = {"classes": "coco80", name: ast.literal_eval(metadata[key])}
+                known[name] = getattr(Contract("exported", **stated), name)
             except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
                 raise ModelError(f"metadata {key} = {metadata[key][:60]!r}: {error}") from None
     return known

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from blurnoise_eval.detectors.detector import Detector
 COUNTED_SCORE = 0.25  # answers from here on are summed: one picture's worth of confidence
 _MARKEDLY, _AT_LEAST = 1.5, 0.5  # another reading must give that many times the sum, and that much more
 _SATURATED_SCORE, _SATURATED_ANSWERS = 0.99, 5  # an overdriven network is certain of many things
-_OTHER = {"rgb": "bgr", "bgr": "rgb", "0-1": "0-255", "0-255": "0-1"}
+_OTHER: dict[str, Any] = {"rgb": "bgr", "bgr": "rgb", "0-1": "0-255", "0-255": "0-1"}
 
 
 def suspicions(detector: Detector, image: NDArray[np.uint8]) -> list[str]:

@@ -136,6 +136,11 @@ def test_yolo_lines_of_anything(folder: Path, line: str) -> None:
         "[" * 3_000,
         "\0",
         "a: 2020-99-99",
+        "names: &a [x]\n" + "\n".join(f"a{n}: {{<<: [*a, *a]}}" for n in range(99)),
+        "names: &a [x, &b [*a, *b]]",
+        "names: {0: 1" + "0" * 5000 + "}",
+        'names: ["\\uD800"]',
+        "names: [" * 100_000,
     ],
 )
 def test_yaml_of_anything(tmp_path: Path, content: str) -> None:

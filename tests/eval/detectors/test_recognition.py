@@ -313,9 +313,22 @@ def test_contracts_survive_json(name: str) -> None:
         ({"colour": "grb"}, "colour = 'grb'"),
         ({"value_range": "0-2"}, "value_range = '0-2'"),
         ({"resize": "crop"}, "resize = 'crop'"),
-        ({"mean": [1, 2]}, "mean = "),
-        ({"std": [1, 0, 1]}, "std = "),
-        ({"pad_value": 300}, "pad_value = 300"),
+        ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
+        ({"std": [1, 0, 1]}, "std = .1, 0, 1.: must be > 0, three numbers"),
+        ({"pad_value": 300}, "pad_value = 300: must be finite and >= 0 and <= 255"),
+        ({"pad_value": "114"}, "pad_value = '114': must be an integer"),
+        ({"pad_value": 10**400}, "pad_value = <integer of 1329 bits>: must be finite"),
+        ({"mean": [10**400, 0, 0]}, "mean: must be finite"),
+        ({"mean": [1, "x" * 10**5, 3]}, "mean = .*: must be three numbers, one per channel"),
+        ({"input_size_px": 10**400}, "input_size_px = <integer of 1329 bits>: must be .height, width."),
+        ({"classes": ["stop", "\ud800"]}, r"classes = '\\ud800': must be text"),
+        ({"classes": {"0": "\ud800"}}, r"classes.0 = '\\ud800': must be text"),
+        ({"classes": {float("inf"): "a"}}, "classes: ids must be integers, got .inf."),
+        ({"classes": {"one": "a"}}, "classes: ids must be integers, got .'one'."),
+        ({"classes": ["a", ["b"] * 10**5]}, "classes = .*: must be a list of names"),
+        ({"family": ["yolox"]}, "family .'yolox'. is unknown"),
+        ({"f" * 10**5: 1}, "unknown key 'fff"),
+        ({"colours": "rgb"}, "known are .*; did you mean 'colour'.$"),
         ({"nms_iou": "high"}, "nms_iou = 'high'"),
         ({"classes": []}, "classes = "),
         ({"classes": "stop sign"}, "classes = 'stop sign'"),
@@ -327,8 +340,10 @@ def test_contracts_survive_json(name: str) -> None:
     ],
 )
 def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
-    with pytest.raises(ModelError, match=message):
+    with pytest.raises(ModelError, match=message) as caught:
         parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
 
 
 def test_unreadable_contract_files(tmp_path: Path) -> None:
@@ -355,3 +370,29 @@ def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, text: str) -
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelError, match=r"contract file m.json: cannot be read"):
         load_contract(path)
+
+
+def test_alias_bombs_are_refused(tmp_path: Path) -> None:
+    doubled = (f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))
+    bomb = "\n".join(["a0: &a0 [ha]", *doubled, "family: *a11"])
+    (tmp_path / "m.yaml").write_text(bomb)
+    with pytest.raises(ModelError, match=r"m.yaml: cannot be read: more than 16 aliases") as caught:
+        load_contract(tmp_path / "m.yaml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{", "1" * 5000])
+def test_metadata_that_holds_no_contract(text: str) -> None:
+    graph = signature((32, 32), (1, 5, 21), metadata={"blurnoise.contract": text})
+    with pytest.raises(ModelError, match=r"metadata blurnoise.contract: not JSON: .+") as caught:
+        resolve(NOWHERE, graph)
+    assert "\n" not in str(caught.value)
+
+
+def test_exported_names_are_named_where_they_are_bad() -> None:
+    metadata = {"author": "Ultralytics", "task": "detect", "names": "{1e999: 'a'}"}
+    with pytest.raises(ModelError, match=r"metadata names = .*classes: ids must be integers"):
+        resolve(NOWHERE, signature((640, 640), (1, 5, 8400), metadata=metadata))
+    metadata["names"], metadata["imgsz"] = "['a']", "[640, '640']"
+    with pytest.raises(ModelError, match=r"metadata imgsz = .*input_size_px = .*must be \(height, width\)"):
+        resolve(NOWHERE, signature((640, 640), (1, 5, 8400), metadata=metadata))

@@ -5,14 +5,32 @@ As with :class:`blurnoise_eval.detectors.contract.Contract`, every field carries
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
-from blurnoise._core import checks
-from blurnoise_eval.detectors.contract import METADATA_KEY, Contract, ModelError, Sourced, read_mapping
+from annotated_types import Ge, Le
+
+from blurnoise._core.validation import Characters, check_fields
+from blurnoise_eval.detectors.contract import (
+    METADATA_KEY,
+    Colour,
+    Contract,
+    ModelError,
+    PerChannel,
+    Sourced,
+    Spread,
+    completed,
+    contract_file,
+    metadata_mapping,
+    read_mapping,
+    stated_values,
+)
+
+_Count = Annotated[int, Ge(1), Le(1 << 16), "must be an integer >= 1 and <= 65536"]
+_NonNegative = Annotated[float, Ge(0)]
+_Share = Annotated[float, Ge(0), Le(1)]
 
 
 @dataclass(frozen=True)
@@ -22,16 +40,13 @@ class _Stated(Sourced):
     FAMILY: ClassVar[str]
 
     family: str
-    colour: str = "bgr"
-    mean: tuple[float, float, float] = (0.5, 0.5, 0.5)
-    std: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    colour: Colour = "bgr"
+    mean: PerChannel = (0.5, 0.5, 0.5)
+    std: Spread = (0.5, 0.5, 0.5)
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        checks.one_of("family", self.family, (self.FAMILY,))
-        stretched = self.stretched()  # checks the colours
-        object.__setattr__(self, "mean", stretched.mean)
-        object.__setattr__(self, "std", stretched.std)
+        check_fields(self)
         sources = {name: self.sources.get(name, "given") for name in self.names()}
         object.__setattr__(self, "sources", sources)
 
@@ -61,26 +76,20 @@ class TextContract(_Stated):
 
     FAMILY = "ppocr"
 
-    family: str = "ppocr"
-    height_px: int = 48
-    min_width_px: int = 320
-    max_width_px: int = 3200
-    margin: float = 0.1
-    dictionary: str | None = None
-    output: str = "probabilities"
+    family: Literal["ppocr"] = "ppocr"
+    height_px: _Count = 48
+    min_width_px: _Count = 320
+    max_width_px: _Count = 3200
+    margin: _NonNegative = 0.1
+    dictionary: Annotated[Characters | None, "must be the name of a file, or nothing"] = None
+    output: Literal["probabilities", "logits"] = "probabilities"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("height_px", "min_width_px", "max_width_px"):
-            _count(name, getattr(self, name))
         if self.max_width_px < self.min_width_px:
             raise ValueError(
                 f"max_width_px = {self.max_width_px}: must be >= min_width_px, {self.min_width_px}"
             )
-        checks.non_negative("margin", self.margin)
-        if self.dictionary is not None and not isinstance(self.dictionary, str):
-            raise TypeError(f"dictionary = {self.dictionary!r}: must be the name of a file, or nothing")
-        checks.one_of("output", self.output, ("probabilities", "logits"))
 
 
 @dataclass(frozen=True)
@@ -95,22 +104,17 @@ class RegionContract(_Stated):
 
     FAMILY = "db"
 
-    family: str = "db"
-    min_side_px: int = 736
-    max_side_px: int = 2000
-    threshold: float = 0.3
-    box_threshold: float = 0.5
-    unclip: float = 1.6
+    family: Literal["db"] = "db"
+    min_side_px: _Count = 736
+    max_side_px: _Count = 2000
+    threshold: _Share = 0.3
+    box_threshold: _Share = 0.5
+    unclip: _NonNegative = 1.6
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("min_side_px", "max_side_px"):
-            _count(name, getattr(self, name))
         if self.max_side_px < self.min_side_px:
             raise ValueError(f"max_side_px = {self.max_side_px}: must be >= min_side_px, {self.min_side_px}")
-        checks.in_range("threshold", self.threshold, 0, 1)
-        checks.in_range("box_threshold", self.box_threshold, 0, 1)
-        checks.non_negative("unclip", self.unclip)
 
 
 Kind = TypeVar("Kind", TextContract, RegionContract)
@@ -145,36 +149,7 @@ def stated_contract(
     return None
 
 
-def contract_file(model_path: Path, contract: object = None) -> Path | None:
-    """Return the caller's file, else the one that lies beside the model, else None."""
-    if isinstance(contract, (str, Path)):
-        return Path(contract) if Path(contract).is_file() else None
-    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
-    return next((path for path in beside if path.is_file()), None)
-
-
-def metadata_mapping(metadata: Mapping[str, str]) -> object:
-    """Return what the metadata states, None for nothing. Raises :class:`ModelError` if it is no JSON."""
-    try:
-        return json.loads(metadata.get(METADATA_KEY, "null"))
-    except (ValueError, RecursionError) as error:
-        raise ModelError(f"metadata {METADATA_KEY}: not JSON: {error}") from None
-
-
 def _parse(kind: type[Kind], stated: object, source: str) -> Kind:
-    if not isinstance(stated, Mapping):
-        raise ModelError(f"{source}: must map contract fields to values, for example {{'height_px': 32}}")
-    values = {name: value for name, value in stated.items() if name != "sources"}
-    known = kind.names()
-    if unknown := [repr(name) for name in values if name not in known]:
-        raise ModelError(f"{source}: unknown key {', '.join(unknown)}; known are {', '.join(known)}")
-    sources = dict.fromkeys(known, f"preset {kind.FAMILY}") | dict.fromkeys(values, source)
-    try:
-        return replace(kind(), **values, sources=sources)
-    except (TypeError, ValueError) as error:
-        raise ModelError(f"{source}: {error}") from None
-
-
-def _count(name: str, value: object) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-        raise ValueError(f"{name} = {value!r}: must be an integer >= 1")
+    names = kind.names()
+    values = stated_values(stated, names, source, "{'height_px': 32}")
+    return completed(kind(sources=dict.fromkeys(names, f"preset {kind.FAMILY}")), values, source)

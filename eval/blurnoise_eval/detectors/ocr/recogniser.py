@@ -8,19 +8,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import onnx
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.detectors.contract import ModelError, read_mapping
+from blurnoise_eval.detectors.contract import ModelError, contract_file, metadata_mapping, read_mapping
 from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.placement import lay_in
 from blurnoise_eval.detectors.ocr.contract import (
     Given,
     TextContract,
-    contract_file,
-    metadata_mapping,
     stated_contract,
 )
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
@@ -145,7 +144,7 @@ class Recogniser:
             )
         if not np.isfinite(rows).all():
             return
-        seen = "probabilities" if are_probabilities(rows) else "logits"
+        seen: Literal["probabilities", "logits"] = "probabilities" if are_probabilities(rows) else "logits"
         stated = not self.contract.sources["output"].startswith(("assumed", "preset"))
         if stated and self.contract.output != seen:
             raise ModelError(
