@@ -230,7 +230,6 @@ FIGURES: tuple[Figures, ...] = (
             "dark_current_e_s": "the tool has none",
             "dark_reference_c": "without effect: no dark current",
             "dark_doubling_c": "without effect: no dark current",
-            "diffraction_wavelength_um": "the tool has none",
             "prnu": "the tool has none",
             "dsnu_e": "the tool has none",
         },
