@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise.metrics import SlantedEdge, slanted_edge
-from blurnoise.metrics.slanted_edge import Mode
+from blurnoise.metrics.edge.measurement import Mode
 from blurnoise_eval.bench import iso_steps
 
 EXACT, ISO, ARRAYS, ROWS = "exact", "iso", "numpy arrays", "numpy rows"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from blurnoise.metrics.edge_information import Reading
+    from blurnoise.metrics.estimate import Estimate
     from blurnoise_eval.quality.picture import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH = 24, 28  # of the table's columns, in characters
@@ -27,7 +27,7 @@ def measure(options: argparse.Namespace) -> int:
 
     if options.plot:
         plot_suffix(options.plot)  # before anything is measured
-    target = measuring.Target(options.target_size, options.target_contrast)
+    target = measuring.Square(options.target_size, options.target_contrast)
     light = measuring.linear(
         decode(options.image), options.coding, black_level=options.black_level, full_scale=options.full_scale
     )
@@ -81,7 +81,7 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
         table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
         for name, title in TITLES.items():
             label = f"{title} {target}" if name == "snri" else title
-            table.add_row(label, *(reading_text(region.readings[name]) for region in shown))
+            table.add_row(label, *(reading_text(region.estimates[name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
         console.print(table)
     for region in measured:
@@ -89,7 +89,7 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
             console.print(f"{region.number}: {'; '.join(region.doubts)}", highlight=False, markup=False)
 
 
-def reading_text(reading: Reading) -> str:
+def reading_text(reading: Estimate) -> str:
     """'0.09882 (0.0981–0.0995)', or a dash for what cannot be told."""
     if not reading.told:
         return "-"
