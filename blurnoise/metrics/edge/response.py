@@ -1,4 +1,4 @@
-"""From an edge's shape to its spatial frequency response, the noise in it, and the numbers read off it.
+"""Response of an edge to spatial frequency, from its shape: the noise in it, and the numbers read off it.
 
 Domain: frequencies in cycles/px along the edge's normal. A response is kept as power, its squared modulus less the
 power that noise adds to it, which is right on the average and may be negative where only noise is left.

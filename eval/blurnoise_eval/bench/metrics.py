@@ -1,4 +1,4 @@
-"""The ways to measure a slanted edge, time beside error, on edges known in closed form.
+"""Bench of slanted edges: the ways to measure one, time beside error, on edges known in closed form.
 
 Units: MTF50 errors are shares of the true value, curve errors shares of the response at 0, times ms per region.
 Contrast to noise (CNR): the edge's step over the noise's standard deviation.
