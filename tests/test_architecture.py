@@ -1,10 +1,17 @@
-"""The house's floors, as in the imports: a module imports only what stands below it."""
+"""The architecture, as in the imports and the tree: what stands on which floor, and that nothing goes in circles.
+
+A circle is found wherever it is, so floors name only what a circle would not show: what may never know of what.
+"""
 
 from __future__ import annotations
 
 import ast
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import imports_of
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -13,157 +20,261 @@ PACKAGES = {
     "blurnoise_eval": ROOT / "eval" / "blurnoise_eval",
     "blurnoise_models": ROOT / "models" / "blurnoise_models",
 }
-FLOORS = {
+TESTS = {"blurnoise": "blurnoise", "eval": "blurnoise_eval", "models": "blurnoise_models"}
+"""Folder of the tests to the package that it mirrors."""
+OF_THE_WHOLE_TREE = {"test_architecture.py"}
+"""Tests that belong to no package, in tests/ itself."""
+LONGEST_LINES = 450
+
+FLOORS: dict[str, list[set[str]]] = {
     "blurnoise": [
-        {
-            "checks",
-            "rng",
-            "spectra",
-            "charts",
-            "encoding",
-            "borders",
-            "transfer",
-            "scratch",
-            "threads",
-            "presets",
-        },
-        {"camera", "motion", "psf", "packed"},
-        {"fourier", "frames", "sensor", "metrics"},
-        {"blur", "moments", "plan"},
-        {"simulate"},
-        {"augment"},
-        {"augment_torchvision"},
+        {"_core", "data", "spectra", "psf", "charts", "encoding", "motion", "presets", "transfer", "metrics"},
+        {"camera", "camera_files", "exposure", "fourier"},
+        {"light", "sensor", "picture", "blur", "moments"},
+        {"plan", "simulate"},
+        {"augment", "augment_torchvision"},
+    ],
+    "blurnoise.metrics": [
+        {"values", "estimate", "regions"},
+        {"edge", "information", "noise", "similarity", "target_frequencies"},
+        {"edge_information", "contrast"},
     ],
     "blurnoise_eval": [
-        {
-            "records",
-            "class_names",
-            "contract",
-            "arguments",
-            "arguments_measure",
-            "arguments_quality",
-            "conditions",
-            "files",
-            "printing",
-        },
-        {"formats"},
-        {
-            "edges",
-            "onnx_model",
-            "suspicions",
-            "reading",
-            "datasets",
-            "scoring",
-            "store",
-            "cameras",
-        },
-        {"exposing", "judging", "scores", "curves", "measuring"},
-        {"sweep", "latency", "coco_files", "optimum", "pictures"},
-        {"report", "gallery", "edge_figures"},
-        {"results"},
+        {"system", "grid", "detectors"},
+        {"datasets"},
+        {"store"},
+        {"scoring"},
+        {"drawing"},
+        {"report"},
+        {"sweep"},
         {"bench"},
         {"quality"},
-        {"quality_figures", "quality_table"},
         {"cli"},
     ],
+    "blurnoise_eval.detectors": [
+        {"records", "class_names", "contract"},
+        {"formats"},
+        {"detector"},
+        {"contract_checks", "ocr"},
+    ],
+    "blurnoise_models": [
+        {"scenes", "network"},
+        {"training", "export"},
+        {"arms", "matched_filter", "detector"},
+    ],
 }
-ALLOWED_ACROSS = {
-    "blurnoise": set(),
-    "blurnoise_eval": {"blurnoise"},
-    "blurnoise_models": {"blurnoise"},
-}
+"""Folder to what stands in it, floor by floor: none imports from a floor above its own. What is not named stands
+where it likes, as long as it makes no circle; folders directly in a package have to be named."""
+
+ALLOWED_ACROSS = {"blurnoise": set(), "blurnoise_eval": {"blurnoise"}, "blurnoise_models": {"blurnoise"}}
 EXCEPTIONS = {
     (
         "blurnoise_eval.cli",
         "blurnoise_models",
     ): "the command offers the built-in detector and makes such ones",
+    ("blurnoise_eval.sweep", "blurnoise_models"): "so does evaluate, its twin in Python",
 }
-SAME_FLOOR = {
-    ("charts", "checks"): "guards",
-    ("arguments", "arguments_quality"): "a part of it",
-    ("arguments", "arguments_measure"): "a part of it",
-    ("suspicions", "onnx_model"): "it runs a detector in other ways",
-    ("contract", "class_names"): "presets name COCO's classes",
-    ("transfer", "checks"): "guards",
-    ("rng", "threads"): "items side by side",
-    ("sensor", "frames"): "its route on the CPU without derivatives",
-    ("encoding", "threads"): "pieces side by side",
-    ("presets", "spectra"): "quantum efficiencies are curves",
-    ("reading", "onnx_model"): "one way to open a model file",
+CIRCLES: dict[tuple[str, ...], str] = {}
+"""Circles that stay, sorted, with the reason."""
+HIDDEN: dict[str, str] = {
+    "blurnoise.simulate": "the function is the package's front door",
 }
+"""Modules whose name their package gives to something else, with the reason."""
+SQL_OUTSIDE: dict[str, str] = {
+    "blurnoise_eval.sweep.coco_export": "on its way into the store",
+    "blurnoise_eval.sweep.run_folder": "on its way into the store",
+    "blurnoise_eval.scoring.per_condition": "on its way into the store",
+}
+SQL = re.compile(
+    r"\b(SELECT|INSERT INTO|INSERT OR|DELETE FROM|CREATE (TABLE|INDEX|VIEW)|ALTER TABLE|PRAGMA)\b"
+)
+
+SOURCES = {
+    name: path
+    for package, folder in PACKAGES.items()
+    for name, path in imports_of.modules(package, folder).items()
+}
+GRAPH = imports_of.graph(SOURCES)
 
 
-def modules() -> list[tuple[str, str, Path]]:
-    found = []
+def as_allowed(what: str, found: set[Any], allowed: dict[Any, str]) -> None:
+    """Whether what was found is what is allowed: nothing new, and no permission that nobody needs."""
+    assert not found - set(allowed), f"{what}: {sorted(found - set(allowed))}"
+    assert not set(allowed) - found, f"{what}: take off the list, it is gone: {sorted(set(allowed) - found)}"
+
+
+def test_modules_make_no_circle() -> None:
+    as_allowed("a circle", {tuple(found) for found in imports_of.circles(GRAPH)}, CIRCLES)
+
+
+def test_rooms_make_no_circle() -> None:
+    """Neither files nor folders, each taken as a whole, in any folder."""
+    for folder, inside in imports_of.rooms(GRAPH).items():
+        assert not imports_of.circles(inside), folder
+
+
+@pytest.mark.parametrize("folder", FLOORS)
+def test_imports_point_down(folder: str) -> None:
+    floor = {room: level for level, rooms in enumerate(FLOORS[folder]) for room in rooms}
+    above = [
+        f"{room} -> {target}"
+        for room, targets in imports_of.rooms(GRAPH).get(folder, {}).items()
+        for target in targets
+        if room in floor and target in floor and floor[target] > floor[room]
+    ]
+    assert not above, f"in {folder}, imports that point up: {above}"
+
+
+def test_every_folder_has_a_floor() -> None:
     for package, folder in PACKAGES.items():
-        for path in sorted(folder.rglob("*.py")):
-            parts = path.relative_to(folder).with_suffix("").parts
-            found.append((package, parts[0], path))
-    return found
+        named = set().union(*FLOORS[package])
+        folders = {path.parent.relative_to(folder).parts[:1] for path in folder.rglob("*.py")} - {()}
+        assert {name for (name,) in folders} <= named, f"{package}: add the folder to FLOORS"
 
 
-def imported(path: Path) -> set[str]:
-    """Dotted names that the file imports at run time, type-checking blocks left out."""
-    names: set[str] = set()
+def test_packages_meet_as_allowed() -> None:
+    for module, targets in GRAPH.items():
+        package, *inside = module.split(".")
+        for target in {name.split(".")[0] for name in targets} - {package}:
+            room = f"{package}.{inside[0]}"
+            assert target in ALLOWED_ACROSS[package] or (room, target) in EXCEPTIONS, f"{module} -> {target}"
 
-    def visit(node: ast.AST) -> None:
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            return
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
+
+def test_no_name_hides_a_module() -> None:
+    """``from package import module`` gives the module: the package's door calls nothing else by that name."""
+    hidden = {
+        f"{door.removesuffix('.__init__')}.{name}"
+        for door, path in SOURCES.items()
+        if door.endswith(".__init__")
+        for name in hiding(door.removesuffix(".__init__"), path)
+    }
+    as_allowed("a module that a name of its package hides", hidden, HIDDEN)
+
+
+def hiding(package: str, path: Path) -> Iterator[str]:
+    """Names that a package's ``__init__.py`` binds to something else than the module of that name beside it."""
+    beside = {each.stem for each in path.parent.iterdir() if each.suffix == ".py" or each.is_dir()}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom):
-            names.update(f"{node.module}.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            visit(child)
-
-    visit(ast.parse(path.read_text(encoding="utf-8")))
-    return names
-
-
-def floor(package: str, module: str) -> int:
-    for level, names in enumerate(FLOORS.get(package, [])):
-        if module in names:
-            return level
-    raise AssertionError(f"{package}.{module} stands on no floor: add it to FLOORS")
-
-
-@pytest.mark.parametrize(("package", "module", "path"), modules(), ids=lambda value: str(value)[-40:])
-def test_imports_point_down(package: str, module: str, path: Path) -> None:
-    for name in imported(path):
-        top, _, rest = name.partition(".")
-        if top not in PACKAGES:
+            source = f"{package}.{node.module or ''}".rstrip(".") if node.level else node.module
+            bound = {alias.asname or alias.name for alias in node.names if source != package or alias.asname}
+        elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            bound = {node.name}
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            bound = {node.id}
+        else:
             continue
-        if top != package:
-            allowed = ALLOWED_ACROSS[package]
-            assert top in allowed or (f"{package}.{module}", top) in EXCEPTIONS, f"{path} imports {name}"
+        yield from bound & beside
+
+
+def test_tests_mirror_the_folders() -> None:
+    tests = ROOT / "tests"
+    for path in tests.rglob("test_*.py"):
+        top, *inside = path.relative_to(tests).parts
+        if not inside:
+            assert top in OF_THE_WHOLE_TREE, f"{path}: move it beside the tests of the package it tests"
             continue
-        target = rest.split(".")[0]
-        if package not in FLOORS or module == "__init__" or target == module or target not in _names(package):
-            continue
-        below = floor(package, target) < floor(package, module)
-        assert below or (module, target) in SAME_FLOOR, (
-            f"{path} imports {name}, which does not stand below it"
-        )
+        folder = PACKAGES[TESTS[top]].joinpath(*inside[:-1])
+        private = PACKAGES[TESTS[top]].joinpath(*(f"_{name}" for name in inside[:-1]))
+        assert folder.is_dir() or private.is_dir(), f"{path}: there is no {folder.relative_to(ROOT)}"
 
 
-def _names(package: str) -> set[str]:
-    return set().union(*FLOORS[package])
+def test_sql_stays_in_the_store() -> None:
+    asking = {
+        name
+        for name, path in SOURCES.items()
+        if not name.startswith("blurnoise_eval.store.") and speaks_sql(path.read_text(encoding="utf-8"))
+    }
+    as_allowed("SQL outside the store", asking, SQL_OUTSIDE)
 
 
-def test_every_module_has_a_floor() -> None:
-    for package, module, path in modules():
-        if package in FLOORS and path.name != "__init__.py":
-            floor(package, module)
+def speaks_sql(source: str) -> bool:
+    """Whether a string in the source is a query, or the source opens a database itself."""
+    return any(
+        (isinstance(node, ast.Constant) and isinstance(node.value, str) and SQL.search(node.value))
+        or (isinstance(node, (ast.Import, ast.ImportFrom)) and "sqlite3" in ast.unparse(node))
+        for node in ast.walk(ast.parse(source))
+    )
 
 
-def test_projects_folders_are_no_packages() -> None:
+def test_no_file_is_too_long() -> None:
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in SOURCES.items()}
+    assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}
+
+
+def test_project_folders_are_no_packages() -> None:
     assert not (ROOT / "eval" / "__init__.py").exists()
     assert not (ROOT / "models" / "__init__.py").exists()
+
+
+def test_every_package_is_typed() -> None:
+    assert all((folder / "py.typed").is_file() for folder in PACKAGES.values())
 
 
 def test_no_global_randomness() -> None:
     """Randomness is an argument: no module draws from, or seeds, a global generator."""
     forbidden = ("torch.manual_seed", "np.random.seed", "np.random.rand", "random.seed", "torch.seed(")
-    for _, _, path in modules():
+    for path in SOURCES.values():
         text = path.read_text(encoding="utf-8")
         assert not [word for word in forbidden if word in text], path
+
+
+# --- what these tests see ---------------------------------------------------
+
+
+def tree(folder: Path, **files: str) -> dict[str, set[str]]:
+    """The graph of a package `p` of the given files; `a__b` is the file a/b.py."""
+    for name, text in files.items():
+        path = folder.joinpath(*name.split("__")).with_suffix(".py")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return imports_of.graph(imports_of.modules("p", folder))
+
+
+@pytest.mark.parametrize(
+    "back",
+    [
+        "from p.a import x",
+        "from p import a",
+        "import p.a",
+        "import p.a as other",
+        "from .a import x",
+        "from . import a",
+        "def f():\n    from p.a import x",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from p.a import x",
+    ],
+)
+def test_a_circle_is_seen_however_it_is_imported(tmp_path: Path, back: str) -> None:
+    found = tree(tmp_path, a="from p.b import y", b="from p.c import z", c=back, d="from p.a import x")
+    assert imports_of.circles(found) == [["p.a", "p.b", "p.c"]]
+
+
+def test_a_circle_through_a_door_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "q").mkdir()
+    (tmp_path / "q" / "__init__.py").write_text("from p.q.a import x")
+    assert imports_of.circles(tree(tmp_path, q__a="from p.q import x")) == [["p.q.__init__", "p.q.a"]]
+
+
+def test_a_circle_of_folders_is_seen_where_modules_make_none(tmp_path: Path) -> None:
+    found = tree(
+        tmp_path, a__one="from p.b.one import x", a__two="", b__one="", b__two="from p.a.two import x"
+    )
+    assert not imports_of.circles(found)
+    assert imports_of.rooms(found)["p"] == {"a": {"b"}, "b": {"a"}}
+    assert imports_of.circles(imports_of.rooms(found)["p"]) == [["a", "b"]]
+
+
+def test_what_hides_a_module_is_seen(tmp_path: Path) -> None:
+    door = tmp_path / "__init__.py"
+    for name in ("a", "b", "c", "d"):
+        (tmp_path / f"{name}.py").touch()
+    door.write_text(
+        "from p.a import a\nfrom p import b\nfrom .x import y as c\ndef d(): ...\nfrom p.a import e"
+    )
+    assert set(hiding("p", door)) == {"a", "c", "d"}
+
+
+def test_a_query_is_seen() -> None:
+    assert speaks_sql('rows(f"SELECT {name} FROM cells")')
+    assert speaks_sql("import sqlite3")
+    assert not speaks_sql('"""Select what is measured."""\n# SELECT\nSELECTED = 1')

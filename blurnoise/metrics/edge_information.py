@@ -1,4 +1,4 @@
-"""What slanted edges tell an ideal observer: Shannon capacity, noise-equivalent quanta, SNR, each with an interval.
+"""Information in slanted edges: Shannon capacity, noise-equivalent quanta and SNR, each with an interval.
 
 Domain: edges of :func:`blurnoise.metrics.slanted_edge` in digital numbers with the black level removed, measured
 with a bootstrap. Noise is taken for white: its power spectrum is its variance, on the average over both sides.
@@ -14,16 +14,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from blurnoise.metrics import information
-
-if TYPE_CHECKING:
-    from blurnoise.metrics.slanted_edge import SlantedEdge
+from blurnoise.metrics.edge.flags import words
+from blurnoise.metrics.edge.measurement import SlantedEdge
+from blurnoise.metrics.estimate import Estimate
 
 _GRID = torch.arange(129, dtype=torch.float64) / 256
 """Cycles/px of both axes of two-dimensional integrals: half the step that 128 px resolve."""
@@ -31,30 +30,7 @@ _RESAMPLES_2D = 60
 _CANVAS_PX = 128
 
 
-@dataclass(frozen=True)
-class Reading:
-    """A number between ``low`` and ``high`` at 95 %, and the names of what speaks against it.
-
-    NaN in value: it cannot be told, and the flags say why. NaN in low and high: no interval.
-    """
-
-    value: float
-    low: float = math.nan
-    high: float = math.nan
-    flags: frozenset[str] = frozenset()
-
-    @property
-    def told(self) -> bool:
-        """Whether there is a number."""
-        return math.isfinite(self.value)
-
-
-def flag_names(*edges: SlantedEdge) -> frozenset[str]:
-    """The flags of all these edges, as words_in_lower_case."""
-    return frozenset(flag.name.lower() for edge in edges for flag in edge.flags)
-
-
-def capacity_radial(edge: SlantedEdge) -> Reading:
+def capacity_radial(edge: SlantedEdge) -> Estimate:
     """Shannon information capacity were the blur the same in all directions, bits/px; see :mod:`..information`."""
 
     def bits(edges: list[_Told]) -> Tensor:
@@ -63,10 +39,10 @@ def capacity_radial(edge: SlantedEdge) -> Reading:
             told.frequencies, power=told.power.clamp_min(0), signal_pp=told.step, noise_variance=told.noise
         )
 
-    return _read(bits, edge, most=10_000)
+    return _estimate(bits, edge, most=10_000)
 
 
-def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
+def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     """Shannon information capacity over the whole square of frequencies, bits/px, of blur separable in x and y."""
 
     def bits(edges: list[_Told]) -> Tensor:
@@ -77,21 +53,21 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
             _GRID, _GRID, power=_plane(edges, _GRID).clamp_min(0), signal_pp=step, noise_variance=noise
         )
 
-    return _read(bits, across_x, across_y)
+    return _estimate(bits, across_x, across_y)
 
 
-def neq_0(edge: SlantedEdge) -> Reading:
+def neq_0(edge: SlantedEdge) -> Estimate:
     """Noise-equivalent quanta of the bright side at frequency 0: its squared ratio of mean to noise."""
     if math.isnan(edge.bright) or edge.resamples is None:
-        return Reading(math.nan)
+        return Estimate(math.nan)
     if edge.noise_variance_bright <= 0:
-        return Reading(math.nan, flags=frozenset({"noiseless"}))
+        return Estimate(math.nan, flags=frozenset({"noiseless"}))
     drawn = edge.resamples.bright**2 / edge.resamples.noise_variance_bright
     low, high = torch.quantile(drawn, torch.tensor([0.025, 0.975], dtype=drawn.dtype)).tolist()
-    return Reading(edge.bright**2 / edge.noise_variance_bright, low, high)
+    return Estimate(edge.bright**2 / edge.noise_variance_bright, low, high)
 
 
-def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
+def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     """Noise-equivalent quanta of the bright side, integrated over the square of frequencies, quanta per pixel."""
 
     def quanta(edges: list[_Told]) -> Tensor:
@@ -101,10 +77,10 @@ def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Reading:
         density = information.neq(_plane(edges, _GRID), mean_signal=bright, noise_power_spectrum=noise)
         return information.square_integral(_GRID, _GRID, density)
 
-    return _read(quanta, across_x, across_y)
+    return _estimate(quanta, across_x, across_y)
 
 
-def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Reading:
+def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Estimate:
     """Ideal observer's SNR (SNRI, a ratio) for a square of ``side_px`` as bright as one side, on the other."""
     target = torch.zeros(_CANVAS_PX, _CANVAS_PX, dtype=torch.float64)
     target[:side_px, :side_px] = 1
@@ -118,7 +94,7 @@ def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) ->
         snr: Tensor = ideal * step / noise.sqrt()
         return snr
 
-    return _read(ratio, across_x, across_y)
+    return _estimate(ratio, across_x, across_y)
 
 
 class EdgeInformation(NamedTuple):
@@ -128,16 +104,23 @@ class EdgeInformation(NamedTuple):
     the edge's frequencies; neq_0: at 0; neq_integral: over the square of frequencies. snri: of a bright square.
     """
 
-    sic_radial: Reading
-    sic_square: Reading
+    sic_radial: Estimate
+    sic_square: Estimate
     neq: Tensor
-    neq_0: Reading
-    neq_integral: Reading
-    snri: Reading
+    neq_0: Estimate
+    neq_integral: Estimate
+    snri: Estimate
 
 
-def information_of(edge: SlantedEdge, across: SlantedEdge | None, target_px: int) -> EdgeInformation:
-    """All of them; see :meth:`blurnoise.metrics.SlantedEdge.information`."""
+def information_of(
+    edge: SlantedEdge, across: SlantedEdge | None = None, *, target_px: int = 10
+) -> EdgeInformation:
+    """Shannon capacity (radial, square), NEQ (curve, at 0, integral) and SNRI of an edge, each with its interval.
+
+    across: an edge along the other axis; without it the blur counts as the same in both. target_px: side of the
+    square, as bright as the bright side on the dark one, that SNRI is told for. Raises ``ValueError`` for an edge
+    measured without bootstrap.
+    """
     both = edge, across or edge
     density = information.neq(
         edge.power, mean_signal=edge.bright, noise_power_spectrum=edge.noise_variance_bright
@@ -168,21 +151,23 @@ def _plane(edges: list[_Told], frequency: Tensor) -> Tensor:
     return information.separable(across_x, across_y)
 
 
-def _read(number: Callable[[list[_Told]], Tensor], *edges: SlantedEdge, most: int = _RESAMPLES_2D) -> Reading:
-    flags = flag_names(*edges)
+def _estimate(
+    number: Callable[[list[_Told]], Tensor], *edges: SlantedEdge, most: int = _RESAMPLES_2D
+) -> Estimate:
+    flags = words(flag for edge in edges for flag in edge.flags)
     if any(math.isnan(edge.bright) for edge in edges):
-        return Reading(math.nan, flags=flags)
+        return Estimate(math.nan, flags=flags)
     plain = float(number([_measurement(edge) for edge in edges])[0])
     drawn = number([_resampled(edge, most) for edge in edges])
     if not (
         math.isfinite(plain) and bool(torch.isfinite(drawn).all())
     ):  # without noise all of it is infinite
-        return Reading(math.nan, flags=flags | {"noiseless"})
+        return Estimate(math.nan, flags=flags | {"noiseless"})
     mean = float(drawn.mean())
     low, high = torch.quantile(drawn, torch.tensor([0.025, 0.975], dtype=torch.float64)).tolist()
     value = 2 * plain - mean
     value, low, high = (max(0.0, number) for number in (value, value + low - mean, value + high - mean))
-    return Reading(value, low, high, flags)
+    return Estimate(value, low, high, flags)
 
 
 def _measurement(edge: SlantedEdge) -> _Told:

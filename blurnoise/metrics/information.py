@@ -1,4 +1,4 @@
-"""What a picture can tell: Shannon capacity, noise-equivalent quanta, and the ideal observer's SNR.
+"""Information in a picture: Shannon capacity, noise-equivalent quanta, and the ideal observer's SNR.
 
 Domain: linear digital numbers with the black level removed, frequencies in cycles/px. ``power`` is |MTF|²: the
 square of an MTF, or a measured power whose noise floor has been subtracted, which may then dip below 0.

@@ -1,4 +1,4 @@
-"""How close a picture comes to its reference: MSE, PSNR and SSIM, the latter two as Kornia computes them.
+"""Similarity of a picture to its reference: MSE, PSNR and SSIM, the latter two as Kornia computes them.
 
 Domain: pictures (B, C, H, W) of one shape, integers or floats, any range that ``data_range`` states. One number
 per picture, (B,); NaN in a picture gives NaN for it. These are exact functions of the two pictures, not

@@ -1,4 +1,4 @@
-"""Which spatial frequencies a target holds, from the edges along a line through it.
+"""Spatial frequencies that a target holds, from the edges along a line through it.
 
 Domain: digital numbers with the black level removed, px.
 """

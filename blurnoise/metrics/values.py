@@ -1,4 +1,4 @@
-"""What every metric takes: real tensors, which it reads in double precision."""
+"""Values that every metric takes: real tensors, read in double precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a trained network as an ONNX file that says how it wants to be fed."""
+"""Export of a trained network: an ONNX file that says how it wants to be fed."""
 
 from __future__ import annotations
 

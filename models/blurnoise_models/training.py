@@ -1,4 +1,4 @@
-"""Train the sign detector on rendered scenes, under one of the augmentations to be compared.
+"""Training of the sign detector on rendered scenes, under one of the augmentations to be compared.
 
 The clean scenes are drawn once into a pool, one file, that every training reads; what differs between two
 trainings is the arm (what happens to the pictures on their way in) and the seed (weights, order, augmentation).

@@ -1,7 +1,8 @@
-"""What can be wrong with a slanted edge, each by a name that travels with the numbers."""
+"""Flags of a slanted edge: what can be wrong with it, each by a name that travels with the numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 
 
@@ -33,3 +34,8 @@ WITHHELD = frozenset(
     }
 )
 """With one of these the response cannot be told, and every number is NaN."""
+
+
+def words(flags: Iterable[Flag]) -> frozenset[str]:
+    """The flags' names as words_in_lower_case, as an :class:`~blurnoise.metrics.estimate.Estimate` holds them."""
+    return frozenset(flag.name.lower() for flag in flags)

@@ -1,4 +1,4 @@
-"""Where the edge lies: its orientation, its line, and the picture sheared so that it stands upright.
+"""Geometry of an edge in its region: its orientation, its line, and the picture sheared so that it stands upright.
 
 Domain: regions (B, H, W) float64, linear. Below the first function the edge is near vertical, of either polarity.
 Positions are columns in px at which the edge crosses a row, pixel centres at integer + 0.5.

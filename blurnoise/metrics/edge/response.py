@@ -1,4 +1,4 @@
-"""From an edge's shape to its spatial frequency response, the noise in it, and the numbers read off it.
+"""Response of an edge to spatial frequency, from its shape: the noise in it, and the numbers read off it.
 
 Domain: frequencies in cycles/px along the edge's normal. A response is kept as power, its squared modulus less the
 power that noise adds to it, which is right on the average and may be negative where only noise is left.
@@ -88,7 +88,8 @@ def _waves(count: int) -> tuple[Tensor, Tensor]:
 def peak(response: Response) -> Tensor:
     """Index of the highest power up to 0.5 cycle/px that is certain to exceed that at 0, else 0, (B,)."""
     power = response.power.clamp_min(0)
-    certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * response.noise)
+    # Without noise, rounding leaves its power a little below 0 here and there.
+    certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * response.noise.clamp_min(0))
     found = torch.where(response.frequencies <= NYQUIST, certain, 0.0).max(1)
     return torch.where(found.values > 1, found.indices, 0)
 

@@ -1,4 +1,4 @@
-"""What lies to both sides of an edge: how far the blur reaches, the two levels, and the noise upon them.
+"""Sides of an edge: how far the blur reaches, the two levels beyond it, and the noise upon them.
 
 Domain: upright regions of :mod:`blurnoise.metrics.edge.geometry`, linear. Of the last dimension of size 2, entry 0
 is the left side, 1 the right one.

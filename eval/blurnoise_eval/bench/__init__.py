@@ -1,4 +1,4 @@
-"""How fast and how exact this machine simulates: commands, never tests. One room per bench.
+"""Benches of this machine, how fast and how exact it simulates: commands, never tests. One room per bench.
 
 ``chain``: the whole chain and its stages, beside other libraries. ``sweeps``: a sweep beside bare onnxruntime.
 ``blur``: every way to blur by motion, time beside error; its yardstick is ``truth``, its competitors stand in

@@ -1,4 +1,4 @@
-"""Every way to blur by motion, time beside error: measured on the same pictures, taken in turns.
+"""Bench of motion blur: every way to blur, time beside error, on the same pictures, taken in turns.
 
 Units: times in ms per megapixel (1e6 values), errors in 8-bit digital numbers (DN; 255 is white), MTF50 as a
 relative error, lengths in px, angles in degrees from x (right) towards y (down).

@@ -1,4 +1,4 @@
-"""What the bench of motion blur found, for the eye: charts of time and error, and tables."""
+"""Findings of the bench of motion blur, for the eye: charts of time and error, and tables."""
 
 from __future__ import annotations
 

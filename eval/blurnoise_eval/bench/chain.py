@@ -1,4 +1,4 @@
-"""How fast pictures go through the whole chain, stage by stage, beside other libraries' blur and noise.
+"""Bench of the whole chain: how fast pictures go through it, stage by stage, beside other libraries' blur and noise.
 
 Units: times in ms for a whole batch; ratios to one ``torch.randn`` of the batch's shape, one normal value per
 value of the pictures, taken in the same turns.

@@ -1,4 +1,4 @@
-"""What the bench of the whole chain found, for the eye: bars with their stages, and tables."""
+"""Findings of the bench of the whole chain, for the eye: bars with their stages, and tables."""
 
 from __future__ import annotations
 

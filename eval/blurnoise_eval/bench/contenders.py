@@ -1,4 +1,4 @@
-"""Every way to blur by motion that the bench compares, called alike: our methods and other people's.
+"""Contenders of the bench of motion blur, called alike: our methods and other people's.
 
 Convention: x right, y down; a motion of length L px at angle a is L (cos a, sin a). All continue the border
 by reflection. Lengths that a library does not know become its nearest, as its user would have to do.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise.metrics import SlantedEdge, slanted_edge
-from blurnoise.metrics.slanted_edge import Mode
+from blurnoise.metrics.edge.measurement import Mode
 from blurnoise_eval.bench import iso_steps
 
 EXACT, ISO, ARRAYS, ROWS = "exact", "iso", "numpy arrays", "numpy rows"
@@ -30,8 +30,8 @@ ENOUGH = 9.0
 
 
 @dataclass(frozen=True)
-class Curve:
-    """What a method says of one region."""
+class EdgeResponse:
+    """Response of the edge in one region, as a method measures it."""
 
     mtf50: float
     frequencies: NDArray[np.float64]
@@ -39,15 +39,15 @@ class Curve:
     edge: SlantedEdge | None = None
 
 
-def measured(method: str, regions: Tensor, bootstrap: int = 0) -> list[Curve]:
+def measured(method: str, regions: Tensor, bootstrap: int = 0) -> list[EdgeResponse]:
     """What ``EXACT``, ``ISO`` or ``ARRAYS`` says of each of the regions (n, H, W)."""
     if method == ARRAYS:
         curves = [iso_steps.iso_steps(region.numpy()) for region in regions]
-        return [Curve(iso_steps.mtf50(*curve), *curve) for curve in curves]
+        return [EdgeResponse(iso_steps.mtf50(*curve), *curve) for curve in curves]
     mode: Mode = "exact" if method == EXACT else "iso"
     edges = slanted_edge(regions[:, None], mode=mode, full_scale=ENOUGH, bootstrap=bootstrap)
     found = edges if isinstance(edges, list) else [edges]
-    return [Curve(edge.mtf50, edge.frequencies.numpy(), edge.sfr.numpy(), edge) for edge in found]
+    return [EdgeResponse(edge.mtf50, edge.frequencies.numpy(), edge.sfr.numpy(), edge) for edge in found]
 
 
 def timed(regions: Tensor) -> dict[str, Callable[[], object]]:

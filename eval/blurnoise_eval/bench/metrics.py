@@ -1,4 +1,4 @@
-"""The ways to measure a slanted edge, time beside error, on edges known in closed form.
+"""Bench of slanted edges: the ways to measure one, time beside error, on edges known in closed form.
 
 Units: MTF50 errors are shares of the true value, curve errors shares of the response at 0, times ms per region.
 Contrast to noise (CNR): the edge's step over the noise's standard deviation.
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise.metrics import edge_information, information
-from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, METHODS, ROWS, Curve, measured, timed
+from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, METHODS, ROWS, EdgeResponse, measured, timed
 from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf, closed_mtf50
 from blurnoise_eval.bench.timing import in_turns_ms, limited_threads, machine, quartiles
 from blurnoise_eval.bench.written import write_bench
@@ -198,7 +198,7 @@ def _noise_free(extent: Extent, progress: Progress) -> Iterator[Row]:
         progress(1)
 
 
-def _off(curve: Curve, blur: Blur) -> float:
+def _off(curve: EdgeResponse, blur: Blur) -> float:
     """Largest difference from the truth up to 0.5 cycles/px; infinite where nothing was told."""
     band = curve.frequencies <= 0.5
     truth = closed_mtf(curve.frequencies[band], **blur)
@@ -228,7 +228,7 @@ def _with_noise(extent: Extent, progress: Progress) -> Iterator[Row]:
         progress(1)
 
 
-def _bits(curve: Curve, cnr: float) -> float:
+def _bits(curve: EdgeResponse, cnr: float) -> float:
     """Capacity; where a method has no resamples, the plain estimator, told the true signal and noise."""
     if curve.edge is not None and curve.edge.resamples is not None:
         return edge_information.capacity_radial(curve.edge).value

@@ -1,4 +1,4 @@
-"""What the bench of slanted edges found, for the eye: a chart of errors, biases and times, and tables."""
+"""Findings of the bench of slanted edges, for the eye: a chart of errors, biases and times, and tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every way to draw sensor noise, time beside distance from the exact law, taken in turns.
+"""Bench of sensor noise: every way to draw it, time beside distance from the exact law, taken in turns.
 
 Units: means and read noise in electrons (e-), times in ns per value, distances as total variation (0 to 1) of
 the final digital numbers at 1 DN/e-, where nothing hides between two of them.

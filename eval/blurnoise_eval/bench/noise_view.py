@@ -1,4 +1,4 @@
-"""What the bench of sensor noise found, for the eye: a chart of time and distance, and tables."""
+"""Findings of the bench of sensor noise, for the eye: a chart of time and distance, and tables."""
 
 from __future__ import annotations
 

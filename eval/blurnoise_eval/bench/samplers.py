@@ -1,4 +1,4 @@
-"""Every way to draw a noisy digital number that the bench compares: our two, and what else one might write.
+"""Samplers of a noisy digital number that the bench compares: our two, and what else one might write.
 
 All do the same work: mean electrons (B, C, H, W) float32 to shot noise, read noise, gain, black level,
 rounding and the converter's limits, those of ``laws.Converter``.

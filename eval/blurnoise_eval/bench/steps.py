@@ -1,4 +1,4 @@
-"""What an augmentation costs beside the training step that it feeds."""
+"""Cost of an augmentation beside the training step that it feeds."""
 
 from __future__ import annotations
 

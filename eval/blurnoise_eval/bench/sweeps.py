@@ -1,4 +1,4 @@
-"""How fast a sweep goes, beside bare onnxruntime on the same threads."""
+"""Speed of a sweep beside bare onnxruntime on the same threads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a detector trained with the exposure augmentation holds up better than one trained without.
+"""Comparison of trainings: whether a detector trained with the exposure augmentation holds up better than without.
 
 Networks that differ by their training alone, several seeds of each arm, see the same pictures under the same
 conditions; what is compared is what they find. :mod:`blurnoise_eval.bench.compared` says how.

@@ -1,4 +1,4 @@
-"""What the comparison of trainings found, for the eye: curves of each arm, differences, tables, a page."""
+"""Findings of the comparison of trainings, for the eye: curves of each arm, differences, tables, a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What motion blur does to a scene before pixels see it: the yardstick of every method that starts from pixels.
+"""Motion blur of a scene before pixels see it: the yardstick of every method that starts from pixels.
 
 Domain: linear light in [0, 1], float64 NumPy planes (H, W). A scene is rendered ``FINE`` times finer than its
 pixels, moved there by the exact transfer function of its motion, and only then averaged over each pixel, as

@@ -16,7 +16,7 @@ from blurnoise_eval.cli._options import Json, Region, region
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from blurnoise.metrics.edge_information import Reading
+    from blurnoise.metrics.estimate import Estimate
     from blurnoise_eval.quality.picture import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH = 24, 28  # of the table's columns, in characters
@@ -82,7 +82,7 @@ def measure(
 
     if plot:
         plot_suffix(plot)  # before anything is measured
-    target = measuring.Target(target_size, target_contrast)
+    target = measuring.Square(target_size, target_contrast)
     light = measuring.linear(
         decode(image),
         "linear" if linear else "srgb" if srgb else "auto",
@@ -138,7 +138,7 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
         table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
         for name, title in TITLES.items():
             label = f"{title} {target}" if name == "snri" else title
-            table.add_row(label, *(reading_text(region.readings[name]) for region in shown))
+            table.add_row(label, *(reading_text(region.estimates[name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
         console.print(table)
     for each in measured:
@@ -146,7 +146,7 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
             console.print(f"{each.number}: {'; '.join(each.doubts)}", highlight=False, markup=False)
 
 
-def reading_text(reading: Reading) -> str:
+def reading_text(reading: Estimate) -> str:
     """'0.09882 (0.0981–0.0995)', or a dash for what cannot be told."""
     if not reading.told:
         return "-"

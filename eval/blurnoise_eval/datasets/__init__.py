@@ -1,11 +1,11 @@
-"""Where pictures and what is in them come from: files of several kinds, or targets rendered on the spot.
+"""Pictures and what is in them: files of several kinds, or targets rendered on the spot.
 
 A picture is read when it is needed and not before, so a set of any size streams through. Labels are read
 strictly: what cannot be meant is a ``ValueError`` of one line that names the file and the place in it.
 """
 
-from blurnoise_eval.datasets.bdd import bdd
-from blurnoise_eval.datasets.coco import coco
+from blurnoise_eval.datasets.bdd100k import bdd
+from blurnoise_eval.datasets.coco_instances import coco
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
     SUFFIXES,
@@ -19,7 +19,7 @@ from blurnoise_eval.datasets.images import (
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.text import texts
-from blurnoise_eval.datasets.yolo import yolo
+from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
     "RENDERED_SIZE_PX",

@@ -1,4 +1,4 @@
-"""What every set of pictures is made of, wherever it comes from. Boxes are (x0, y0, x1, y1) px."""
+"""Records that every set of pictures is made of, wherever it comes from. Boxes are (x0, y0, x1, y1) px."""
 
 from __future__ import annotations
 

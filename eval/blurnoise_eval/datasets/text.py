@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     as_json,
     as_number,
@@ -24,6 +23,7 @@ from blurnoise_eval.datasets.fields import (
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.images import size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
+from blurnoise_eval.datasets.selection import Selection
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
@@ -39,17 +39,17 @@ def texts(file: Path, *, images: Path | None = None) -> PictureSet:
     Raises ``ValueError`` that names the file and the line.
     """
     folder = images or file.parent
-    choice = Choice((), keep_empty=True)
+    selection = Selection((), keep_empty=True)
     with faults_of("text", file):
         content = read_text(file)
         targets: Callable[[Path, str], list[Target]]
-        targets = partial(_places, choice=choice) if "\t[{" in content else _whole
+        targets = partial(_places, selection=selection) if "\t[{" in content else _whole
         lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
-        choice.check((), lines)
+        selection.check((), lines)
         pictures = tuple(
             from_file(folder, name, tuple(found), place) for place, (name, found) in enumerate(lines, start=1)
         )
-    return PictureSet("text", str(file), pictures, {LABEL: 1}, choice.notes())
+    return PictureSet("text", str(file), pictures, {LABEL: 1}, selection.notes())
 
 
 def _line(
@@ -71,12 +71,14 @@ def _whole(picture: Path, written: str) -> list[Target]:
     return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]
 
 
-def _places(picture: Path, written: str, *, choice: Choice) -> list[Target]:
-    found = each(as_json(written, "a list of texts and points"), "texts", partial(_place, choice=choice))
+def _places(picture: Path, written: str, *, selection: Selection) -> list[Target]:
+    found = each(
+        as_json(written, "a list of texts and points"), "texts", partial(_place, selection=selection)
+    )
     return [target for targets in found for target in targets]
 
 
-def _place(entry: dict[str, Any], *, choice: Choice) -> list[Target]:
+def _place(entry: dict[str, Any], *, selection: Selection) -> list[Target]:
     """The upright box around the points."""
     written, points = text(entry, "transcription"), entry["points"]
     if not isinstance(points, list) or len(points) < 2:
@@ -84,7 +86,7 @@ def _place(entry: dict[str, Any], *, choice: Choice) -> list[Target]:
     corners = np.array([_point(point) for point in points])
     (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     annotation = {key: value for key, value in entry.items() if key != "transcription"}
-    return choice.target(
+    return selection.target(
         LABEL,
         (x0, y0, x1, y1),
         group=_height_group(y1 - y0),

@@ -1,4 +1,4 @@
-"""What a detector's graph does not say: how pictures enter it, and what its classes are called.
+"""Contract of a detector, which its graph does not state: how pictures enter it, and what its classes are called.
 
 A :class:`Contract` is stated by the user, by a file beside the model, or by the graph's metadata; every field
 carries where it came from, so that nothing is guessed in silence.

@@ -1,4 +1,4 @@
-"""What in a detector's answer to a picture suggests that its contract, or its export, is wrong.
+"""Checks of a detector's answer to a picture: what in it suggests that its contract, or its export, is wrong.
 
 Measured with the right contracts of two real detectors on 35 photographs: no alarm. With red and blue swapped
 a picture raises one in five times, so ask for several; with the wrong value range nearly always.

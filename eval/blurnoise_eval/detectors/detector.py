@@ -1,4 +1,4 @@
-"""Runs anybody's ONNX detector on the CPU: file, session, contract, picture in, detections out."""
+"""Anybody's ONNX detector on the CPU: file, session, contract, picture in, detections out."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def against_blur(rows: Sequence[Row], camera: str) -> Figure:
         dress=_blur_axis,
         title=f"{camera}, {_lux(rows)}: image quality against motion blur",
         x_label="Motion blur / px (linear below 1 px, logarithmic above)",
-        failure=lambda row: None if row.reading.told or _clipped(row) else _FAILED,
+        failure=lambda row: None if row.estimate.told or _clipped(row) else _FAILED,
     )
 
 
@@ -135,11 +135,11 @@ def _figure(
         for row, (line, colour) in enumerate(colours.items()):
             mine = sorted((each for each in of if line_of(each) == line), key=place)
             _draw(axes, [place(each) for each in mine], mine, colour)
-            lost = [place(each) for each in mine if not each.reading.told and failure(each)]
+            lost = [place(each) for each in mine if not each.estimate.told and failure(each)]
             foot = [0.03 + 0.035 * row] * len(lost)
             across = axes.get_xaxis_transform()  # y in shares of the panel
             axes.plot(lost, foot, "x", color=colour, ms=4.5, mew=1.3, transform=across, zorder=5)
-        drawn = [row.reading.value for row in of if row.reading.value > 0]
+        drawn = [row.estimate.value for row in of if row.estimate.value > 0]
         if metric.name in _LOGARITHMIC and drawn:
             axes.set_ylim(min(drawn) / 1.6, max(drawn) * 1.6)
     figure.supxlabel(x_label, fontsize=9)
@@ -167,16 +167,16 @@ def _figure(
 
 
 def _draw(axes: Axes, x: list[float], rows: list[Row], colour: str) -> None:
-    readings = [row.reading for row in rows]
+    estimates = [row.estimate for row in rows]
     least = _LEAST if axes.get_yscale() == "log" else -math.inf
-    if not any(reading.value > least for reading in readings):
+    if not any(estimate.value > least for estimate in estimates):
         return
-    axes.plot(x, [reading.value for reading in readings], "o-", color=colour, ms=3, lw=1.4, zorder=3)
-    low = [max(reading.low, least) if math.isfinite(reading.low) else math.nan for reading in readings]
-    high = [reading.high if math.isfinite(reading.high) else math.nan for reading in readings]
+    axes.plot(x, [estimate.value for estimate in estimates], "o-", color=colour, ms=3, lw=1.4, zorder=3)
+    low = [max(estimate.low, least) if math.isfinite(estimate.low) else math.nan for estimate in estimates]
+    high = [estimate.high if math.isfinite(estimate.high) else math.nan for estimate in estimates]
     axes.fill_between(x, low, high, color=colour, alpha=0.18, lw=0, zorder=2)
-    doubted = [index for index, reading in enumerate(readings) if reading.told and reading.flags]
-    at, values = [x[index] for index in doubted], [readings[index].value for index in doubted]
+    doubted = [index for index, estimate in enumerate(estimates) if estimate.told and estimate.flags]
+    at, values = [x[index] for index in doubted], [estimates[index].value for index in doubted]
     axes.plot(at, values, "o", mfc="white", mec=colour, ms=4.2, zorder=4)
 
 
@@ -184,11 +184,11 @@ def _failure(row: Row) -> str | None:
     """The colour of what befell it: saturation, also where a number is told, or another loss, or noise."""
     if _clipped(row):
         return _SATURATED
-    return _FAILED if not row.reading.told or _NOISY in row.reading.flags else None
+    return _FAILED if not row.estimate.told or _NOISY in row.estimate.flags else None
 
 
 def _clipped(row: Row) -> bool:
-    return CLIPPED in row.reading.flags
+    return CLIPPED in row.estimate.flags
 
 
 def _surroundings(places: Sequence[float], axes: Axes) -> Ends:

@@ -122,7 +122,7 @@ class _Frame:
             torch.einsum("chw,c->hw", picture, weights).sub(black_level).float().numpy()
         )
 
-    def look(self, box: _Box) -> SlantedEdge | Flag:
+    def edge_in(self, box: _Box) -> SlantedEdge | Flag:
         """The edge in ``box``, or why it cannot be used."""
         roi = box.roi(*self.plane.shape)
         if roi is None:
@@ -181,7 +181,7 @@ def _first(frame: _Frame, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
     why: list[Flag] = []
     for width in _WIDTHS_PX:
         wider = replace(box, left=width, right=width)
-        edge = frame.look(wider)
+        edge = frame.edge_in(wider)
         if not isinstance(edge, Flag):
             best = wider, edge
             continue
@@ -199,20 +199,20 @@ def _stretched(frame: _Frame, box: _Box, reach_px: float) -> _Box:
     """
     for end, sign in (("top", -1.0), ("bottom", 1.0)):
         step = sign * (_GROWTH - 1) * (box.bottom - box.top)
-        while not isinstance(frame.look(longer := replace(box, **{end: getattr(box, end) + step})), Flag):
+        while not isinstance(frame.edge_in(longer := replace(box, **{end: getattr(box, end) + step})), Flag):
             if longer.roi(*frame.plane.shape) == box.roi(*frame.plane.shape):
                 break
             box = longer
     cut = min(reach_px, (box.bottom - box.top) / 4)
     shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
-    if not isinstance(frame.look(shorter), Flag):
+    if not isinstance(frame.edge_in(shorter), Flag):
         box = shorter
     most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
     box = replace(box, left=min(box.left, most), right=min(box.right, most))
     for side in ("left", "right"):
         while (width := getattr(box, side)) < most:
             wider = replace(box, **{side: min(_GROWTH * width, most)})
-            if isinstance(frame.look(wider), Flag):
+            if isinstance(frame.edge_in(wider), Flag):
                 break
             box = wider
     return box

@@ -28,7 +28,7 @@ from blurnoise import charts, simulate
 from blurnoise.camera import Camera
 from blurnoise.metrics import Flag, SlantedEdge, edge_information, slanted_edge
 from blurnoise.metrics.contrast import detection_probability, patch_contrast
-from blurnoise.metrics.edge_information import Reading
+from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.radiometry import photoelectrons
@@ -101,13 +101,13 @@ class Row:
 
     conditions: Conditions
     metric: str
-    reading: Reading
+    estimate: Estimate
     told: int
     repeats: int
 
     def record(self) -> dict[str, Any]:
         """As a table's row: None for what is withheld or has no interval, flags in alphabetical order."""
-        at, of = self.conditions, self.reading
+        at, of = self.conditions, self.estimate
         return {
             "exposure_s": at.exposure_s,
             "illuminance_lux": at.illuminance_lux,
@@ -181,28 +181,28 @@ def _condition(scenes: _Scenes, camera: Camera, plan: Plan, at: Conditions) -> l
     across_y = _edges(
         frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX], camera, along_px=moved_x, seed=1
     )
-    readings = _of_edges(across_x, across_y)
-    readings |= _of_patches(frames("bright").double(), frames("dark").double(), camera)
+    estimates = _of_edges(across_x, across_y)
+    estimates |= _of_patches(frames("bright").double(), frames("dark").double(), camera)
     white_dn = camera.system_gain_dn_per_e * photoelectrons(camera, at.illuminance_lux, at.exposure_s)
-    readings |= _of_signs(frames("sign").double(), scenes.sign.double(), camera, white_dn)
+    estimates |= _of_signs(frames("sign").double(), scenes.sign.double(), camera, white_dn)
     return [
-        Row(at, metric.name, together(readings[metric.name]), _told(readings[metric.name]), plan.repeats)
+        Row(at, metric.name, together(estimates[metric.name]), _told(estimates[metric.name]), plan.repeats)
         for metric in METRICS
     ]
 
 
-def together(readings: Sequence[Reading]) -> Reading:
-    """The mean of independent readings of one number, with its interval; NaN where one of them is withheld."""
-    count = len(readings)
-    value = math.fsum(reading.value for reading in readings) / count
-    below = math.fsum(reading.value - reading.low for reading in readings) / count**1.5
-    above = math.fsum(reading.high - reading.value for reading in readings) / count**1.5
-    flags = frozenset[str]().union(*(reading.flags for reading in readings))
-    return Reading(value, value - below, value + above, flags)
+def together(estimates: Sequence[Estimate]) -> Estimate:
+    """The mean of independent estimates of one number, with its interval; NaN where one of them is withheld."""
+    count = len(estimates)
+    value = math.fsum(estimate.value for estimate in estimates) / count
+    below = math.fsum(estimate.value - estimate.low for estimate in estimates) / count**1.5
+    above = math.fsum(estimate.high - estimate.value for estimate in estimates) / count**1.5
+    flags = frozenset[str]().union(*(estimate.flags for estimate in estimates))
+    return Estimate(value, value - below, value + above, flags)
 
 
-def _told(readings: Iterable[Reading]) -> int:
-    return sum(reading.told for reading in readings)
+def _told(estimates: Iterable[Estimate]) -> int:
+    return sum(estimate.told for estimate in estimates)
 
 
 def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[SlantedEdge]:
@@ -212,12 +212,12 @@ def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[Sl
     return edges if isinstance(edges, list) else [edges]
 
 
-def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) -> dict[str, list[Reading]]:
+def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) -> dict[str, list[Estimate]]:
     pairs = list(zip(across_x, across_y, strict=True))
     return {
-        "mtf50_x": [_scalar(edge, "mtf50") for edge in across_x],
-        "mtf50_y": [_scalar(edge, "mtf50") for edge in across_y],
-        "edge_snr_db": [_scalar(edge, "edge_snr_db") for edge in across_x],
+        "mtf50_x": [edge.estimate("mtf50") for edge in across_x],
+        "mtf50_y": [edge.estimate("mtf50") for edge in across_y],
+        "edge_snr_db": [edge.estimate("edge_snr_db") for edge in across_x],
         "sic_radial_x": [edge_information.capacity_radial(edge) for edge in across_x],
         "sic_radial_y": [edge_information.capacity_radial(edge) for edge in across_y],
         "sic_square": [edge_information.capacity_square(*pair) for pair in pairs],
@@ -226,12 +226,7 @@ def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) 
     }
 
 
-def _scalar(edge: SlantedEdge, name: str) -> Reading:
-    low, high = edge.intervals.get(name, (math.nan, math.nan))
-    return Reading(getattr(edge, name), low, high, edge_information.flag_names(edge))
-
-
-def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[Reading]]:
+def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[Estimate]]:
     """Of raw patches (n, 1, H, W)."""
     black = camera.black_level_dn
     bright, dark = bright[:, 0] - black, dark[:, 0] - black
@@ -248,21 +243,21 @@ def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[
     neq_0 = (white.snr.square(), white.low.clamp_min(0).square(), white.high.square())
     near_black = {"near_black": of_contrast.pop("near_black")}  # of Michelson's mean, not of the difference
     return {
-        "patch_snr_bright": _readings((white.snr, white.low, white.high), of_white),
-        "patch_snr_dark": _readings((grey.snr, grey.low, grey.high), of_grey),
-        "neq_0": _readings(neq_0, of_white),
-        "cnr": _readings((contrast.cnr, contrast.cnr_low, contrast.cnr_high), of_contrast | either),
-        "michelson": _readings(
+        "patch_snr_bright": _estimates((white.snr, white.low, white.high), of_white),
+        "patch_snr_dark": _estimates((grey.snr, grey.low, grey.high), of_grey),
+        "neq_0": _estimates(neq_0, of_white),
+        "cnr": _estimates((contrast.cnr, contrast.cnr_low, contrast.cnr_high), of_contrast | either),
+        "michelson": _estimates(
             (contrast.michelson, contrast.michelson_low, contrast.michelson_high),
             of_contrast | near_black | either,
         ),
-        "cdp": _readings(
+        "cdp": _estimates(
             (probability.probability, probability.low, probability.high), of_probability | either
         ),
     }
 
 
-def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dict[str, list[Reading]]:
+def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dict[str, list[Estimate]]:
     seen = ((dn - camera.black_level_dn) / white_dn if white_dn else torch.full_like(dn, math.nan)).clamp(
         0, 1
     )
@@ -273,8 +268,10 @@ def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dic
     dark = torch.full((len(dn),), white_dn == 0)
     return {
         name: [
-            Reading(reading.value, flags=reading.flags | ({CLIPPED} if cut else set()))
-            for reading, cut in zip(_readings((value, none, none), {"no_light": dark}), clipped, strict=True)
+            Estimate(estimate.value, flags=estimate.flags | ({CLIPPED} if cut else set()))
+            for estimate, cut in zip(
+                _estimates((value, none, none), {"no_light": dark}), clipped, strict=True
+            )
         ]
         for name, value in (
             ("psnr_db", psnr(seen, reference, data_range=1.0)),
@@ -283,14 +280,14 @@ def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dic
     }
 
 
-def _readings(numbers: tuple[Tensor, Tensor, Tensor], flags: dict[str, Tensor]) -> list[Reading]:
-    """A reading per item of the batch (n,); its flags may withhold it."""
+def _estimates(numbers: tuple[Tensor, Tensor, Tensor], flags: dict[str, Tensor]) -> list[Estimate]:
+    """An estimate per item of the batch (n,); its flags may withhold it."""
     raised = {name: where.tolist() for name, where in flags.items()}
     found = []
     for index, (value, low, high) in enumerate(zip(*(number.tolist() for number in numbers), strict=True)):
         names = frozenset(name for name, where in raised.items() if where[index])
         found.append(
-            Reading(math.nan, flags=names) if names & _WITHHELD else Reading(value, low, high, names)
+            Estimate(math.nan, flags=names) if names & _WITHHELD else Estimate(value, low, high, names)
         )
     return found
 

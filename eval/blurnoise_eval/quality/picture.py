@@ -18,16 +18,16 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise.encoding import linear_from_srgb
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.edge_information import (
-    Reading,
     capacity_radial,
     capacity_square,
     neq_0,
     neq_integral,
     square_snr,
 )
+from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
-from blurnoise.metrics.slanted_edge import Mode
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
 
@@ -44,7 +44,7 @@ TITLES = {
     "sic_radial": "SIC radial, bits/px",
     "sic_square": "SIC square, bits/px",
     "neq_0": "NEQ(0), quanta/px",
-    "neq_square": "NEQ sum, quanta/px",
+    "neq_integral": "NEQ sum, quanta/px",
     "snri": "SNRI",
 }
 """The numbers of a region in their order, and what people call them."""
@@ -69,7 +69,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Target:
+class Square:
     """A square that an ideal observer is to see: its side, px, and its Weber contrast to the region's mean level."""
 
     size_px: int
@@ -82,7 +82,7 @@ class Target:
 
 @dataclass(frozen=True)
 class Measured:
-    """One region. readings: by the names of ``TITLES``; those that cannot be told are NaN and ``doubts`` say why.
+    """One region. estimates: by the names of ``TITLES``; those that cannot be told are NaN and ``doubts`` say why.
 
     second: the number of the region whose edge crosses the other axis, for what needs both directions; None where
     there is none, and the blur is taken for the same both ways. doubts: flags in words.
@@ -92,7 +92,7 @@ class Measured:
     roi: Roi
     edge: SlantedEdge
     second: int | None
-    readings: dict[str, Reading]
+    estimates: dict[str, Estimate]
     doubts: tuple[str, ...]
 
     def row(self) -> dict[str, Any]:
@@ -102,9 +102,9 @@ class Measured:
         row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
         row |= {"orientation": edge.orientation, "bright_side": edge.bright_side}
         row |= {name: _finite(getattr(edge, name)) for name in ("angle_deg", "dark", "bright")}
-        for name, reading in self.readings.items():
-            row |= {name: _finite(reading.value)}
-            row |= {f"{name}_low": _finite(reading.low), f"{name}_high": _finite(reading.high)}
+        for name, estimate in self.estimates.items():
+            row |= {name: _finite(estimate.value)}
+            row |= {f"{name}_low": _finite(estimate.low), f"{name}_high": _finite(estimate.high)}
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
@@ -178,23 +178,23 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
 
 
 def measure(
-    light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact", target: Target | None = None
+    light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
 ) -> list[Measured]:
     """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    seen = target or Target(10, 0.1)
+    seen = target or Square(10, 0.1)
     edges = [_edge(light, roi, mode) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
-        readings = _readings(edge, edge if second is None else edges[second], seen)
+        estimates = _estimates(edge, edge if second is None else edges[second], seen)
         doubts = [flag.value for flag in Flag if flag in edge.flags]
-        if any("noiseless" in reading.flags for reading in readings.values()):
+        if any("noiseless" in estimate.flags for estimate in estimates.values()):
             doubts.append(_NOISELESS)
         number = None if second is None else second + 1
-        measured.append(Measured(index + 1, roi, edge, number, readings, tuple(doubts)))
+        measured.append(Measured(index + 1, roi, edge, number, estimates, tuple(doubts)))
     return measured
 
 
@@ -228,18 +228,14 @@ def _centre(roi: Roi) -> tuple[float, float]:
     return left + width / 2, top + height / 2
 
 
-def _readings(edge: SlantedEdge, second: SlantedEdge, target: Target) -> dict[str, Reading]:
+def _estimates(edge: SlantedEdge, second: SlantedEdge, target: Square) -> dict[str, Estimate]:
     """Every number of ``edge``; ``second`` crosses the other axis, or is ``edge`` itself."""
-    told = {
-        name: Reading(getattr(edge, name), *edge.intervals.get(name, ()))
-        for name in TITLES
-        if hasattr(edge, name)
-    }
+    told = {name: edge.estimate(name) for name in TITLES if hasattr(edge, name)}
     both = edge, second  # in either order: a square is the same seen from the side
     told["sic_radial"] = capacity_radial(edge)
     told["sic_square"] = capacity_square(*both)
     told["neq_0"] = neq_0(edge)
-    told["neq_square"] = neq_integral(*both)
+    told["neq_integral"] = neq_integral(*both)
     # square_snr's target is as high as the mean step of both.
     level, step = (
         sum(values)
@@ -247,7 +243,7 @@ def _readings(edge: SlantedEdge, second: SlantedEdge, target: Target) -> dict[st
     )
     scale = target.contrast * level / 2 / step
     snr = square_snr(*both, side_px=target.size_px)
-    told["snri"] = Reading(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags)
+    told["snri"] = Estimate(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags)
     return {name: told[name] for name in TITLES}
 
 

@@ -33,8 +33,8 @@ def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
         told = {name: record[name] for name in ("exposure_s", "blur_px", "value", "low", "high")}
         where = {name: record[name] for name in ("illuminance_lux", "velocity_x_px_s", "velocity_y_px_s")}
         key = tuple(where.values())
-        if key not in best or (row.reading.told and row.reading.value > (best[key]["value"] or -1)):
-            best[key] = where | (told if row.reading.told else dict.fromkeys(told))
+        if key not in best or (row.estimate.told and row.estimate.value > (best[key]["value"] or -1)):
+            best[key] = where | (told if row.estimate.told else dict.fromkeys(told))
     return [best[key] for key in sorted(best)]
 
 

@@ -1,4 +1,4 @@
-"""What many things share: a sheet to draw on, an outline, shading flat or round."""
+"""Forms that many things share: a sheet to draw on, an outline, shading flat or round."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is no stop sign: other boards of every kind, and red, round, lettered and everyday things.
+"""Things that are no stop sign: other boards of every kind, and red, round, lettered and everyday things.
 
 Domain: :func:`thing` gives a sprite of about ``size_px`` in height. No octagon here is red and lettered, and
 none is plain red: at a distance that one would be a stop sign.

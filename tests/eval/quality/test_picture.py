@@ -26,7 +26,7 @@ from blurnoise import Camera, charts, simulate
 from blurnoise.blur import motion_blur
 from blurnoise.encoding import srgb_from_linear
 from blurnoise.metrics import Flag, information
-from blurnoise.metrics.edge_information import Reading
+from blurnoise.metrics.estimate import Estimate
 
 Output = pytest.CaptureFixture[str]
 PHOTOS = sorted((Path(__file__).parents[4] / "shared/real/photos").glob("*.jpg"))
@@ -83,7 +83,7 @@ def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
         "sic_radial": float(bits),
         "sic_square": float(square),
         "neq_0": 3200**2 / variance,
-        "neq_square": float(information.square_integral(frequency, frequency, quanta)),
+        "neq_integral": float(information.square_integral(frequency, frequency, quanta)),
     }
     assert [*expected, "snri"] == list(measuring.TITLES)
     for name, value in expected.items():
@@ -196,7 +196,7 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
 def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path: Path, capsys: Output) -> None:
     (row,) = told(capsys, raw(tmp_path / "edge.png", charts.slanted_edge(80, 80)), *RAW)["regions"]
     assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
-    for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_square", "snri"):
+    for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_integral", "snri"):
         assert row[name] is None
     assert "no noise" in row["flags"]
 
@@ -290,9 +290,9 @@ def test_without_an_edge_it_says_what_was_looked_for(tmp_path: Path, capsys: Out
 
 
 def test_readings_and_regions_as_text() -> None:
-    assert reading_text(Reading(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
-    assert reading_text(Reading(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
-    assert reading_text(Reading(math.nan)) == reading_text(Reading(math.inf, 1.0, math.inf)) == "-"
+    assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
+    assert reading_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
+    assert reading_text(Estimate(math.nan)) == reading_text(Estimate(math.inf, 1.0, math.inf)) == "-"
     assert region("1,2,30,40") == (1, 2, 30, 40)
     for text in ("", "1,2,3", "1,2,3,4,5", "a,b,c,d", "1.5,2,3,4"):
         with pytest.raises(Exception, match="x,y,w,h"):

@@ -21,7 +21,7 @@ from matplotlib.colors import to_hex, to_rgba
 
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
-from blurnoise.metrics.edge_information import Reading
+from blurnoise.metrics.estimate import Estimate
 from blurnoise.radiometry import photoelectrons
 
 Output = pytest.CaptureFixture[str]
@@ -45,9 +45,9 @@ def rows() -> list[Row]:
     return quality.measure(CAMERA, PLAN)
 
 
-def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float = 0.0) -> Reading:
+def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float = 0.0) -> Estimate:
     (found,) = (
-        row.reading
+        row.estimate
         for row in rows
         if (row.metric, row.conditions.exposure_s, row.conditions.velocity_x_px_s)
         == (metric, exposure_s, speed_px_s)
@@ -55,7 +55,7 @@ def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float =
     return found
 
 
-def near(found: Reading, truth: float, widths: float = 3.0) -> bool:
+def near(found: Estimate, truth: float, widths: float = 3.0) -> bool:
     """Whether the truth lies within so many half widths of the interval, which must be there."""
     assert found.low < found.value < found.high
     return abs(found.value - truth) < widths * max(found.high - found.value, found.value - found.low)
@@ -204,8 +204,8 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
 def test_without_light_nothing_is_told_but_why() -> None:
     for row in quality.measure(CAMERA, Plan((0.01,), (0.0,))):
         if row.metric not in ("cnr", "michelson", "cdp", "patch_snr_bright", "patch_snr_dark", "neq_0"):
-            assert not row.reading.told, row.metric
-            assert row.reading.flags, row.metric
+            assert not row.estimate.told, row.metric
+            assert row.estimate.flags, row.metric
 
 
 def test_motion_beyond_the_chart_is_withheld() -> None:
@@ -220,13 +220,13 @@ def test_motion_beyond_the_chart_is_withheld() -> None:
 
 
 def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
-    told = [Reading(1.0, 0.8, 1.4, frozenset({"a"})), Reading(3.0, 2.6, 3.2, frozenset({"b"}))]
+    told = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
     both = quality.together(told)
     assert (both.value, both.flags) == (2.0, {"a", "b"})
     assert both.low == pytest.approx(2 - 0.3 / math.sqrt(2))
     assert both.high == pytest.approx(2 + 0.3 / math.sqrt(2))
     assert quality.together(told[:1]) == told[0]
-    lost = quality.together([*told, Reading(math.nan, flags=frozenset({"clipped"}))])
+    lost = quality.together([*told, Estimate(math.nan, flags=frozenset({"clipped"}))])
     assert not lost.told
     assert lost.flags == {"a", "b", "clipped"}
 
@@ -289,7 +289,7 @@ def test_lines_have_gaps_where_numbers_are_withheld(rows: list[Row], kind: str) 
     figure = getattr(quality_figures, f"against_{kind}")(rows, CAMERA.name)
     assert [axes.get_title().split(" / ")[0] for axes in figure.axes] == [metric.title for metric in METRICS]
     for axes, metric in zip(figure.axes, METRICS, strict=True):
-        told = sum(row.reading.told for row in rows if row.metric == metric.name)
+        told = sum(row.estimate.told for row in rows if row.metric == metric.name)
         shown = [
             y
             for line in axes.lines
@@ -318,14 +318,14 @@ def test_shade_ends_halfway_between_exposures(rows: list[Row]) -> None:
 
 
 def test_noise_and_blur_have_a_shade_of_their_own() -> None:
-    def row(speed: float, exposure_s: float, found: Reading) -> list[Row]:
+    def row(speed: float, exposure_s: float, found: Estimate) -> list[Row]:
         at = Conditions(exposure_s, 1.0, speed, 0.0)
         return [Row(at, metric.name, found, int(found.told), 1) for metric in METRICS]
 
-    lost, noisy = Reading(math.nan, flags=frozenset({"region_too_small"})), frozenset({"noise_dominated"})
+    lost, noisy = Estimate(math.nan, flags=frozenset({"region_too_small"})), frozenset({"noise_dominated"})
     rows = [
-        *row(0.0, 0.001, Reading(1.0, 0.5, 2.0, noisy)),
-        *row(0.0, 0.01, Reading(0.5, 0.4, 0.6)),
+        *row(0.0, 0.001, Estimate(1.0, 0.5, 2.0, noisy)),
+        *row(0.0, 0.01, Estimate(0.5, 0.4, 0.6)),
         *row(0.0, 0.1, lost),
     ]
     with warnings.catch_warnings():

@@ -1,4 +1,4 @@
-"""Reads a graph's signature from its session; where shapes are dynamic, by measuring them on a grey picture."""
+"""Signature of a graph, read from its session; where shapes are dynamic, measured on a grey picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lays a picture into the network's input, and carries boxes back from there."""
+"""Placement of a picture in the network's input, and of boxes back from there."""
 
 from __future__ import annotations
 

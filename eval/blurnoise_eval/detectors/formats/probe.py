@@ -1,4 +1,4 @@
-"""One look at what a graph answers, for families that no shape tells apart.
+"""Probe of what a graph answers, once, for families that no shape tells apart.
 
 The picture is drawn, so that no photograph has to travel with the package. It needs structure: on a flat grey
 a detector sees nothing anywhere, and then boxes and objectness say little about what they mean. A road sign

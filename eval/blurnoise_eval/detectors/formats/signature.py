@@ -1,4 +1,4 @@
-"""What a graph shows of itself, and what every output family answers about it."""
+"""Signature of a graph, what it shows of itself, and what every output family answers about it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the graphs of text networks do not say: how a picture enters them, and what their answers mean.
+"""Contracts of text networks, which their graphs do not state: how a picture enters, and what the answers mean.
 
 As with :class:`blurnoise_eval.detectors.contract.Contract`, every field carries where it came from.
 """

@@ -1,4 +1,4 @@
-"""How far a reading is from the truth."""
+"""Errors of reading: how far a text is from the truth."""
 
 from __future__ import annotations
 

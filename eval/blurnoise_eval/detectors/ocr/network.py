@@ -1,4 +1,4 @@
-"""A graph of one picture in and one tensor out, on the CPU."""
+"""Network of one picture in and one tensor out, on the CPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the installed ``rapidocr`` package keeps its networks: only its files are used, not its code."""
+"""Networks in the installed ``rapidocr`` package: only its files are used, not its code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads the text in known boxes: crop, normalise, network, CTC."""
+"""Recogniser of the text in known boxes: crop, normalise, network, CTC."""
 
 from __future__ import annotations
 

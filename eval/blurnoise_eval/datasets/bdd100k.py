@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, text
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.datasets.selection import Selection
 
 _CORNERS = ("x1", "y1", "x2", "y2")
 
@@ -25,30 +25,30 @@ def bdd(
     labels, ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; categories keep their
     names ("traffic sign", "bike") and are numbered in alphabetical order.
     """
-    choice = Choice(labels, keep_empty)
+    selection = Selection(labels, keep_empty)
     with faults_of("bdd", file):
         document = read_json(file, "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
         known: set[str] = set()
-        read = partial(_frame, known=known, choice=choice)
-        listed = [(name, found) for name, found in each(frames, "frames", read) if choice.takes(found)]
+        read = partial(_frame, known=known, selection=selection)
+        listed = [(name, found) for name, found in each(frames, "frames", read) if selection.takes(found)]
         pictures = tuple(
             from_file(images or file.parent, name, tuple(found), place)
             for place, (name, found) in enumerate(listed, start=1)
         )
-        choice.check(known, pictures)
+        selection.check(known, pictures)
     categories = {label: place for place, label in enumerate(sorted(known), start=1)}
-    return PictureSet("bdd", str(file), pictures, categories, choice.notes())
+    return PictureSet("bdd", str(file), pictures, categories, selection.notes())
 
 
-def _frame(frame: dict[str, Any], *, known: set[str], choice: Choice) -> tuple[str, list[Target]]:
+def _frame(frame: dict[str, Any], *, known: set[str], selection: Selection) -> tuple[str, list[Target]]:
     """Its picture's name and targets; ``known`` gathers the categories that have boxes."""
     name = inside(text(frame, "name"))
-    labels = each(frame.get("labels") or [], "labels", partial(_label, known=known, choice=choice))
+    labels = each(frame.get("labels") or [], "labels", partial(_label, known=known, selection=selection))
     return name, [target for found in labels for target in found]
 
 
-def _label(label: dict[str, Any], *, known: set[str], choice: Choice) -> list[Target]:
+def _label(label: dict[str, Any], *, known: set[str], selection: Selection) -> list[Target]:
     corners = label.get("box2d")
     if corners is None:  # a lane, a drivable area
         return []
@@ -60,4 +60,4 @@ def _label(label: dict[str, Any], *, known: set[str], choice: Choice) -> list[Ta
     annotation = {key: value for key, value in label.items() if key not in ("id", "category", "box2d")}
     attributes = label.get("attributes")
     crowd = isinstance(attributes, dict) and bool(attributes.get("crowd"))
-    return choice.target(category, (x0, y0, x1, y1), crowd=crowd, annotation=annotation)
+    return selection.target(category, (x0, y0, x1, y1), crowd=crowd, annotation=annotation)

@@ -1,4 +1,4 @@
-"""Which boxes and pictures of a labelled set count, and how many do not."""
+"""Selection of boxes and pictures of a labelled set: which count, and how many do not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from blurnoise_eval.datasets.records import Target, size_group
 
 
-class Choice:
+class Selection:
     """What of a labelled set is used: boxes of the ``labels`` asked for (all, if none are), pictures with them.
 
     keep_empty: pictures without any of the labels, too: what is found there is wrong.

@@ -1,4 +1,4 @@
-"""Spatial frequency response from a slanted edge: MTF50 and its kin, with intervals and with doubts.
+"""Measurement of a slanted edge: its spatial frequency response, MTF50 and its kin, with intervals and doubts.
 
 Domain: digital numbers of a linear picture; regions of one size are measured side by side.
 """
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise.metrics import regions
-from blurnoise.metrics.edge.flags import WITHHELD, Flag
+from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
 from blurnoise.metrics.edge.numbers import intervals, numbers, row_weights
@@ -23,7 +23,7 @@ from blurnoise.metrics.edge.response import Response, exact_response, peak
 from blurnoise.metrics.edge.shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
-from blurnoise.metrics.edge_information import EdgeInformation, information_of
+from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.regions import Roi
 
 Mode = Literal["exact", "iso"]
@@ -85,14 +85,10 @@ class SlantedEdge:
     lsf: Tensor = _NONE
     resamples: Resamples | None = None
 
-    def information(self, across: SlantedEdge | None = None, *, target_px: int = 10) -> EdgeInformation:
-        """Shannon capacity (radial, square), NEQ (curve, at 0, integral) and SNRI, each with its interval.
-
-        across: an edge along the other axis; without it the blur counts as the same in both. target_px: side of
-        the square, as bright as the bright side on the dark one, that SNRI is told for. Raises ``ValueError``
-        for an edge measured without bootstrap.
-        """
-        return information_of(self, across, target_px)
+    def estimate(self, name: str) -> Estimate:
+        """The scalar of that name with its interval, NaN without a bootstrap, and the flags of the edge."""
+        low, high = self.intervals.get(name, (math.nan, math.nan))
+        return Estimate(getattr(self, name), low, high, words(self.flags))
 
 
 def slanted_edge(

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     each_line,
     faults_of,
@@ -24,6 +23,7 @@ from blurnoise_eval.datasets.fields import (
 from blurnoise_eval.datasets.folder import from_file, picture_names
 from blurnoise_eval.datasets.images import size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
+from blurnoise_eval.datasets.selection import Selection
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
@@ -45,26 +45,26 @@ def yolo(
     ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a line names it.
     Source: https://docs.ultralytics.com/datasets/detect.
     """
-    choice = Choice(labels, keep_empty)
+    selection = Selection(labels, keep_empty)
     with faults_of("yolo", path):
         root, described = _description(path)
         classes = _class_names(described.get("names"))
         if images and split:
             raise ValueError(f"split {split!r}: must not go with images, which are all taken")
         folder, names = _pictures([images] if images else _sources(root, described, split))
-        read = partial(_targets, classes=classes, choice=choice, label_folder=cache(_label_folder))
+        read = partial(_targets, classes=classes, selection=selection, label_folder=cache(_label_folder))
         found = [(name, read(folder / name)) for name in names]
         unlabelled = sum(targets is None for _, targets in found)
         if unlabelled == len(found):
             raise ValueError(f"no label file for any of {len(found)} pictures in {str(folder)!r}")
-        taken = [(name, targets or []) for name, targets in found if choice.takes(targets or [])]
+        taken = [(name, targets or []) for name, targets in found if selection.takes(targets or [])]
         pictures = tuple(
             from_file(folder, name, tuple(targets), place)
             for place, (name, targets) in enumerate(taken, start=1)
         )
-        choice.check(classes.values(), pictures)
+        selection.check(classes.values(), pictures)
     categories = {name: class_id + 1 for class_id, name in classes.items()}
-    notes = choice.notes()
+    notes = selection.notes()
     if unlabelled:
         notes += (f"without a label file, and so without an object: {unlabelled} of the pictures",)
     return PictureSet("yolo", str(path), pictures, categories, notes)
@@ -151,7 +151,7 @@ def _label_folder(folder: Path) -> Path:
 
 
 def _targets(
-    picture: Path, *, classes: Mapping[int, str], choice: Choice, label_folder: Callable[[Path], Path]
+    picture: Path, *, classes: Mapping[int, str], selection: Selection, label_folder: Callable[[Path], Path]
 ) -> list[Target] | None:
     """The picture's objects; None without a label file."""
     file = label_folder(picture.parent) / f"{picture.stem}.txt"
@@ -167,7 +167,7 @@ def _targets(
         return []
     sides = np.array([width, height, width, height])
     boxes = [(label, (sides * shares).tolist()) for label, shares in objects]
-    return [target for label, box in boxes for target in choice.target(label, tuple(box), (width, height))]
+    return [target for label, box in boxes for target in selection.target(label, tuple(box), (width, height))]
 
 
 def _object(line: str, *, classes: Mapping[int, str]) -> tuple[str, tuple[float, float, float, float]]:

@@ -1,4 +1,4 @@
-"""COCO's instances files."""
+"""Instances files of COCO."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.chosen import Choice
 from blurnoise_eval.datasets.fields import (
     LARGEST_ID,
     as_number,
@@ -24,6 +23,7 @@ from blurnoise_eval.datasets.fields import (
 )
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.datasets.selection import Selection
 
 _KIND = "a COCO instances file"
 _READ = ("id", "image_id", "category_id", "bbox")  # the rest stays with the target
@@ -46,7 +46,7 @@ def coco(
     outside their picture are left out and noted. Raises ``ValueError`` that names the file for anything that
     is not COCO, and for a file name that leaves the folder.
     """
-    choice = Choice(labels, keep_empty)
+    selection = Selection(labels, keep_empty)
     with faults_of("coco", file):
         document = read_json(file, _KIND)
         if not isinstance(document, dict) or not document.keys() >= _PARTS:
@@ -54,17 +54,17 @@ def coco(
         categories = _by_id(each(document["categories"], "categories", _category), "categories")
         listed = _by_id(each(document["images"], "images", _image), "images")
         targets: defaultdict[int, list[Target]] = defaultdict(list)
-        read = partial(_annotation, categories=categories, listed=listed, choice=choice, used=set())
+        read = partial(_annotation, categories=categories, listed=listed, selection=selection, used=set())
         for image_id, found in each(document["annotations"], "annotations", read):
             targets[image_id] += found
         pictures = tuple(
             from_file(images or file.parent, image.name, tuple(targets[image_id]), image_id)
             for image_id, image in listed.items()
-            if choice.takes(targets[image_id])
+            if selection.takes(targets[image_id])
         )
-        choice.check(categories.values(), pictures)
+        selection.check(categories.values(), pictures)
     ids = {label: category_id for category_id, label in categories.items()}
-    return PictureSet("coco", str(file), pictures, ids, choice.notes())
+    return PictureSet("coco", str(file), pictures, ids, selection.notes())
 
 
 def _by_id(entries: Iterable[tuple[int, T]], name: str) -> dict[int, T]:
@@ -91,7 +91,7 @@ def _annotation(
     *,
     categories: Mapping[int, str],
     listed: Mapping[int, _Image],
-    choice: Choice,
+    selection: Selection,
     used: set[int],
 ) -> tuple[int, list[Target]]:
     """The picture's id and the box as a target, or none where it does not count.
@@ -109,13 +109,13 @@ def _annotation(
     if area is not None and not 0 <= area < math.inf:
         raise ValueError(f"area = {area}: must be finite and >= 0, px^2")
     if image_id not in listed:
-        return image_id, choice.leave_out("of pictures that are not listed")
+        return image_id, selection.leave_out("of pictures that are not listed")
     annotation = {key: value for key, value in entry.items() if key not in _READ}
     own = entry.get("id")
     if type(own) is int and 0 < own < LARGEST_ID and own not in used:  # pycocotools takes 0 for "not found"
         annotation["id"] = own
         used.add(own)
-    return image_id, choice.target(
+    return image_id, selection.target(
         categories[category_id],
         (x, y, x + width, y + height),
         listed[image_id].size_px,

@@ -1,0 +1,98 @@
+"""Imports of a source tree, read from the text without running it, and the circles in them.
+
+A module is named by its dotted name; a package's `__init__.py` by its own, `package.__init__`. Imports inside
+functions and under TYPE_CHECKING count like the others. Importing `a.b` runs `a/__init__.py`, too; that is no edge
+here, as every module of a package would have it: an edge to `a.__init__` stands for a name taken from there.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+Graph = Mapping[str, set[str]]
+
+
+def modules(package: str, folder: Path) -> dict[str, Path]:
+    """Every module of the package in `folder`: dotted name to file."""
+    found = {}
+    for path in sorted(folder.rglob("*.py")):
+        found[".".join((package, *path.relative_to(folder).with_suffix("").parts))] = path
+    return found
+
+
+def imported(module: str, path: Path) -> set[str]:
+    """Dotted names that the file imports, relative ones resolved: `a.b.name` for `from a.b import name`."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = module.split(".")[: -node.level] if node.level else []
+            source = ".".join([*base, *([node.module] if node.module else [])])
+            names.update(f"{source}.{alias.name}" for alias in node.names)
+    return names
+
+
+def graph(sources: Mapping[str, Path]) -> dict[str, set[str]]:
+    """Module to the modules among `sources` that it imports."""
+    return {module: _among(sources, imported(module, path)) - {module} for module, path in sources.items()}
+
+
+def _among(sources: Mapping[str, Path], names: Iterable[str]) -> set[str]:
+    """The modules that hold the names: `a.b.name` is the module `a.b.name`, or a name in `a.b`."""
+    found = set()
+    for name in names:
+        for module in (name, f"{name}.__init__", holder := name.rpartition(".")[0], f"{holder}.__init__"):
+            if module in sources:
+                found.add(module)
+                break
+    return found
+
+
+def rooms(of: Graph) -> dict[str, dict[str, set[str]]]:
+    """Folder to the graph of what stands in it, files and folders, each folder taken as one room.
+
+    A folder's `__init__` is the door and no room: it may import what stands in the folder, and the rooms beside the
+    folder import it; what a room takes from the door of its own folder is an edge that `graph` has.
+    """
+    found: dict[str, dict[str, set[str]]] = {}
+    for module, targets in of.items():
+        for target in targets:
+            here, there = module.split("."), target.split(".")
+            level = next((n for n, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), None)
+            if not level or "__init__" in (here[level], there[level]):
+                continue
+            inside = found.setdefault(".".join(here[:level]), {})
+            inside.setdefault(here[level], set()).add(there[level])
+            inside.setdefault(there[level], set())
+    return found
+
+
+def circles(of: Graph) -> list[list[str]]:
+    """Sets of nodes that reach each other, sorted (Tarjan's strongly connected components of two and more)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for target in sorted(of.get(node, ())):
+            if target not in index:
+                visit(target)
+                low[node] = min(low[node], low[target])
+            elif target in stack:
+                low[node] = min(low[node], index[target])
+        if low[node] == index[node]:
+            members = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(members) > 1:
+                found.append(sorted(members))
+
+    for node in sorted(of):
+        if node not in index:
+            visit(node)
+    return sorted(found)
