@@ -9,37 +9,39 @@ from typing import Any
 import typer
 from typer.main import get_command
 
+from blurnoise_eval.cli import (
+    bench,
+    cameras,
+    chart,
+    detections,
+    gallery,
+    inspect,
+    measure,
+    motion,
+    quality,
+    report,
+    scenes,
+    simulate,
+    sweep,
+    train,
+)
 from blurnoise_eval.cli._help import Command, Program
-from blurnoise_eval.cli.bench import bench
-from blurnoise_eval.cli.cameras import cameras
-from blurnoise_eval.cli.chart import chart
-from blurnoise_eval.cli.detections import detections
-from blurnoise_eval.cli.gallery import gallery
-from blurnoise_eval.cli.inspect import inspect
-from blurnoise_eval.cli.measure import measure
-from blurnoise_eval.cli.motion import motion
-from blurnoise_eval.cli.quality import quality
-from blurnoise_eval.cli.report import report
-from blurnoise_eval.cli.scenes import scenes
-from blurnoise_eval.cli.simulate import simulate
-from blurnoise_eval.cli.sweep import sweep
-from blurnoise_eval.cli.train import train
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
-    (sweep, "detector x exposures x lights x speeds -> curves and report"),
-    (simulate, "one picture as a camera would take it"),
-    (gallery, "what ranges of conditions do to a picture, as tiles"),
-    (measure, "slanted edges of a picture -> sharpness, noise, information"),
-    (quality, "charts -> every image-quality metric, over exposure and blur"),
-    (motion, "road speed -> px/s and blur length"),
-    (chart, "render a test target"),
-    (report, "write a run's figures, tables and page again"),
-    (detections, "write what a run's models found as COCO results files"),
-    (inspect, "what a model takes and gives, and how it would be read"),
-    (bench, "measure: speed beside accuracy; what a training gains"),
-    (train, "train the stop-sign detector, and write it as ONNX"),
-    (scenes, "render labelled road-sign scenes, as COCO"),
-    (cameras, "the cameras there are, their figures and where these come from"),
+    (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
+    (simulate.simulate, "one picture as a camera would take it"),
+    (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
+    (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
+    (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
+    (motion.motion, "road speed -> px/s and blur length"),
+    (chart.chart, "render a test target"),
+    (report.report, "write a run's figures, tables and page again"),
+    (detections.detections, "write what a run's models found as COCO results files"),
+    (inspect.inspect, "what a model takes and gives, and how it would be read"),
+    (bench.bench, "measure: speed beside accuracy; what a training gains"),
+    (train.train, "train the stop-sign detector, and write it as ONNX"),
+    (scenes.scenes, "render labelled road-sign scenes, as COCO"),
+    (cameras.cameras, "the cameras there are, their figures and where these come from"),
 )
 _DESCRIPTION = """\
 What exposure time should this camera use, and how does my detector hold up
@@ -56,11 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
-    given = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
+    words = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = _program(given).main(args=given, prog_name="blurnoise", standalone_mode=False)
+        code = _program(words).main(args=words, prog_name="blurnoise", standalone_mode=False)
     except typer.TyperException as error:
-        print(_told(error) if given else error.format_message(), file=sys.stderr)
+        print(_told(error) if words else error.format_message(), file=sys.stderr)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
         print(f"blurnoise: error: {error}", file=sys.stderr)
