@@ -421,7 +421,13 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
     grid.add_argument("--temperature-c", type=float, default=25.0, help="of the sensor, degC (default 25)")
     _camera_options(sweep)
     sweep.add_argument("--threshold", type=float, default=0.6, help="confidence that is enough (default 0.6)")
-    sweep.add_argument("--threads", type=int, help="pictures at a time (default: every core)")
+    sweep.add_argument(
+        "--engine", choices=("threads", "processes"), default="threads",
+        help="who computes: threads over one session of each model (default), or processes, each with its own",
+    )  # fmt: skip
+    sweep.add_argument(
+        "--threads", type=int, help="how many of them, pictures at a time (default: every core)"
+    )
     sweep.add_argument(
         "-o", "--output", type=Path, required=True, metavar="RUN", help="folder for everything"
     )

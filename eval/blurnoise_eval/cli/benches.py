@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli.console import ProgressBar, print_facts
+from blurnoise_eval.cli.console import print_facts
+from blurnoise_eval.system.progress import ProgressBar
 
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
 TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}

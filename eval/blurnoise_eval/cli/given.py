@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -43,33 +41,18 @@ def models(options: argparse.Namespace) -> list[Model]:
     """
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.detectors.ocr import is_recogniser
+    from blurnoise_eval.detectors.opening import open_models
 
     if options.ocr:
         _choose_packaged(options)
-    paths = options.model or [STOP_SIGN]
-    contracts = options.contract or [None]
-    if len(contracts) not in (1, len(paths)):
-        raise ValueError(
-            f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
+    return list(
+        open_models(
+            options.model or [STOP_SIGN],
+            options.contract or [None],
+            dictionary=options.dictionary,
+            text_detector=options.text_detector,
         )
-    contracts = contracts * len(paths) if len(contracts) == 1 else contracts
-    told = "ppocr" in contracts or options.dictionary is not None  # the graph alone may not show it
-    kinds = [told or is_recogniser(path) for path in paths]
-    if len(set(kinds)) > 1:
-        raise ValueError(
-            "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
-        )
-    if (options.dictionary or options.text_detector) and not kinds[0]:
-        raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
-    load = partial(_reader, options) if kinds[0] else _detector
-    found = [load(path, contract) for path, contract in zip(paths, contracts, strict=True)]
-    names: dict[str, int] = {}
-    for model in found:
-        names[model.name] = names.get(model.name, 0) + 1
-        if names[model.name] > 1:
-            model.name = f"{model.name}-{names[model.name]}"
-    return found
+    )
 
 
 def _choose_packaged(options: argparse.Namespace) -> None:
@@ -90,19 +73,6 @@ def read(models: Sequence[Model]) -> bool:
     from blurnoise_eval.detectors.detector import Detector
 
     return not isinstance(models[0], Detector)
-
-
-def _detector(path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.detectors.detector import Detector
-
-    return Detector(path, contract=contract)
-
-
-def _reader(options: argparse.Namespace, path: Path, contract: str | None) -> Model:
-    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
-
-    recogniser = Recogniser(path, contract=contract, dictionary=options.dictionary)
-    return TextSpotter(options.text_detector, recogniser) if options.text_detector else recogniser
 
 
 def pictures(options: argparse.Namespace, *, reads: bool) -> PictureSet:
@@ -147,7 +117,7 @@ def _pictures(options: argparse.Namespace, reads: bool) -> PictureSet:
 
 def threads(options: argparse.Namespace) -> int:
     """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
-    from blurnoise_eval.sweep.run_folder import usable_cores
+    from blurnoise_eval.system.machine import usable_cores
 
     threads = options.threads if options.threads is not None else usable_cores()
     if threads < 1:

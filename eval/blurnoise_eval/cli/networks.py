@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli.console import ProgressBar, print_facts
+from blurnoise_eval.cli.console import print_facts
+from blurnoise_eval.system.progress import ProgressBar
 
 
 def train(options: argparse.Namespace) -> int:

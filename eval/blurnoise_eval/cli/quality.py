@@ -6,7 +6,7 @@ import argparse
 import json
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli.console import ProgressBar
+from blurnoise_eval.system.progress import ProgressBar
 
 
 def quality(options: argparse.Namespace) -> int:

@@ -5,19 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli.console import ProgressBar, print_answers, print_assumptions, print_models
+from blurnoise_eval.cli.console import print_answers, print_assumptions, print_models
+from blurnoise_eval.system.progress import ProgressBar
 
 if TYPE_CHECKING:
-    from blurnoise_eval.datasets import PictureSet
-    from blurnoise_eval.scoring.on_picture import Model
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.run import Outcome
-
-_SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
+    from blurnoise_eval.sweep.evaluation import Evaluation
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -25,45 +20,43 @@ def sweep(options: argparse.Namespace) -> int:
     camera = given.camera(options)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import Plan
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep import run as sweep
-    from blurnoise_eval.sweep import run_folder as results
+    from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
 
     in_range("threshold", options.threshold, 0.0, 1.0)
     threads = given.threads(options)
     models = given.models(options)  # before a folder is made
     pictures = given.pictures(options, reads=given.read(models))
-    repeats = options.repeats if options.repeats is not None else (3 if pictures.kind == "rendered" else 1)
     plan = Plan(
         exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
         illuminances_lux=tuple(options.lux),
         velocities_x_px_s=tuple(options.dx),
         velocities_y_px_s=tuple(options.dy),
-        repeats=repeats,
+        repeats=options.repeats if options.repeats is not None else usual_repeats(pictures),
         seed=options.seed,
         temperature_c=options.temperature_c,
     )
-    with Store(options.output, create=True) as store:
-        for model in models if options.model else ():
-            print_assumptions(model.contract, model.path)
-        facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
-        results.open_run(store, models, camera, pictures, plan, facts)
-        with ProgressBar("sweep", sweep.count_cells(pictures, plan)) as advance:
-            outcome = sweep.run(models, camera, pictures, plan, store, threads=threads, progress=advance)
-        if outcome.skipped and len(outcome.skipped) == len(pictures):
-            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        _note(store, models, pictures, outcome)
-        return _finish(store, options, outcome)
+    for model in models if options.model else ():
+        print_assumptions(model.contract, model.path)
+    done = evaluate(
+        models,
+        pictures,
+        camera,
+        plan,
+        options.output,
+        threshold=options.threshold,
+        engine=options.engine,
+        threads=threads,
+        progress=True,
+        command=" ".join(["blurnoise", *sys.argv[1:]]),
+    )
+    return _tell(done, as_json=options.json)
 
 
 def report(options: argparse.Namespace) -> int:
     """Tables, figures and page of a run again."""
-    from blurnoise._core.checks import in_range
-    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep.evaluation import Evaluation
 
-    in_range("threshold", options.threshold, 0.0, 1.0)
-    with Store(options.run) as store:
-        return _finish(store, options, None)
+    return _tell(Evaluation(options.run, options.threshold, progress=True), as_json=options.json)
 
 
 def detections(options: argparse.Namespace) -> int:
@@ -83,57 +76,17 @@ def detections(options: argparse.Namespace) -> int:
     return 0
 
 
-def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
-    """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
-    from blurnoise_eval.datasets import sample
-    from blurnoise_eval.detectors.contract_checks import common_suspicions
-    from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.sweep import latency
-
-    manifest = store.about("manifest")
-    manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
-    for model, about in zip(models, manifest["models"], strict=True):
-        about["latency"] = latency.measure(model, pictures)
-        about["non_finite_values"] = model.non_finite_values
-        if isinstance(model, Detector):
-            some = [image for _, image in sample(pictures, _SUSPECTED_PICTURES)]
-            about["suspicions"] = common_suspicions(model, some)
-    store.set_about("manifest", manifest)
-
-
-def _finish(store: Store, options: argparse.Namespace, outcome: Outcome | None) -> int:
-    """Tables, figures and page of a run; the answer in the terminal."""
-    from blurnoise_eval import report
-    from blurnoise_eval.scoring.per_condition import CONDITIONS
-    from blurnoise_eval.sweep import run_folder as results
-    from blurnoise_eval.system.files import write_whole
-
-    store.export()
-    with ProgressBar("score", store.count_different(*CONDITIONS, "model")) as advance:
-        data = results.read_run(store, threshold=options.threshold, progress=advance)
-    results.write_tables(data, store.folder)
-    cells = data.manifest["n_cells"]
-    summary: dict[str, Any] = {
-        "run": str(store.folder),
-        "report": str(store.folder / "report.html"),
-        "cells": cells,
-        "skipped": data.skipped,
-        "threshold": options.threshold,
-        "models": data.models,
-        "answers": data.answers,
-    }
-    if outcome is not None:
-        summary |= {"computed": outcome.computed, "resumed": outcome.resumed, "wall_s": outcome.wall_s}
-    write_whole(store.folder / "summary.json", json.dumps(summary, indent=1).encode("utf-8"))
-    report.write_report(data, store.folder)
-    for entry in data.skipped:
+def _tell(done: Evaluation, *, as_json: bool) -> int:
+    """Write tables, figures and page; the answer in the terminal."""
+    page = done.report()
+    for entry in done.skipped:
         print(f"skipped: {entry['reason']}", file=sys.stderr)
-    if options.json:
-        print(json.dumps(summary))
+    if as_json:
+        print(json.dumps(done.summary))
         return 0
-    print_answers(data.answers, options.threshold)
-    print_models(data.models)
-    took = f" in {outcome.wall_s:.1f} s" if outcome is not None else ""
-    print(f"{cells} cells{took}, pictures skipped: {len(data.skipped)}")
-    print(f"open {summary['report']}")
+    print_answers(done.answers, done.threshold)
+    print_models(done.models)
+    took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
+    print(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
+    print(f"open {page}")
     return 0
