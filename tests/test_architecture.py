@@ -77,6 +77,10 @@ EXCEPTIONS = {
         "blurnoise_eval.cli",
         "blurnoise_models",
     ): "the command offers the built-in detector and makes such ones",
+    (
+        "blurnoise_eval.sweep",
+        "blurnoise_models",
+    ): "evaluate runs the built-in detector where none is named, as the command does",
 }
 SAME_FLOOR = {
     ("charts", "checks"): "guards",
