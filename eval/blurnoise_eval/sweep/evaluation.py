@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from blurnoise._core.checks import in_range
 from blurnoise.camera import Camera
@@ -37,6 +37,7 @@ from blurnoise_eval.system.progress import ProgressBar
 
 _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 Rows = list[dict[str, Any]]
+T = TypeVar("T")
 
 
 def evaluate(
@@ -61,17 +62,17 @@ def evaluate(
     threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
     terminal. command: what the run's page gives as its origin.
 
-    Raises ``ValueError`` for what cannot be used: a model (:class:`~blurnoise_eval.detectors.contract.ModelError`),
-    a folder that holds another run (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can
-    be read.
+    Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
+    (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
+    (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
     in_range("threshold", threshold, 0.0, 1.0)
     workers = usable_cores() if threads is None else threads
     computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
     seen_by = _camera(camera)
     opened = _opened(models)
-    shown = usual_pictures(opened) if pictures is None else pictures
-    plan = usual_plan(shown) if plan is None else plan
+    shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
+    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, Plan)
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),
@@ -216,7 +217,7 @@ def usual_plan(pictures: PictureSet) -> Plan:
 def _camera(camera: str | Camera) -> Camera:
     from blurnoise_eval.drawing.photon_transfer import find  # matplotlib
 
-    return camera if isinstance(camera, Camera) else find(camera)
+    return find(camera) if isinstance(camera, str) else _of_kind("camera", camera, Camera)
 
 
 def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
@@ -227,12 +228,21 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
     each = list(models) if isinstance(models, Sequence) and not isinstance(models, str) else [models]
     if not each:
         raise ValueError("models = []: must hold at least one")
+    for model in each:
+        if not isinstance(model, (str, Path, Detector)) and not hasattr(model, "read"):
+            raise TypeError(f"models: {model!r}: must be a file, a Detector or a reader of text")
     paths = [model for model in each if isinstance(model, (str, Path))]
     opened = iter(open_models(paths) if paths else ())
     found = [next(opened) if isinstance(model, (str, Path)) else model for model in each]
     if len({isinstance(model, Detector) for model in found}) > 1:
         raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
     return found
+
+
+def _of_kind(name: str, value: object, kind: type[T]) -> T:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
+    return value
 
 
 def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:

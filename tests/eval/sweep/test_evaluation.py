@@ -23,7 +23,8 @@ from blurnoise_eval.sweep.evaluation import usual_pictures, usual_plan
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 
-from blurnoise import Camera
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
 
 PLAN = Plan((0.002, 0.01), (50.0,), (0.0, 400.0))
 OPTIONS = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400")
@@ -38,9 +39,10 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
     folder = tmp_path_factory.mktemp("pictures")
-    scatter = np.random.default_rng(3)
-    for name in ("a.png", "b.png"):
-        datasets.write_picture(folder / name, scatter.integers(0, 256, (64, 64, 3), np.uint8))
+    linear = charts.stop_sign(24, height_px=54, width_px=64)
+    sign = srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+    for moved, name in enumerate(("a.png", "b.png")):
+        datasets.write_picture(folder / name, np.roll(sign, 3 * moved, axis=1))
     (folder / "c.png").write_bytes(b"")
     return datasets.image_folder(folder)
 
@@ -76,7 +78,7 @@ def test_python_and_the_command_find_the_same(
         assert len(ours) > 0, name
         assert timeless(ours) == timeless(theirs), name
         assert len(pd.DataFrame(ours)) == len(ours)
-    assert told["answers"] == done.answers
+    assert told["answers"] == json.loads(json.dumps(done.answers))
     assert [entry["image"] for entry in done.skipped] == ["c.png"]
     page = done.report()
     assert page == done.folder / "report.html"
@@ -170,6 +172,13 @@ def test_bad_input_leaves_no_folder(
     given = {"models": None, "pictures": pictures, "plan": PLAN, "output": tmp_path / "run", **changes}
     with pytest.raises(error, match=named):
         evaluate(**given)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("changes", [{"models": [7]}, {"pictures": "photos"}, {"camera": 5}, {"plan": {}}])
+def test_wrong_kinds_are_named(changes: dict[str, Any], model: Path, tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=f"{next(iter(changes))}.*must be"):
+        evaluate(**{"models": model, "output": tmp_path / "run", **changes})
     assert not (tmp_path / "run").exists()
 
 
