@@ -1,1 +1,37 @@
-"""The evaluation harness: runs a detector over simulated exposures and reports what it can still see."""
+"""Runs detectors over simulated exposures: the ``blurnoise`` command, and :func:`evaluate` for Python.
+
+Names are imported when they are first used, so that the command's ``--help`` is immediate.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from blurnoise_eval import datasets
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.grid.axes import AXES
+    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
+
+__all__ = ["AXES", "Detector", "Evaluation", "Plan", "datasets", "evaluate"]
+_FROM = {
+    "AXES": "grid.axes",
+    "Detector": "detectors.detector",
+    "Evaluation": "sweep.evaluation",
+    "Plan": "grid.conditions",
+    "evaluate": "sweep.evaluation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "datasets":
+        return import_module(f"{__name__}.datasets")
+    if name not in _FROM:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_FROM[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

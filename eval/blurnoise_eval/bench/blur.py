@@ -19,8 +19,9 @@ import torch
 
 from blurnoise_eval.bench import truth
 from blurnoise_eval.bench.contenders import BASELINE, Contender, albumentations_state, contenders
-from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
+from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, machine, quartiles
 from blurnoise_eval.bench.written import write_bench
+from blurnoise_eval.system.threads import limited_threads
 
 Progress = Callable[[float], object]
 NO_BLUR, EXACT = "no blur", "exact response"

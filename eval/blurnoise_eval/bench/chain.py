@@ -27,8 +27,9 @@ from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import readout as sensor
 from blurnoise.simulation import simulate
 from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
-from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, limited_threads, machine, quartiles
+from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, machine, quartiles
 from blurnoise_eval.bench.written import write_bench
+from blurnoise_eval.system.threads import limited_threads
 
 Progress = Callable[[float], object]
 Kind = Literal["whole", "stage", "other", "yardstick"]

@@ -20,8 +20,9 @@ from torch import Tensor
 from blurnoise.metrics import edge_information, information
 from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, METHODS, ROWS, EdgeResponse, measured, timed
 from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf, closed_mtf50
-from blurnoise_eval.bench.timing import in_turns_ms, limited_threads, machine, quartiles
+from blurnoise_eval.bench.timing import in_turns_ms, machine, quartiles
 from blurnoise_eval.bench.written import write_bench
+from blurnoise_eval.system.threads import limited_threads
 
 Progress = Callable[[float], object]
 Blur = dict[str, Any]

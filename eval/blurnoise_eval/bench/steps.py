@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from blurnoise_eval.bench.timing import in_turns_ms, limited_threads, machine, quartiles
+from blurnoise_eval.bench.timing import in_turns_ms, machine, quartiles
+from blurnoise_eval.system.threads import limited_threads
 
 
 def step_cost(

@@ -8,9 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import torch
 
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
@@ -18,7 +16,10 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Plan
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.run_folder import hardware
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.system.machine import hardware
+from blurnoise_eval.system.threads import limited_threads
 
 _PICTURES = 8  # of a sweep
 
@@ -48,10 +49,11 @@ def sweep_speed(
             seed=turn,
             examples=False,
         )
-        cells = sweep.count_cells(pictures, plan)
+        cells = count_cells(pictures, plan)
         bare.append(_bare_rate(detector, blobs, threads, max(100, int(seconds * np.median(bare or [0])))))
         with Store(folder / f"turn-{turn}", create=True) as store:
-            outcome = sweep.run([detector], Camera.preset("imx250"), pictures, plan, store, threads=threads)
+            engine = ThreadEngine(threads)
+            outcome = sweep.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=engine)
         swept.append(cells / outcome.wall_s)
         seconds = outcome.wall_s
         peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
@@ -59,7 +61,7 @@ def sweep_speed(
         "model": detector.name,
         "pictures": f"{len(pictures)}, {pictures.kind}, the first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
         "threads": threads,
-        "cells": sweep.count_cells(pictures, plan),
+        "cells": count_cells(pictures, plan),
         "bare_onnxruntime_per_s": float(np.median(bare)),
         "sweep_cells_per_s": float(np.median(swept)),
         "sweep_to_bare": float(np.median(np.array(swept) / np.array(bare))),
@@ -69,13 +71,10 @@ def sweep_speed(
 
 
 def _bare_rate(detector: Detector, blobs: list[Any], threads: int, count: int) -> float:
-    cv2.setNumThreads(1)
-    torch.set_num_threads(1)
-
     def infer(index: int) -> None:
         detector.run(blobs[index % len(blobs)])
 
-    with ThreadPoolExecutor(threads) as pool:
+    with limited_threads(1), ThreadPoolExecutor(threads) as pool:
         list(pool.map(infer, range(2 * threads)))
         started = time.perf_counter()
         list(pool.map(infer, range(count)))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple, TypeVar
 
-import cv2
 import numpy as np
-import torch
 
-from blurnoise_eval.sweep.run_folder import hardware
+from blurnoise_eval.system.machine import hardware
 
 K = TypeVar("K", bound=Hashable)
 _LIBRARIES = ("blurnoise", "torch", "kornia", "numpy", "opencv-contrib-python-headless")
@@ -61,19 +58,6 @@ def in_turns_ms(
                 times[name].append(_time_ms(call))
         progress(len(calls) / most)
     return times
-
-
-@contextmanager
-def limited_threads(count: int) -> Iterator[None]:
-    """PyTorch and OpenCV with ``count`` threads inside, as before outside."""
-    before = torch.get_num_threads(), cv2.getNumThreads()
-    torch.set_num_threads(count)
-    cv2.setNumThreads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before[0])
-        cv2.setNumThreads(before[1])
 
 
 def machine(threads: int) -> dict[str, Any]:

@@ -48,6 +48,8 @@ from blurnoise_eval.scoring.matching import (
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.engines import ThreadEngine
 
 Progress = Callable[[int], None]
 Boxes = Sequence[Sequence[tuple[float, float, float, float]]]
@@ -249,9 +251,7 @@ class Bench:
 
 def steps(models: Sequence[Model], parts: Iterable[Part]) -> int:
     """How many steps ``progress`` is told of: cells, then conditions to be judged."""
-    return sum(
-        len(models) * (sweep.count_cells(part.pictures, part.plan) + len(part.conditions)) for part in parts
-    )
+    return sum(len(models) * (count_cells(part.pictures, part.plan) + len(part.conditions)) for part in parts)
 
 
 def measure(
@@ -303,7 +303,8 @@ def _run(detector: Detector, part: Part, folder: Path, threads: int, progress: P
     """Sweep, or go on sweeping; returns the names of the pictures that cannot be read."""
     with Store(folder, create=True) as store:
         results.open_run(store, [detector], CAMERA, part.pictures, part.plan, {"threads": threads})
-        sweep.run([detector], CAMERA, part.pictures, part.plan, store, threads=threads, progress=progress)
+        engine = ThreadEngine(threads)
+        sweep.run([detector], CAMERA, part.pictures, part.plan, store, engine=engine, progress=progress)
         return {entry["image"] for entry in store.skipped()}
 
 

@@ -11,7 +11,8 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, Json, Threads, one_of
-from blurnoise_eval.cli.console import ProgressBar, print_facts
+from blurnoise_eval.cli.console import print_facts
+from blurnoise_eval.system.progress import ProgressBar
 
 What = Literal["simulate", "sweep", "blur", "noise", "metrics", "augment", "training"]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.

@@ -123,23 +123,3 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
 
 def _number(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-class ProgressBar:
-    """A progress bar on the terminal's error stream, silent where there is none."""
-
-    def __init__(self, label: str, total: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-        columns = ("[bold]{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        console = Console(stderr=True)
-        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._task = self._progress.add_task(label, total=total)
-
-    def __enter__(self) -> Any:
-        self._progress.start()
-        return lambda cells: self._progress.advance(self._task, cells)
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()

@@ -9,7 +9,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json
-from blurnoise_eval.cli.console import ProgressBar
+from blurnoise_eval.system.progress import ProgressBar
 
 
 def detections(

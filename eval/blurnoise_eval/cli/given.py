@@ -77,7 +77,7 @@ def models(
     """
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
+    from blurnoise_eval.detectors.opening import open_models
 
     if ocr:
         if paths or text_detector or dictionary:
@@ -86,34 +86,8 @@ def models(
             )
         finder, recogniser = _packaged()
         paths, text_detector = [recogniser], finder if ocr == "find" else None
-    paths = paths or [STOP_SIGN]
-    if len(contracts) not in (0, 1, len(paths)):
-        raise ValueError(
-            f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
-        )
-    stated = contracts if len(contracts) == len(paths) else [*contracts, None][:1] * len(paths)
-    told = "ppocr" in contracts or dictionary is not None  # the graph alone may not show it
-    kinds = [told or is_recogniser(path) for path in paths]
-    if len(set(kinds)) > 1:
-        raise ValueError(
-            "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
-        )
-    if (dictionary or text_detector) and not kinds[0]:
-        raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
-
-    def load(path: Path, contract: str | None) -> Model:
-        if not kinds[0]:
-            return detector(path, contract)
-        recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
-        return TextSpotter(text_detector, recogniser) if text_detector else recogniser
-
-    found = [load(path, contract) for path, contract in zip(paths, stated, strict=True)]
-    names: dict[str, int] = {}
-    for model in found:
-        names[model.name] = names.get(model.name, 0) + 1
-        if names[model.name] > 1:
-            model.name = f"{model.name}-{names[model.name]}"
-    return found
+    stated: list[str | None] = [*contracts] or [None]
+    return list(open_models(paths or [STOP_SIGN], stated, dictionary=dictionary, text_detector=text_detector))
 
 
 def _packaged() -> tuple[Path, Path]:
@@ -187,7 +161,7 @@ def pictures(
 
 def threads(count: int | None) -> int:
     """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
-    from blurnoise_eval.sweep.run_folder import usable_cores
+    from blurnoise_eval.system.machine import usable_cores
 
     count = count if count is not None else usable_cores()
     if count < 1:

@@ -10,7 +10,7 @@ from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options
-from blurnoise_eval.cli.console import ProgressBar
+from blurnoise_eval.system.progress import ProgressBar
 
 
 @axis_options(

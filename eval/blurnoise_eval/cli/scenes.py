@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli.console import ProgressBar
+from blurnoise_eval.system.progress import ProgressBar
 
 
 def scenes(

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import FAMILIES, CameraName, Grid, Json, Threads, axis_options, one_of
-from blurnoise_eval.cli.console import ProgressBar, print_assumptions
-from blurnoise_eval.cli.report import Threshold, finish
+from blurnoise_eval.cli._options import FAMILIES, CameraName, Grid, Json, axis_options, one_of
+from blurnoise_eval.cli.console import print_assumptions
+from blurnoise_eval.cli.report import Threshold, tell
 
-if TYPE_CHECKING:
-    from blurnoise_eval.datasets import PictureSet
-    from blurnoise_eval.scoring.on_picture import Model
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.run import Outcome
-
-_SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 _what = partial(Option, rich_help_panel="What to run")
 
 
@@ -102,7 +94,13 @@ def sweep(
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
-    threads: Threads = None,
+    engine: Annotated[
+        Literal["threads", "processes"],
+        Option(help="who computes: threads over one session of each model, or processes, each with its own"),
+    ] = "threads",
+    threads: Annotated[
+        int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")
+    ] = None,
     output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
     as_json: Json = False,
 ) -> None:
@@ -119,12 +117,10 @@ def sweep(
     """
     exposed_by = given.camera(camera, given.single(grid, "f_number"))
     from blurnoise._core.checks import in_range
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep import run as sweep
-    from blurnoise_eval.sweep import run_folder as results
+    from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
 
     in_range("threshold", threshold, 0.0, 1.0)
-    threads = given.threads(threads)
+    workers = given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
     )
@@ -140,34 +136,19 @@ def sweep(
         limit=limit,
         reads=given.read(models),
     )
-    repeats = repeats if repeats is not None else (3 if pictures.kind == "rendered" else 1)
-    plan = given.plan(grid, repeats=repeats, seed=seed)
-    with Store(output, create=True) as store:
-        for each in models if model or ocr else ():
-            print_assumptions(each.contract, each.path)
-        facts = {"command": " ".join(["blurnoise", *sys.argv[1:]]), "threads": threads}
-        results.open_run(store, models, exposed_by, pictures, plan, facts)
-        with ProgressBar("sweep", sweep.count_cells(pictures, plan)) as advance:
-            outcome = sweep.run(models, exposed_by, pictures, plan, store, threads=threads, progress=advance)
-        if outcome.skipped and len(outcome.skipped) == len(pictures):
-            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        _note(store, models, pictures, outcome)
-        finish(store, threshold, outcome, as_json=as_json)
-
-
-def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
-    """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
-    from blurnoise_eval.datasets import sample
-    from blurnoise_eval.detectors.contract_checks import common_suspicions
-    from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.sweep import latency
-
-    manifest = store.about("manifest")
-    manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
-    for model, about in zip(models, manifest["models"], strict=True):
-        about["latency"] = latency.measure(model, pictures)
-        about["non_finite_values"] = model.non_finite_values
-        if isinstance(model, Detector):
-            some = [image for _, image in sample(pictures, _SUSPECTED_PICTURES)]
-            about["suspicions"] = common_suspicions(model, some)
-    store.set_about("manifest", manifest)
+    plan = given.plan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)
+    for each in models if model or ocr else ():
+        print_assumptions(each.contract, each.path)
+    done = evaluate(
+        models,
+        pictures,
+        exposed_by,
+        plan,
+        output,
+        threshold=threshold,
+        engine=engine,
+        threads=workers,
+        progress=True,
+        command=" ".join(["blurnoise", *sys.argv[1:]]),
+    )
+    tell(done, as_json=as_json)

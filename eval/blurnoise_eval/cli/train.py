@@ -9,7 +9,8 @@ from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import Json, Threads
-from blurnoise_eval.cli.console import ProgressBar, print_facts
+from blurnoise_eval.cli.console import print_facts
+from blurnoise_eval.system.progress import ProgressBar
 
 
 def train(

@@ -83,14 +83,20 @@ def write_picture(path: Path, picture: Image) -> None:
     The file appears whole or not at all. Raises ``ValueError`` for an unknown suffix, ``OSError`` where it
     cannot be written.
     """
-    bgr = picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
     if picture.dtype == np.uint16 and path.suffix.lower() not in (".png", ".tif", ".tiff"):
         raise ValueError(f"output = {str(path)!r}: 16 bits need .png or .tiff")
     try:
-        _, data = cv2.imencode(path.suffix, bgr)
+        data = encode(picture, path.suffix)
     except cv2.error:
         raise ValueError(f"output = {str(path)!r}: unknown picture suffix {path.suffix!r}") from None
-    write_whole(path, data.tobytes())
+    write_whole(path, data)
+
+
+def encode(picture: Image, suffix: str = ".png") -> bytes:
+    """The bytes of a file of (H, W) grey or (H, W, 3) RGB. Raises OpenCV's error for an unknown suffix."""
+    bgr = picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., ::-1])
+    _, data = cv2.imencode(suffix, bgr)
+    return bytes(data)
 
 
 def sample(pictures: PictureSet, count: int) -> list[tuple[Picture, NDArray[np.uint8]]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import threading
-import warnings
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -19,6 +20,7 @@ from blurnoise_eval.detectors.formats.candidates import FloatArray, all_finite, 
 from blurnoise_eval.detectors.formats.graph import read_signature
 from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
 from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
+from blurnoise_eval.detectors.non_finite import NonFinite
 from blurnoise_eval.detectors.records import Detections
 
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
@@ -26,6 +28,8 @@ _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is 
 
 class Detector:
     """An ONNX detector with its contract. One instance serves any number of threads.
+
+    It pickles as what opened it: in another process the file is opened again.
 
     ``contract``: a :class:`Contract`, a contract file or the name of a preset; None looks beside the model
     and into its metadata, then recognises the family from the graph (see ``contract.assumptions``).
@@ -41,6 +45,7 @@ class Detector:
     def __init__(
         self, path: str | Path, *, contract: Contract | str | Path | None = None, threads: int = 1
     ) -> None:
+        self._opened_again = partial(Detector, path, contract=contract, threads=threads)
         self.path = Path(path)
         self.name = self.path.stem
         self.session = open_session(self.path, threads)
@@ -64,9 +69,21 @@ class Detector:
         fixed_batch = len(image_input.shape) == 4 and isinstance(image_input.shape[0], int)
         self._batch = int(str(image_input.shape[0])) if fixed_batch else 1
         self._extras = extra_feeds(signature.inputs[1:], self.input_size_px, self._batch) or {}
-        self.non_finite_values = 0
-        self._count_lock = threading.Lock()
+        self._non_finite = NonFinite(self.path.name)
         self._buffers = threading.local()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self._opened_again, (), {"name": self.name}
+
+    @property
+    def non_finite_values(self) -> int:
+        """NaN and infinite output values seen so far."""
+        return self._non_finite.total
+
+    @property
+    def non_finite_values_here(self) -> int:
+        """Those of the calling thread."""
+        return self._non_finite.here
 
     def prepare(
         self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None
@@ -154,15 +171,8 @@ class Detector:
         count = sum(
             int(output.size - np.isfinite(output).sum()) for output in outputs if not all_finite(output)
         )
-        if count == 0:
-            return
-        with self._count_lock:
-            first = self.non_finite_values == 0
-            self.non_finite_values += count
-        if first:
-            warnings.warn(
-                f"{self.path.name}: outputs contain NaN or Inf; dropped", RuntimeWarning, stacklevel=3
-            )
+        if count:
+            self._non_finite.add(count, stacklevel=3)
 
 
 def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:

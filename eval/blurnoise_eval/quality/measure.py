@@ -33,6 +33,7 @@ from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.grid.conditions import Conditions, Plan, cell_seed
+from blurnoise_eval.system.threads import limited_threads
 
 DARK, BRIGHT = 0.18, 0.8
 TILT_DEG = 2.0
@@ -131,16 +132,14 @@ def measure(
     """
     scenes = _Scenes()
     rows: list[Row] = []
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)  # conditions are worked on side by side, each on one core
     pool = ThreadPoolExecutor(threads)
-    try:
-        for found in pool.map(partial(_condition, scenes, camera, plan), plan.conditions()):
-            rows += found
-            progress(1)
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        torch.set_num_threads(before)
+    with limited_threads(1):  # conditions are worked on side by side, each on one core
+        try:
+            for found in pool.map(partial(_condition, scenes, camera, plan), plan.conditions()):
+                rows += found
+                progress(1)
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
     return rows
 
 

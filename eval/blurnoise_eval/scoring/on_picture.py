@@ -33,8 +33,8 @@ class Reader(Protocol):
     sha256: str
 
     @property
-    def non_finite_values(self) -> int:
-        """NaN and infinite output values seen so far."""
+    def non_finite_values_here(self) -> int:
+        """NaN and infinite output values that the calling thread has seen so far."""
 
     @property
     def contract(self) -> Any:
@@ -48,12 +48,16 @@ Model = Detector | Reader
 
 
 class Sight(NamedTuple):
-    """A model's answer to one picture: its detections, a row per target, ms, and what went wrong if it did."""
+    """A model's answer to one picture: its detections, a row per target, ms, and what went wrong if it did.
+
+    non_finite_values: NaN and infinite values among the model's outputs.
+    """
 
     detections: Detections
     targets: tuple[dict[str, Any], ...]
     infer_ms: float
     error: str | None
+    non_finite_values: int
 
 
 class View(ABC):
@@ -65,12 +69,15 @@ class View(ABC):
 
     def look(self, image: Picture8) -> Sight:
         """The model's answer to a picture. One on which the model fails gives no rows, and the reason."""
+        before = self.model.non_finite_values_here
         started = time.perf_counter()
+        detections, rows, wrong = NOTHING, list[dict[str, Any]](), None
         try:
             detections, rows = self._answer(image)
         except ModelError as error:
-            return Sight(NOTHING, (), 1e3 * (time.perf_counter() - started), str(error))
-        return Sight(detections, tuple(rows), 1e3 * (time.perf_counter() - started), None)
+            wrong = str(error)
+        infer_ms = 1e3 * (time.perf_counter() - started)
+        return Sight(detections, tuple(rows), infer_ms, wrong, self.model.non_finite_values_here - before)
 
     @abstractmethod
     def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]: ...

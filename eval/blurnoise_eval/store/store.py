@@ -6,11 +6,9 @@ the cells in flight and goes on where it stopped. One process writes at a time; 
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
@@ -21,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.system.files import json_lines, write_whole
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.tables import csv_lines, json_lines
 
 FILE_NAME = "results.sqlite"
 _VERSION = 2  # of the tables below
@@ -53,11 +52,17 @@ class StoreError(ValueError):
 
 @dataclass(frozen=True)
 class CellResult:
-    """One finished cell of one model: its row, one row per target, its detections. Keys are columns."""
+    """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
+
+    Beside what is stored: the picture as PNG where it is to be kept as the row's ``example``, and how many NaN
+    and infinite values the model answered with.
+    """
 
     cell: dict[str, Any]
     targets: tuple[dict[str, Any], ...]
     detections: Detections
+    example_png: bytes | None = None
+    non_finite_values: int = 0
 
 
 class Store:
@@ -209,16 +214,3 @@ def unpack(packed: bytes) -> Detections:
     """Detections as the column ``detections`` holds them."""
     found = np.frombuffer(packed, _DETECTION)
     return Detections(found["box_xyxy"], found["score"], found["class_id"])
-
-
-def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """A table as lines of CSV, its header first."""
-    line = io.StringIO()
-    writer = csv.DictWriter(line, fieldnames=columns)
-    writer.writeheader()
-    for row in rows:
-        writer.writerow(row)
-        yield line.getvalue()
-        line.seek(0)
-        line.truncate()
-    yield line.getvalue()

@@ -11,7 +11,8 @@ from typing import Any
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.scoring.per_condition import CONDITIONS, Truth, coco_results
 from blurnoise_eval.store.store import Store, StoreError, unpack
-from blurnoise_eval.system.files import json_lines, write_whole
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.tables import json_lines
 
 INSTANCES = Path("coco") / "instances.json"
 

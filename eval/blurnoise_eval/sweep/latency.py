@@ -6,13 +6,13 @@ import time
 from itertools import cycle
 from typing import Any
 
-import cv2
 import numpy as np
 
 from blurnoise_eval.datasets import Picture, PictureSet, sample
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.scoring.on_picture import Model, Picture8
+from blurnoise_eval.system.threads import limited_threads
 
 _PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0
 
@@ -26,25 +26,22 @@ def measure(model: Model, pictures: PictureSet) -> dict[str, Any]:
     prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
     if not prepared:
         return {}
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
     times: list[float] = []
     started = time.perf_counter()
     try:
-        for image, boxes in cycle(prepared):
-            begun = time.perf_counter()
-            if isinstance(model, Detector):
-                model.detect(image)
-            else:
-                model.read(image, boxes)
-            times.append(1e3 * (time.perf_counter() - begun))
-            enough = time.perf_counter() - started > _SECONDS and len(times) >= _WARM_UP + _FEWEST
-            if enough or len(times) == _WARM_UP + _MOST:
-                break
+        with limited_threads(1):
+            for image, boxes in cycle(prepared):
+                begun = time.perf_counter()
+                if isinstance(model, Detector):
+                    model.detect(image)
+                else:
+                    model.read(image, boxes)
+                times.append(1e3 * (time.perf_counter() - begun))
+                enough = time.perf_counter() - started > _SECONDS and len(times) >= _WARM_UP + _FEWEST
+                if enough or len(times) == _WARM_UP + _MOST:
+                    break
     except ModelError:
         return {}
-    finally:
-        cv2.setNumThreads(before)
     median, p95 = np.percentile(times[_WARM_UP:], (50, 95))
     return {
         "median_ms": float(median),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import platform
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from importlib import metadata
@@ -22,9 +20,11 @@ from blurnoise_eval.scoring.curves import Endurance, endurances, mean_auc, surfa
 from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
-from blurnoise_eval.store.store import Store, StoreError, csv_lines, unpack
+from blurnoise_eval.store.store import Store, StoreError, unpack
 from blurnoise_eval.sweep.coco_export import truths, write_truth
 from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.machine import hardware
+from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 _BOOTSTRAP_SEED = 0
@@ -102,23 +102,6 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
         "sha256": model.sha256,
         "contract": contract,
     }
-
-
-def hardware() -> dict[str, Any]:
-    """The machine in words: processor, usable cores, operating system, Python."""
-    return {
-        "processor": _processor(),
-        "cores": usable_cores(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-    }
-
-
-def usable_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def read_run(
@@ -297,12 +280,3 @@ def _as_json(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _as_json(entry) for key, entry in value.items()}
     return [_as_json(entry) for entry in value] if isinstance(value, (list, tuple)) else value
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()

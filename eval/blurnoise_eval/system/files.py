@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
@@ -24,12 +22,3 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     finally:
         with suppress(OSError):
             unfinished.unlink()
-
-
-def json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """A list of rows as JSON, a line each, for :func:`write_whole` to write as they come."""
-    before = "["
-    for row in rows:
-        yield f"{before}\n {json.dumps(row)}"
-        before = ","
-    yield "[]\n" if before == "[" else "\n]\n"

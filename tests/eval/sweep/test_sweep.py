@@ -27,7 +27,8 @@ from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
-from blurnoise_eval.sweep.run import count_cells
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
@@ -192,7 +193,7 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
 def test_rows_do_not_depend_on_threads(
     detector: Detector, tmp_path: Path, uninterrupted: list[Any], threads: int
 ) -> None:
-    assert rows_of(tmp_path, [detector], CAMERA, TWO, PLAN, threads=threads) == uninterrupted
+    assert rows_of(tmp_path, [detector], CAMERA, TWO, PLAN, engine=ThreadEngine(threads)) == uninterrupted
 
 
 def test_thread_settings_of_the_process_come_back(detector: Detector, tmp_path: Path) -> None:
@@ -211,7 +212,7 @@ def test_rows_do_not_depend_on_the_other_pictures(
     detector: Detector, tmp_path: Path, uninterrupted: list[Any]
 ) -> None:
     others = picture_set(picture("c", partial(noise, 21, 30)), *reversed(TWO.pictures))
-    cells, targets, *_ = rows_of(tmp_path, [detector], CAMERA, others, PLAN, threads=2)
+    cells, targets, *_ = rows_of(tmp_path, [detector], CAMERA, others, PLAN, engine=ThreadEngine(2))
     expected = uninterrupted[0]
     assert [cell for cell in cells if cell["image"] in "ab"] == expected
     assert [target for target in targets if target["image"] in "ab"] == uninterrupted[1]
@@ -232,12 +233,14 @@ def test_interrupted_sweep_goes_on(
     total = count_cells(TWO, PLAN)
     with Store(tmp_path, create=True) as store:
         with pytest.raises(KeyboardInterrupt):
-            sweep.run([detector], CAMERA, TWO, PLAN, store, threads=threads, progress=interrupt)
+            sweep.run([detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=interrupt)
         kept = n_done(store)  # the store is whole: it can be read at once
         assert after <= kept < total
     told: list[int] = []
     with Store(tmp_path) as store:
-        outcome = sweep.run([detector], CAMERA, TWO, PLAN, store, threads=threads, progress=told.append)
+        outcome = sweep.run(
+            [detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=told.append
+        )
         assert (outcome.resumed, outcome.computed) == (kept, total - kept)
         assert sum(told) == total
         assert everything(store) == uninterrupted
@@ -296,7 +299,7 @@ def test_pictures_in_memory_do_not_grow_with_the_set(
     many = picture_set(*[picture(f"p{index}", load) for index in range(40)])
     plan = Plan((0.01,), (50.0,), repeats=2)
     with Store(tmp_path, create=True) as store:
-        sweep.run([detector], CAMERA, many, plan, store, threads=threads)
+        sweep.run([detector], CAMERA, many, plan, store, engine=ThreadEngine(threads))
         assert n_done(store) == count_cells(many, plan) == 120
     # Scenes that are kept, and one that each task at work may still hold.
     assert most <= 2 * threads + 2
@@ -381,7 +384,7 @@ def test_unreadable_picture_is_named_and_skipped(detector: Detector, tmp_path: P
         told.clear()
         with Store(tmp_path, create=True) as store:
             outcome = sweep.run(
-                [detector], CAMERA, pictures, PLAN, store, threads=threads, progress=told.append
+                [detector], CAMERA, pictures, PLAN, store, engine=ThreadEngine(threads), progress=told.append
             )
             assert outcome.skipped == {"bad.png": "bad.png: is empty (0 bytes)"}
             assert [entry["image"] for entry in store.skipped()] == ["bad.png"]

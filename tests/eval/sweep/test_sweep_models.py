@@ -21,7 +21,9 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
+from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
 from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
+from blurnoise_eval.sweep.work import Work
 from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 from pycocotools.coco import COCO
@@ -81,7 +83,7 @@ class Failing:
 class StubReader:
     """Reads STOP while the picture is bright, with a slip where it is dark."""
 
-    name, sha256, non_finite_values = "reader", "0" * 64, 0
+    name, sha256, non_finite_values_here = "reader", "0" * 64, 0
     path = Path("reader.onnx")
 
     class Contract:
@@ -127,7 +129,7 @@ def test_models_of_one_sweep_are_as_each_alone(first: Detector, second: Detector
         assert [a for a in both.answers if a["model"] == model.name] == alone.answers
     assert [row["model"] for row in both.models] == ["first", "second"]
     assert both.models[0]["p"] != both.models[1]["p"]
-    assert both.manifest["n_cells"] == len(cells) / 2 == sweep.count_cells(LABELLED, PLAN)
+    assert both.manifest["n_cells"] == len(cells) / 2 == count_cells(LABELLED, PLAN)
 
 
 def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> None:
@@ -135,15 +137,12 @@ def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> N
     _, cells = run(tmp_path, [first])
     row = next(cell for cell in cells if cell["image"] == "p1.png" and cell["blur_px"])
     (cell,) = (
-        each
-        for picture, block in sweep._blocks(LABELLED, PLAN)
-        for each in block
-        if each.cell_id == row["cell_id"]
+        each for block in blocks(LABELLED, PLAN) for each in block.cells if each.cell_id == row["cell_id"]
     )
     sent = Cell.from_dict(json.loads(json.dumps(cell.to_dict())))
     assert sent == cell
-    stage = sweep.Stage(LABELLED.pictures[1], [first])
-    (alone,) = sweep.compute(stage, [sent], CAMERA, PLAN.temperature_c)
+    worker = Work((first,), CAMERA, PLAN.temperature_c).open(pictures_held=1)
+    (alone,) = worker.compute(Block(LABELLED.pictures[1], (sent,)))
     assert alone.cell["target_confidence"] == row["target_confidence"]
     assert alone.cell["n_detections"] == row["n_detections"]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import file_sha256, open_session
 from blurnoise_eval.detectors.formats.candidates import FloatArray
+from blurnoise_eval.detectors.non_finite import NonFinite
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
@@ -23,7 +22,7 @@ class Network:
     graph of another form.
 
     Attributes: ``path``, ``sha256`` of the file, ``metadata``, ``height_px`` and ``width_px`` of the input,
-    None where dynamic, ``non_finite_values``: NaN and infinite output values seen so far.
+    None where dynamic, ``non_finite``: NaN and infinite output values seen so far.
     """
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
@@ -43,8 +42,7 @@ class Network:
         self.height_px, self.width_px = height, width
         self._batch = batch or 1
         self._input_name, self._dtype = inputs[0].name, _DTYPES[kind]
-        self.non_finite_values = 0
-        self._count_lock = threading.Lock()
+        self.non_finite = NonFinite(self.path.name)
 
     def run(self, blob: FloatArray) -> FloatArray:
         """Return the answer to one input (1, 3, H, W) as float32, without the batch axis.
@@ -69,13 +67,8 @@ class Network:
     def _count_non_finite(self, answer: FloatArray) -> None:
         if np.isfinite(np.add.reduce(answer, axis=None)):  # a sum is finite where all its values are
             return
-        with self._count_lock:
-            first = self.non_finite_values == 0
-            self.non_finite_values += int(answer.size - np.isfinite(answer).sum())
-        if first:
-            warnings.warn(
-                f"{self.path.name}: outputs contain NaN or Inf; dropped", RuntimeWarning, stacklevel=4
-            )
+        if count := int(answer.size - np.isfinite(answer).sum()):
+            self.non_finite.add(count, stacklevel=4)
 
 
 def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:

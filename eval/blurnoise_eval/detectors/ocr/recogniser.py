@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import onnx
@@ -31,6 +32,8 @@ DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 class Recogniser:
     """An ONNX text recogniser with its contract. One instance serves any number of threads.
 
+    It pickles as what opened it: in another process the file is opened again.
+
     ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model
     and into its metadata, then assumes PP-OCR's (see ``assumptions``). ``dictionary``: a file with a character
     a line; None takes the contract's, else the metadata's. ``threads``: cores that one inference may use.
@@ -49,6 +52,9 @@ class Recogniser:
         dictionary: Path | None = None,
         threads: int = 1,
     ) -> None:
+        self._opened_again = partial(
+            Recogniser, path, contract=contract, dictionary=dictionary, threads=threads
+        )
         self.path = Path(path)
         self.name = self.path.stem
         self._network = Network(self.path, threads)
@@ -77,6 +83,9 @@ class Recogniser:
         self._characters = characters(lines)
         self._look_at_answer()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self._opened_again, (), {"name": self.name}
+
     @property
     def assumptions(self) -> list[str]:
         """One sentence per field of the contract that nothing stated."""
@@ -85,7 +94,12 @@ class Recogniser:
     @property
     def non_finite_values(self) -> int:
         """NaN and infinite output values seen so far."""
-        return self._network.non_finite_values
+        return self._network.non_finite.total
+
+    @property
+    def non_finite_values_here(self) -> int:
+        """Those of the calling thread."""
+        return self._network.non_finite.here
 
     def prepare(self, crop: NDArray[np.uint8]) -> FloatArray:
         """Return the network's input (1, 3, H, W), float32, for an RGB crop (h, w, 3).

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +68,8 @@ class SpottingContract:
 class TextSpotter:
     """An ONNX text detector (DB) before a recogniser. One instance serves any number of threads.
 
+    It pickles as what opened it: in another process both files are opened again.
+
     ``contract``: a :class:`RegionContract`, a mapping, a contract file or "db", for the detector; None looks
     beside it and into its metadata, then assumes PP-OCR's. ``threads``: cores that one inference may use.
     Raises :class:`ModelError` for a file that is no such detector or a contract that does not fit it.
@@ -82,6 +85,9 @@ class TextSpotter:
         contract: RegionContract | Given | None = None,
         threads: int = 1,
     ) -> None:
+        self._opened_again = partial(
+            TextSpotter, detection_path, recogniser, contract=contract, threads=threads
+        )
         self._network = Network(detection_path, threads)
         self.recogniser = recogniser
         self.path = self._network.path
@@ -95,6 +101,9 @@ class TextSpotter:
         size = self._network.height_px or _STRIDE_PX, self._network.width_px or _STRIDE_PX
         self._probabilities(np.zeros((1, 3, *size), np.float32))  # a graph of another form fails here
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return self._opened_again, (), {"name": self.name}
+
     @property
     def assumptions(self) -> list[str]:
         """One sentence per field of the contracts that nothing stated."""
@@ -103,7 +112,12 @@ class TextSpotter:
     @property
     def non_finite_values(self) -> int:
         """NaN and infinite output values of both networks seen so far."""
-        return self._network.non_finite_values + self.recogniser.non_finite_values
+        return self._network.non_finite.total + self.recogniser.non_finite_values
+
+    @property
+    def non_finite_values_here(self) -> int:
+        """Those of the calling thread."""
+        return self._network.non_finite.here + self.recogniser.non_finite_values_here
 
     def spot(self, image: NDArray[np.uint8]) -> list[Spotted]:
         """Return the lines of text in an RGB picture (h, w, 3), uint8: row by row, each from the left."""

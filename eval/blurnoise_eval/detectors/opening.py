@@ -1,0 +1,57 @@
+"""Models opened from their files: detectors and text recognisers, told apart by their graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
+
+Opened = Detector | Recogniser | TextSpotter
+
+
+def open_models(
+    paths: Sequence[str | Path],
+    contracts: Sequence[str | None] = (None,),
+    *,
+    dictionary: Path | None = None,
+    text_detector: Path | None = None,
+) -> list[Opened]:
+    """The models of the files, in their order. Equal names get a number.
+
+    contracts: one for all, or one for each; files or presets. dictionary: a recogniser's characters.
+    text_detector: finds the text that is read; without it known boxes are read. Raises ``ValueError`` where
+    detectors and recognisers are named together: their targets differ; and
+    :class:`~blurnoise_eval.detectors.contract.ModelError`.
+    """
+    if len(contracts) not in (1, len(paths)):
+        raise ValueError(
+            f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
+        )
+    contracts = [*contracts] * len(paths) if len(contracts) == 1 else contracts
+    told = "ppocr" in contracts or dictionary is not None  # the graph alone may not show it
+    kinds = [told or is_recogniser(path) for path in paths]
+    if len(set(kinds)) > 1:
+        raise ValueError(
+            "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
+        )
+    if (dictionary or text_detector) and not kinds[0]:
+        raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
+    found: list[Opened] = []
+    for path, contract in zip(paths, contracts, strict=True):
+        if not kinds[0]:
+            found.append(Detector(path, contract=contract))
+            continue
+        recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
+        found.append(TextSpotter(text_detector, recogniser) if text_detector else recogniser)
+    _tell_apart(found)
+    return found
+
+
+def _tell_apart(models: Sequence[Opened]) -> None:
+    names: dict[str, int] = {}
+    for model in models:
+        names[model.name] = names.get(model.name, 0) + 1
+        if names[model.name] > 1:
+            model.name = f"{model.name}-{names[model.name]}"

@@ -1,0 +1,81 @@
+"""Blocks: the cells of a sweep in pieces, each a worker's task."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+from blurnoise_eval.datasets import Picture, PictureSet
+from blurnoise_eval.grid.conditions import Cell, Conditions, Plan, cell_seed
+
+_CELLS = 8  # that a worker computes before it reports
+_EXAMPLE_PICTURES = 3
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cells of one picture. examples: ids of those whose pictures are kept, for people to look at."""
+
+    picture: Picture
+    cells: tuple[Cell, ...]
+    examples: frozenset[str] = frozenset()
+
+    def without(self, done: Collection[str]) -> Block:
+        """Those cells whose ids are not ``done``."""
+        todo = tuple(cell for cell in self.cells if cell.cell_id not in done)
+        return Block(self.picture, todo, self.examples)
+
+
+def count_cells(pictures: PictureSet, plan: Plan) -> int:
+    """How many cells a sweep settles, the clean ones included."""
+    return len(pictures) * (1 + plan.repeats * len(plan.conditions()))
+
+
+def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
+    """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
+    shown = _example_pictures(pictures) if plan.examples else set()
+    kept = plan.example_conditions()
+
+    def block(picture: Picture, cells: Sequence[Cell]) -> Block:
+        own = (cell for cell in cells if picture.name in shown and _is_example(cell, kept))
+        return Block(picture, tuple(cells), frozenset(cell.cell_id for cell in own))
+
+    conditions = plan.conditions()
+    waiting: Picture | None = None
+    for picture in pictures:
+        yield block(picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))])
+        if waiting:
+            yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
+        waiting = picture
+    if waiting:
+        yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
+
+
+def _of_conditions(picture: Picture, conditions: Sequence[Conditions], plan: Plan) -> Iterator[list[Cell]]:
+    """Conditions of one displacement, which share a blur; those of one exposure stay together."""
+    for repeat in range(plan.repeats):
+        seed = cell_seed(plan.seed, picture.name, repeat)
+        for _, same in groupby(conditions, key=lambda at: at.displacement_px):
+            cells: list[Cell] = []
+            for _, lights in groupby(same, key=lambda at: at.exposure_s):
+                cells += [Cell(picture.name, repeat, at, seed) for at in lights]
+                if len(cells) >= _CELLS:
+                    yield cells
+                    cells = []
+            if cells:
+                yield cells
+
+
+def _is_example(cell: Cell, kept: Collection[Conditions]) -> bool:
+    return cell.conditions is None or (cell.repeat == 0 and cell.conditions in kept)
+
+
+def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
+    """The pictures with the largest targets, or the first, where the model still has to find them."""
+
+    def largest(picture: Picture) -> float:
+        boxes = (target.box_xyxy for target in picture.targets or ())
+        return max(((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes), default=0.0)
+
+    return {picture.name for picture in sorted(pictures, key=largest, reverse=True)[:_EXAMPLE_PICTURES]}

@@ -1,0 +1,262 @@
+"""An evaluation: models before pictures under a plan's conditions, computed, kept in a folder, and read from it.
+
+What ``blurnoise sweep`` does, for Python: the command calls :func:`evaluate`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from blurnoise._core.checks import in_range
+from blurnoise.camera import Camera
+from blurnoise_eval import datasets
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.detectors.contract_checks import common_suspicions
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.grid.axes import axis
+from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.per_condition import CONDITIONS
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import latency
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.engines import Engine, engine_of
+from blurnoise_eval.sweep.run import Outcome
+from blurnoise_eval.sweep.run_folder import open_run, read_run, write_tables
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.machine import usable_cores
+from blurnoise_eval.system.progress import ProgressBar
+
+_SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
+Rows = list[dict[str, Any]]
+T = TypeVar("T")
+
+
+def evaluate(
+    models: str | Path | Model | Sequence[str | Path | Model] | None = None,
+    pictures: PictureSet | None = None,
+    camera: str | Camera = "imx250",
+    plan: Plan | None = None,
+    output: str | Path = "run",
+    *,
+    threshold: float = 0.6,
+    engine: str | Engine = "threads",
+    threads: int | None = None,
+    progress: bool | None = None,
+    command: str = "blurnoise_eval.evaluate",
+) -> Evaluation:
+    """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
+
+    models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
+    :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera.
+    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on. threshold: the
+    confidence that is enough. engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
+    threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
+    terminal. command: what the run's page gives as its origin.
+
+    Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
+    (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
+    (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
+    """
+    in_range("threshold", threshold, 0.0, 1.0)
+    workers = usable_cores() if threads is None else threads
+    computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
+    seen_by = _camera(camera)
+    opened = _opened(models)
+    shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
+    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, Plan)
+    facts: dict[str, Any] = {
+        "command": command,
+        "engine": engine if isinstance(engine, str) else repr(engine),
+    }
+    facts |= {"threads": workers} if isinstance(engine, str) else {}
+    with Store(Path(output), create=True) as store:
+        open_run(store, opened, seen_by, shown, plan, facts)
+        with _bar("sweep", count_cells(shown, plan), progress) as advance:
+            outcome = sweep.run(opened, seen_by, shown, plan, store, engine=computed_by, progress=advance)
+        if outcome.skipped and len(outcome.skipped) == len(shown):
+            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
+        _note(store, opened, shown, outcome)
+    return Evaluation(output, threshold, outcome=outcome, progress=progress)
+
+
+class Evaluation:
+    """A run in its folder: its rows, read when asked for, and its page.
+
+    ``cells``: a row per picture, condition and model. ``targets``: a row per target of these. ``scores``: a row
+    per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
+    ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where confidence
+    stays at or above ``threshold``, and the exposure to use. ``outcome``: what was computed now, None for a run
+    opened again. ``pandas.DataFrame`` takes each list as it is. Raises
+    :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        threshold: float = 0.6,
+        *,
+        outcome: Outcome | None = None,
+        progress: bool | None = None,
+    ) -> None:
+        self.folder = Path(folder)
+        self.threshold = in_range("threshold", threshold, 0.0, 1.0)
+        self.outcome = outcome
+        self._progress = progress
+        with Store(self.folder):
+            pass
+
+    @cached_property
+    def cells(self) -> Rows:
+        """A row per picture, condition and model, as results.csv has them."""
+        with Store(self.folder) as store:
+            return list(store.cells())
+
+    @cached_property
+    def targets(self) -> Rows:
+        """A row per cell and target, as targets.csv has them."""
+        with Store(self.folder) as store:
+            return list(store.targets())
+
+    @property
+    def scores(self) -> Rows:
+        """A row per model and condition, as scores.csv has them."""
+        return self._data.scores
+
+    @property
+    def curves(self) -> Rows:
+        """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
+        return self._data.endurances
+
+    @property
+    def models(self) -> Rows:
+        """A row per model, as models.csv has them."""
+        return self._data.models
+
+    @property
+    def answers(self) -> Rows:
+        """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
+        return self._data.answers
+
+    @property
+    def figures(self) -> list[Path]:
+        """The figures' files, drawn if they are not there yet."""
+        if not (self.folder / "report.html").is_file():
+            self.report()
+        return sorted((self.folder / "figures").glob("*.png"))
+
+    @property
+    def skipped(self) -> Rows:
+        """Pictures that could not be read, with the reason."""
+        return self._data.skipped
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What summary.json holds."""
+        summary: dict[str, Any] = {
+            "run": str(self.folder),
+            "report": str(self.folder / "report.html"),
+            "cells": self._data.manifest["n_cells"],
+            "skipped": self.skipped,
+            "threshold": self.threshold,
+            "models": self.models,
+            "answers": self.answers,
+        }
+        if self.outcome is not None:
+            done = self.outcome
+            summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
+        return summary
+
+    def report(self) -> Path:
+        """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
+        from blurnoise_eval.report import write_report  # matplotlib and plotly
+
+        with Store(self.folder) as store:
+            store.export()
+        write_tables(self._data, self.folder)
+        write_whole(self.folder / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
+        return write_report(self._data, self.folder)
+
+    @cached_property
+    def _data(self) -> RunData:
+        with Store(self.folder) as store, ExitStack() as bar:
+            steps = store.count_different(*CONDITIONS, "model")
+            advance = bar.enter_context(_bar("score", steps, self._progress))
+            return read_run(store, threshold=self.threshold, progress=advance)
+
+
+def usual_pictures(models: Sequence[Model]) -> PictureSet:
+    """Rendered stop signs for detectors; for readers, the word on them."""
+    return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
+
+
+def usual_repeats(pictures: PictureSet) -> int:
+    """Noise fields per picture: rendered ones are few."""
+    return 3 if pictures.kind == "rendered" else 1
+
+
+def usual_plan(pictures: PictureSet) -> Plan:
+    """The conditions that a sweep tests if not told."""
+    return Plan(
+        exposures_s=axis("exposure_s").default,
+        illuminances_lux=axis("illuminance_lux").default,
+        velocities_x_px_s=axis("velocity_x_px_s").default,
+        velocities_y_px_s=axis("velocity_y_px_s").default,
+        repeats=usual_repeats(pictures),
+    )
+
+
+def _camera(camera: str | Camera) -> Camera:
+    from blurnoise_eval.drawing.photon_transfer import find  # matplotlib
+
+    return find(camera) if isinstance(camera, str) else _of_kind("camera", camera, Camera)
+
+
+def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
+    if models is None:
+        from blurnoise_models.detector import STOP_SIGN
+
+        models = STOP_SIGN
+    each = list(models) if isinstance(models, Sequence) and not isinstance(models, str) else [models]
+    if not each:
+        raise ValueError("models = []: must hold at least one")
+    for model in each:
+        if not isinstance(model, (str, Path, Detector)) and not hasattr(model, "read"):
+            raise TypeError(f"models: {model!r}: must be a file, a Detector or a reader of text")
+    paths = [model for model in each if isinstance(model, (str, Path))]
+    opened = iter(open_models(paths) if paths else ())
+    found = [next(opened) if isinstance(model, (str, Path)) else model for model in each]
+    if len({isinstance(model, Detector) for model in found}) > 1:
+        raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
+    return found
+
+
+def _of_kind(name: str, value: object, kind: type[T]) -> T:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
+    return value
+
+
+def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
+    """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
+    manifest = store.about("manifest")
+    manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
+    for model, about in zip(models, manifest["models"], strict=True):
+        about["latency"] = latency.measure(model, pictures)
+        about["non_finite_values"] = outcome.non_finite_values[model.name]
+        if isinstance(model, Detector):
+            some = [image for _, image in datasets.sample(pictures, _SUSPECTED_PICTURES)]
+            about["suspicions"] = common_suspicions(model, some)
+    store.set_about("manifest", manifest)
+
+
+def _bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Callable[[float], None]]:
+    return ProgressBar(label, total) if progress else nullcontext(lambda done: None)

@@ -1,0 +1,48 @@
+"""Rows of the store: what a model answered to one cell's picture, in columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.store.store import CellResult
+from blurnoise_eval.sweep.exposing import Frame
+
+
+def cell_result(
+    frame: Frame, model: str, camera: str, sight: Sight, example: str | None, example_png: bytes | None
+) -> CellResult:
+    """The rows of one cell and model. example: where the picture is kept in the run's folder, as PNG."""
+    cell, at = frame.cell, frame.cell.conditions
+    shared = {
+        "cell_id": cell.cell_id,
+        "model": model,
+        "camera": camera,
+        "image": cell.image,
+        "repeat": cell.repeat,
+        "clean": at is None,
+        "exposure_s": at and at.exposure_s,
+        "illuminance_lux": at and at.illuminance_lux,
+        "velocity_x_px_s": at and at.velocity_x_px_s,
+        "velocity_y_px_s": at and at.velocity_y_px_s,
+        "blur_px": at and at.blur_px,
+    }
+    rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]
+    confidences = np.array([row["confidence"] for row in rows])
+    summary = {
+        "seed": cell.seed,
+        "n_targets": len(rows),
+        "target_confidence": float(confidences.mean()) if rows else None,
+        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        "n_detections": len(sight.detections),
+        "simulate_ms": frame.simulate_ms,
+        "infer_ms": sight.infer_ms,
+        "error": sight.error,
+        "example": example,
+    }
+    return CellResult(
+        {**shared, **summary}, tuple(rows), sight.detections, example_png, sight.non_finite_values
+    )

@@ -1,0 +1,96 @@
+"""Work that travels: models, camera and temperature; a worker opens it and computes blocks of cells.
+
+A cell (see :mod:`blurnoise_eval.grid.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
+whoever computes it and in whatever order.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+from blurnoise.camera import Camera
+from blurnoise_eval.datasets import Picture, encode
+from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.scoring.on_picture import Model, View, view
+from blurnoise_eval.store.store import CellResult
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.exposing import Scene, frames
+from blurnoise_eval.sweep.rows import cell_result
+
+EXAMPLES = "examples"  # folder of the run
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every block needs beside itself. It pickles; models are opened again where it arrives.
+
+    temperature_c: of the sensor.
+    """
+
+    models: tuple[Model, ...]
+    camera: Camera
+    temperature_c: float
+
+    def open(self, pictures_held: int) -> Worker:
+        """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
+        return Worker(self, pictures_held)
+
+
+class PreparedPicture:
+    """A picture as light, and every model's answer to it as it is."""
+
+    def __init__(self, picture: Picture, models: Sequence[Model]) -> None:
+        image = picture.load()
+        self.scene = Scene(image)
+        self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
+
+
+class Worker:
+    """Computes blocks; any number of threads may ask at once. Pictures in use are prepared once, and kept."""
+
+    def __init__(self, work: Work, pictures_held: int) -> None:
+        self._work, self._held = work, pictures_held
+        self._prepared: OrderedDict[str, Future[PreparedPicture]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def compute(self, block: Block) -> list[CellResult]:
+        """Simulate each cell's picture and ask every model: one result per cell and model.
+
+        Raises :class:`~blurnoise_eval.datasets.UnreadablePicture`; a picture on which a model fails is noted in
+        its row.
+        """
+        return list(self._results(self._picture(block.picture), block))
+
+    def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
+        camera = self._work.camera
+        for frame in frames(prepared.scene, block.cells, camera, self._work.temperature_c):
+            kept = frame.cell.cell_id in block.examples
+            example = _example_path(frame.cell) if kept else None
+            png = encode(frame.image) if kept else None
+            for each in prepared.views:
+                sight = each.clean if frame.cell.conditions is None else each.look(frame.image)
+                yield cell_result(frame, each.model.name, camera.name, sight, example, png)
+
+    def _picture(self, picture: Picture) -> PreparedPicture:
+        """Prepared by whichever thread needs it first."""
+        with self._lock:
+            prepared = self._prepared.get(picture.name)
+            mine = prepared is None
+            if prepared is None:
+                prepared = self._prepared[picture.name] = Future()
+                while len(self._prepared) > self._held:
+                    self._prepared.popitem(last=False)
+        if mine:
+            try:
+                prepared.set_result(PreparedPicture(picture, self._work.models))
+            except BaseException as error:
+                prepared.set_exception(error)
+        return prepared.result()
+
+
+def _example_path(cell: Cell) -> str:
+    return f"{EXAMPLES}/{cell.cell_id}.png"

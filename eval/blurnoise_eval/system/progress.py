@@ -1,0 +1,25 @@
+"""Progress on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+
+class ProgressBar:
+    """A progress bar on the terminal's error stream, silent where there is none. Inside: what advances it."""
+
+    def __init__(self, label: str, total: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+        columns = ("[bold]{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        console = Console(stderr=True)
+        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
+        self._task = self._progress.add_task(label, total=total)
+
+    def __enter__(self) -> Callable[[float], None]:
+        self._progress.start()
+        return lambda done: self._progress.advance(self._task, done)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()

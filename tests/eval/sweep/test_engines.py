@@ -1,0 +1,301 @@
+"""Whoever computes a sweep, in whatever order: the same rows; and what happens when a worker does not come back."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from band_readers import constant_reader
+from blurnoise_eval import cli, datasets
+from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.ocr import Recogniser
+from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
+from blurnoise_eval.sweep.engines import Engine, ProcessEngine, ThreadEngine, engine_of
+from blurnoise_eval.sweep.run import Outcome, run
+from blurnoise_eval.sweep.work import Work
+from blurnoise_models import matched_filter
+
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
+
+CAMERA = Camera.preset("imx250")
+PLAN = Plan((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)
+SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
+BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    path = tmp_path_factory.mktemp("model") / "small.onnx"
+    return Detector(matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64))
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
+    """A sign whose text is known, the same moved, and a file of 0 bytes."""
+    folder = tmp_path_factory.mktemp("pictures")
+    linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
+    sign = srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+    datasets.write_picture(folder / "a.png", sign)
+    datasets.write_picture(folder / "b.png", np.roll(sign, 5, axis=1))
+    (folder / "empty.png").write_bytes(b"")
+    targets = (Target("stop sign", "signs", BOX), Target("text", "texts", BOX, text="STOP"))
+    shown = datasets.image_folder(folder)
+    return replace(shown, pictures=tuple(replace(each, targets=targets) for each in shown), categories={})
+
+
+def everything(folder: Path) -> list[Any]:
+    """All that a run found, but not how long it took; and the pictures it kept."""
+    with Store(folder) as store:
+        cells = [
+            {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms")}
+            for cell in store.cells()
+        ]
+        found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
+        boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes()) for each in found]
+        kept = {path.name: path.read_bytes() for path in (folder / "examples").iterdir()}
+        return [cells, list(store.targets()), boxes, store.skipped(), kept]
+
+
+def computed(
+    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: Plan = PLAN
+) -> Outcome:
+    with Store(folder, create=True) as store:
+        return run(models, CAMERA, shown, plan, store, engine=engine)
+
+
+def timeless(results: list[CellResult]) -> list[Any]:
+    return [
+        [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
+        + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
+        for result in results
+    ]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_rows_depend_neither_on_threads_nor_on_order(
+    detector: Detector, pictures: PictureSet, threads: int
+) -> None:
+    work = Work((detector,), CAMERA, PLAN.temperature_c)
+    whole = replace(pictures, pictures=pictures.pictures[:2])
+    todo = list(blocks(whole, PLAN))
+    expected = {block: timeless(work.open(1).compute(block)) for block in todo}
+    random.Random(threads).shuffle(todo)
+    for block, answer in ThreadEngine(threads).map(work, todo):
+        assert isinstance(answer, list)
+        assert timeless(answer) == expected.pop(block)
+    assert not expected
+
+
+def test_processes_give_what_threads_give(detector: Detector, pictures: PictureSet, tmp_path: Path) -> None:
+    """Rows, pictures, what could not be read, and how many values were not finite, for a reader that gives NaN."""
+    rows = np.full((1, 3, 5), 0.2, np.float32)
+    rows[0, 1, 2:4] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        broken = Recogniser(constant_reader(tmp_path / "nan.onnx", rows))
+    done = {}
+    for engine in (ThreadEngine(2), ProcessEngine(2)):
+        # The copies of the models in other processes warn for the first time; here it was warned of on opening.
+        told = pytest.warns(RuntimeWarning, match="nan.onnx: outputs contain NaN")
+        with told if isinstance(engine, ProcessEngine) else warnings.catch_warnings():
+            folder = tmp_path / type(engine).__name__
+            done[type(engine)] = computed(folder, [detector, broken], pictures, engine)
+    threads, processes = done[ThreadEngine], done[ProcessEngine]
+    assert everything(tmp_path / "ProcessEngine") == everything(tmp_path / "ThreadEngine")
+    assert processes.computed == threads.computed == 2 * count_cells(pictures, PLAN) // 3
+    assert list(processes.skipped) == ["empty.png"]
+    assert processes.skipped == threads.skipped
+    # A box to read in every cell, two values each; the untouched picture is asked once.
+    assert processes.non_finite_values["nan"] == threads.non_finite_values["nan"] == 2 * threads.computed
+    assert processes.non_finite_values["small"] == 0
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_blocks_are_taken_as_needed(detector: Detector, pictures: PictureSet, workers: int) -> None:
+    taken = 0
+
+    def counted() -> Iterator[Block]:
+        nonlocal taken
+        for block in blocks(replace(pictures, pictures=pictures.pictures[:1]), PLAN):
+            taken += 1
+            yield block
+
+    answered = 0
+    for _ in ThreadEngine(workers).map(Work((detector,), CAMERA, 25.0), counted()):
+        assert taken - answered <= 2 * workers
+        answered += 1
+    assert answered == taken > 6
+
+
+def test_a_process_that_dies_names_its_picture(
+    detector: Detector, pictures: PictureSet, tmp_path: Path
+) -> None:
+    """What was finished stays, and the sweep goes on once the cause is gone."""
+    plan = Plan((0.01,), (50.0,))
+    good = pictures.pictures[0]
+    deadly = Picture("deadly.png", good.targets, partial(os._exit, 9), good.identity)
+    shown = replace(pictures, pictures=(good, replace(good, name="c.png"), deadly))
+    with pytest.raises(ChildProcessError, match=r"picture 'deadly\.png' died"):
+        computed(tmp_path / "run", [detector], shown, ProcessEngine(1), plan)
+    with Store(tmp_path / "run") as store:
+        assert {cell["image"] for cell in store.cells()} == {"a.png", "c.png"}
+    mended = replace(shown, pictures=(*shown.pictures[:2], replace(deadly, load=good.load)))
+    outcome = computed(tmp_path / "run", [detector], mended, ThreadEngine(1), plan)
+    assert outcome.resumed + outcome.computed == count_cells(shown, plan) == 6
+    assert outcome.resumed >= 2
+    computed(tmp_path / "anew", [detector], mended, ThreadEngine(1), plan)
+    assert everything(tmp_path / "run") == everything(tmp_path / "anew")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("how", ["interrupted", "killed"])
+def test_no_process_outlives_its_sweep(
+    pictures: PictureSet, detector: Detector, tmp_path: Path, how: str
+) -> None:
+    """Ctrl-C reaches every process of the terminal's group; kill -9 reaches only the first. The store is whole."""
+    shown = datasets.image_folder(Path(pictures.source))
+    command = ["sweep", "--model", str(detector.path), "--images", shown.source, "--exposure-ms", "1:60:1"]
+    command += ["--lux", "50", "--dx", "0,300", "--engine", "processes", "--threads", "2"]
+    command += ["-o", str(tmp_path / "run")]
+    started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
+    process = subprocess.Popen(
+        started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True
+    )
+    deadline = time.monotonic() + 120
+    while (
+        len(list(tmp_path.glob("run/examples/*.png"))) < 9
+    ):  # more than one block keeps: one is in the store
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    if how == "interrupted":
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.kill()
+    _, told = process.communicate(timeout=120)
+    if how == "interrupted":
+        assert process.returncode == 130
+        assert told.strip().splitlines()[-1] == "blurnoise: interrupted; what was finished is kept"
+        assert "Traceback" not in told
+    while left := of_group(process.pid):
+        assert time.monotonic() < deadline, left
+        time.sleep(0.02)
+    with Store(tmp_path / "run") as store:
+        kept = len(list(store.cells()))
+    assert kept > 0
+    plan = Plan(tuple(ms / 1e3 for ms in range(1, 61)), (50.0,), (0.0, 300.0))
+    outcome = computed(tmp_path / "run", [detector], shown, ThreadEngine(2), plan)
+    assert outcome.resumed == kept < kept + outcome.computed == 2 * count_cells(shown, plan) // 3
+    computed(tmp_path / "anew", [detector], shown, ThreadEngine(2), plan)
+    assert everything(tmp_path / "run") == everything(tmp_path / "anew")
+
+
+def of_group(group: int) -> list[str]:
+    """Processes of the group that still run."""
+    left = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = stat.read_text()
+        except OSError:  # gone meanwhile
+            continue
+        state, _, own = text[text.rindex(")") + 2 :].split()[:3]
+        if int(own) == group and state != "Z":
+            left.append(text)
+    return left
+
+
+def test_what_does_not_pickle_is_named(detector: Detector, pictures: PictureSet) -> None:
+    lambdas = replace(pictures.pictures[0], name="made up", load=lambda: np.zeros((9, 9, 3), np.uint8))
+    work = Work((detector,), CAMERA, 25.0)
+    with pytest.raises(ValueError, match=r"picture 'made up' cannot be sent .*use 'threads'"):
+        list(ProcessEngine(1).map(work, [Block(lambdas, ())]))
+    with pytest.raises(ValueError, match="models cannot be sent"):
+        list(ProcessEngine(1).map(replace(work, models=(lambda: None,)), []))  # type: ignore[arg-type]
+
+
+def test_engines_by_name() -> None:
+    assert engine_of("threads", 3) == ThreadEngine(3)
+    assert engine_of("processes", 2) == ProcessEngine(2)
+    with pytest.raises(ValueError, match=r"engine = 'rays': must be one of 'threads', 'processes'"):
+        engine_of("rays", 1)
+    for name in ("threads", "processes"):
+        with pytest.raises(ValueError, match=f"{name} = 0: must be >= 1"):
+            engine_of(name, 0)
+
+
+KINDS = ("coco", "yolo", "bdd", "text", "folder", "rendered signs", "rendered texts")
+
+
+def labelled(kind: str, folder: Path) -> PictureSet:
+    """Two pictures, the first with a sign, as a set of this kind."""
+    for name, value in (("a.png", 50), ("b.png", 90)):
+        datasets.write_picture(folder / name, np.full((20, 30, 3), value, np.uint8))
+    instances = {
+        "images": [{"id": 1, "file_name": "a.png"}, {"id": 2, "file_name": "b.png"}],
+        "categories": [{"id": 1, "name": "sign"}],
+        "annotations": [{"id": 7, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "note": ["kept"]}],
+    }
+    box = {"x1": 1, "y1": 2, "x2": 4, "y2": 6}
+    frames = [{"name": "a.png", "labels": [{"category": "sign", "box2d": box}]}, {"name": "b.png"}]
+    contents = {
+        "coco.json": json.dumps(instances),
+        "bdd.json": json.dumps(frames),
+        "text.txt": "a.png\tSTOP\nb.png\tYIELD\n",
+        "classes.txt": "sign\n",
+        "a.txt": "0 0.5 0.5 0.5 0.5",
+    }
+    for name, content in contents.items():
+        (folder / name).write_text(content)
+    return {
+        "coco": lambda: datasets.coco(folder / "coco.json"),
+        "bdd": lambda: datasets.bdd(folder / "bdd.json"),
+        "text": lambda: datasets.texts(folder / "text.txt"),
+        "yolo": lambda: datasets.yolo(folder),
+        "folder": lambda: datasets.image_folder(folder),
+        "rendered signs": datasets.rendered_signs,
+        "rendered texts": datasets.rendered_texts,
+    }[kind]()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_work_and_blocks_of_every_kind_of_pictures_travel(
+    kind: str, tmp_path: Path, detector: Detector
+) -> None:
+    shown = labelled(kind, tmp_path)
+    plan = Plan((0.01,), (50.0,))
+    work = Work((detector,), CAMERA, plan.temperature_c)
+    sent, copies = pickle.loads(pickle.dumps((work, list(blocks(shown, plan)))))
+    assert (sent.camera, sent.temperature_c) == (CAMERA, plan.temperature_c)
+    for block, copy in zip(blocks(shown, plan), copies, strict=True):
+        ours, theirs = block.picture, copy.picture
+        assert (copy.cells, copy.examples) == (block.cells, block.examples)
+        assert (theirs.name, theirs.targets, theirs.image_id) == (ours.name, ours.targets, ours.image_id)
+        assert [t.annotation for t in theirs.targets or ()] == [t.annotation for t in ours.targets or ()]
+        np.testing.assert_array_equal(theirs.load(), ours.load())
+    assert pickle.loads(pickle.dumps(shown)).categories == shown.categories
+
+
+def test_the_command_names_the_engine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as error:
+        cli.main(["sweep", "--engine", "rays", "-o", str(tmp_path / "run")])
+    assert error.value.code == 2
+    assert "threads" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,24 @@
+"""What is said of this machine."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from blurnoise_eval.system.machine import hardware, usable_cores
+
+
+def test_the_machine_in_words() -> None:
+    told = hardware()
+    assert told["cores"] == usable_cores() >= 1
+    assert all(isinstance(told[name], str) and told[name] for name in ("processor", "system", "python"))
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is Linux's")
+def test_only_cores_that_may_be_used_count() -> None:
+    allowed = os.sched_getaffinity(0)
+    try:
+        os.sched_setaffinity(0, {min(allowed)})
+        assert usable_cores() == 1
+    finally:
+        os.sched_setaffinity(0, allowed)
