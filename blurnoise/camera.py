@@ -41,6 +41,7 @@ class Camera:
     black_level_dn: offset before rounding. bit_depth: of the converter.
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
     ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
+    diffraction_wavelength_um: at which the lens's aperture spreads the light; 0: no diffraction.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
     sources: field name -> where its figure comes from.
 
@@ -64,6 +65,7 @@ class Camera:
     bit_depth: int = 12
     defocus_radius_px: float = 0.0
     defocus_counts_pixel: bool = False
+    diffraction_wavelength_um: float = 0.0
     width_px: int = 1920
     height_px: int = 1080
     hfov_deg: float = 60.0
@@ -76,6 +78,7 @@ class Camera:
             positive(name, getattr(self, name))
         for name in ("read_noise_e", "dark_current_e_s", "prnu", "dsnu_e", "defocus_radius_px"):
             non_negative(name, getattr(self, name))
+        non_negative("diffraction_wavelength_um", self.diffraction_wavelength_um)
         in_range("transmission", self.transmission, 0.0, 1.0)
         in_range("dark_reference_c", self.dark_reference_c, -273.15, 300.0)
         in_range("hfov_deg", self.hfov_deg, 1e-3, 360.0)
@@ -107,7 +110,10 @@ class Camera:
     @property
     def optics(self) -> Optics:
         """The lens's blur that acts through its transfer function."""
-        return Optics(defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px)
+        return Optics(
+            defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px,
+            diffraction_lambda_n_px=self.diffraction_wavelength_um * self.f_number / self.pixel_pitch_um,
+        )
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).

@@ -303,10 +303,14 @@ def develop_8bit(dn: Tensor, camera: Camera) -> Tensor:
     return _look_up(tones_8bit(camera).to(dn.device), dn)
 
 
-@lru_cache(maxsize=8)
-def tones_8bit(camera: Camera) -> Tensor:
-    """The 8-bit sRGB value of every digital number, uint8 on the CPU."""
-    return _tones(camera, "srgb").mul(255.0).round().to(torch.uint8)
+@lru_cache(maxsize=64)
+def tones_8bit(camera: Camera, gain_db: float = 0.0) -> Tensor:
+    """The 8-bit sRGB value of every digital number, its light times 10^(gain_db / 20), uint8 on the CPU."""
+    if gain_db == 0:
+        return _tones(camera, "srgb").mul(255.0).round().to(torch.uint8)
+    dn = torch.arange(camera.full_scale_dn + 1, dtype=torch.float64)
+    light = (dn - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
+    return srgb_from_linear(light * 10 ** (gain_db / 20)).mul(255.0).round().to(torch.uint8)
 
 
 @lru_cache(maxsize=8)

@@ -8,13 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from blurnoise_eval.cli import arguments_measure, arguments_quality
+from blurnoise_eval.cli.arguments_axes import add_axes
+from blurnoise_eval.grid.axes import AXES
 
 Command = Callable[[argparse.Namespace], int]
 
-EXPOSURES_MS = "1,2,5,10,15,20,30,45,60,90"
-ILLUMINANCES_LUX = "0.5,50,5000"
-VELOCITIES_PX_S = "0,200,500,1000"
-_LISTS = ("--exposure-ms", "--lux", "--dx", "--dy", "--roi")
+_LISTS = (*(axis.option for axis in AXES), "--roi")
 CHARTS = ("slanted-edge", "siemens-star", "stop-sign", "flat-patch")
 
 _DESCRIPTION = """\
@@ -229,7 +228,7 @@ def _parser(run: Mapping[str, Command]) -> argparse.ArgumentParser:
         "quality", "charts -> every image-quality metric, over exposure and blur", arguments_quality.ABOUT
     )
     arguments_quality.add_options(quality, numbers)
-    _camera_options(quality)
+    _camera_option(quality)
     _json_option(quality)
 
     measure = command(
@@ -407,19 +406,10 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     what.add_argument("--limit", type=int, metavar="N", help="only the first N pictures")
     grid = sweep.add_argument_group(f"conditions, each {_LIST_HELP}")
-    for name, default, about in (
-        ("--exposure-ms", EXPOSURES_MS, "exposure times, ms"),
-        ("--lux", ILLUMINANCES_LUX, "light on the scene, lux"),
-        ("--dx", VELOCITIES_PX_S, "motion to the right, px/s"),
-        ("--dy", "0", "motion down, px/s"),
-    ):
-        grid.add_argument(
-            name, type=numbers, default=numbers(default), metavar="LIST", help=f"{about} (default {default})"
-        )
+    add_axes(grid, numbers)
     grid.add_argument("--repeats", type=int, help="noise fields per picture (default: rendered 3, else 1)")
     grid.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
-    grid.add_argument("--temperature-c", type=float, default=25.0, help="of the sensor, degC (default 25)")
-    _camera_options(sweep)
+    _camera_option(sweep)
     sweep.add_argument("--threshold", type=float, default=0.6, help="confidence that is enough (default 0.6)")
     sweep.add_argument("--threads", type=int, help="pictures at a time (default: every core)")
     sweep.add_argument(
@@ -429,13 +419,20 @@ def _sweep_options(sweep: argparse.ArgumentParser) -> None:
 
 
 def _camera_options(parser: argparse.ArgumentParser) -> None:
+    _camera_option(parser)
+    parser.add_argument(
+        "--f-number", type=float, metavar="N",
+        help="of the lens, in place of the camera's: its light, and its diffraction at 0.55 µm",
+    )  # fmt: skip
+
+
+def _camera_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera",
         default="imx250",
         metavar="NAME|FILE",
         help="a preset or a YAML or JSON file; see 'blurnoise cameras' (default imx250)",
     )
-    parser.add_argument("--f-number", type=float, metavar="N", help="of the lens, in place of the camera's")
 
 
 def _json_option(parser: argparse.ArgumentParser) -> None:

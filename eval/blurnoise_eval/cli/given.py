@@ -15,16 +15,17 @@ if TYPE_CHECKING:
 
 
 def camera(options: argparse.Namespace) -> Camera:
-    """The camera, with the lens's f-number if that is given."""
+    """The camera, with the lens's f-number if that is given: its light, and its diffraction."""
     from dataclasses import replace
 
     from blurnoise_eval.drawing.photon_transfer import find
+    from blurnoise_eval.grid.conditions import with_lens
 
     camera = find(options.camera)
     if options.f_number is None:
         return camera
     sources = {**camera.sources, "f_number": "given on the command line"}
-    return replace(camera, f_number=options.f_number, sources=sources)
+    return replace(with_lens(camera, f_number=options.f_number), sources=sources)
 
 
 def detector(options: argparse.Namespace) -> Any:

@@ -6,27 +6,23 @@ import argparse
 import json
 
 from blurnoise_eval.cli import given
+from blurnoise_eval.cli.arguments_axes import grid
+from blurnoise_eval.cli.arguments_quality import USUAL
 from blurnoise_eval.cli.console import ProgressBar
 
 
 def quality(options: argparse.Namespace) -> int:
     """Measure charts under every condition; tables, figures, and the exposure that tells most."""
-    camera = given.camera(options)
+    from blurnoise_eval.drawing.photon_transfer import find
+
+    camera = find(options.camera)
     threads = given.threads(options)
-    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
     from blurnoise_eval.quality import table as quality_table
 
-    plan = Plan(
-        exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
-        illuminances_lux=tuple(options.lux),
-        velocities_x_px_s=tuple(options.dx),
-        velocities_y_px_s=tuple(options.dy),
-        repeats=options.repeats,
-        seed=options.seed,
-        temperature_c=options.temperature_c,
-    )
+    plan = SweepPlan(grid(options, USUAL), repeats=options.repeats, seed=options.seed)
     options.output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
         rows = quality.measure(camera, plan, threads=threads, progress=advance)

@@ -22,27 +22,21 @@ _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 
 def sweep(options: argparse.Namespace) -> int:
     """Models x exposures x lights x speeds x pictures, then the report."""
-    camera = given.camera(options)
     from blurnoise._core.checks import in_range
-    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.cli.arguments_axes import grid
+    from blurnoise_eval.drawing.photon_transfer import find
+    from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep import run as sweep
     from blurnoise_eval.sweep import run_folder as results
 
+    camera = find(options.camera)
     in_range("threshold", options.threshold, 0.0, 1.0)
     threads = given.threads(options)
     models = given.models(options)  # before a folder is made
     pictures = given.pictures(options, reads=given.read(models))
     repeats = options.repeats if options.repeats is not None else (3 if pictures.kind == "rendered" else 1)
-    plan = Plan(
-        exposures_s=tuple(value / 1e3 for value in options.exposure_ms),
-        illuminances_lux=tuple(options.lux),
-        velocities_x_px_s=tuple(options.dx),
-        velocities_y_px_s=tuple(options.dy),
-        repeats=repeats,
-        seed=options.seed,
-        temperature_c=options.temperature_c,
-    )
+    plan = SweepPlan(grid(options), repeats=repeats, seed=options.seed)
     with Store(options.output, create=True) as store:
         for model in models if options.model else ():
             print_assumptions(model.contract, model.path)
@@ -68,13 +62,13 @@ def report(options: argparse.Namespace) -> int:
 
 def detections(options: argparse.Namespace) -> int:
     """What a run's models found, as COCO's results files."""
-    from blurnoise_eval.scoring.per_condition import CONDITIONS
+    from blurnoise_eval.store.queries import count_conditions
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
 
     with Store(options.run) as store:
         folder = options.output or options.run / "coco"
-        with ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance:
+        with ProgressBar("write", count_conditions(store, "model", "repeat")) as advance:
             written = write_detections(store, folder, advance)
     if options.json:
         print(json.dumps([str(path) for path in written]))
@@ -104,12 +98,12 @@ def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: 
 def _finish(store: Store, options: argparse.Namespace, outcome: Outcome | None) -> int:
     """Tables, figures and page of a run; the answer in the terminal."""
     from blurnoise_eval import report
-    from blurnoise_eval.scoring.per_condition import CONDITIONS
+    from blurnoise_eval.store.queries import count_conditions
     from blurnoise_eval.sweep import run_folder as results
     from blurnoise_eval.system.files import write_whole
 
     store.export()
-    with ProgressBar("score", store.count_different(*CONDITIONS, "model")) as advance:
+    with ProgressBar("score", count_conditions(store, "model")) as advance:
         data = results.read_run(store, threshold=options.threshold, progress=advance)
     results.write_tables(data, store.folder)
     cells = data.manifest["n_cells"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.camera import Camera
+from blurnoise.exposure import Exposure
 from blurnoise.plan import plan as needs_of
 from blurnoise.sensor import readout as sensor
 from blurnoise.simulate import frame_pattern, lens_and_motion, scene_reflectance
@@ -63,43 +64,44 @@ class _Shared(NamedTuple):
     camera: Camera
     noisy: bool
     motion_px: tuple[float, float]
+    gain_db: float
     seed: int
 
 
-def frames(scene: Scene, cells: Sequence[Cell], camera: Camera, temperature_c: float) -> Iterator[Frame]:
+def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
     """The picture of each cell. The lines below are ``simulate``, what neighbours have in common done once.
 
     A cell without conditions is the picture as it is.
     """
-    on_sensor: dict[tuple[float, tuple[float, float]], Tensor] = {}  # by defocus and motion
-    per_lux_s = np.float32(sensor.electrons_per_lux_s(camera))
-    needed = [(cell, _shared(cell, camera, temperature_c)) for cell in cells]
-    for shared, group in groupby(needed, key=lambda pair: pair[1]):
-        alike = [cell for cell, _ in group]
+    on_sensor: dict[Hashable, Tensor] = {}  # by lens and motion
+    needed = [(cell, _needed(cell, camera)) for cell in cells]
+    for shared, group in groupby(needed, key=lambda pair: pair[1] and pair[1][0]):
+        alike, exposures = [], []
+        for cell, found in group:
+            alike.append(cell)
+            exposures += [found[1]] if found else []
         if shared is None:
             yield from (Frame(cell, scene.image8, 0.0) for cell in alike)
             continue
         started = time.perf_counter()
-        through = (shared.camera.defocus_radius_px, shared.motion_px)
+        through = (shared.camera.optics, shared.camera.defocus_radius_px, shared.motion_px)
         if through not in on_sensor:
             on_sensor[through] = lens_and_motion(scene.sharp, shared.camera, shared.motion_px)
-        at = [cell.conditions for cell in alike if cell.conditions]
-        count, (_, colours, height, width) = len(at), scene.sharp.shape
+        count, (_, colours, height, width) = len(exposures), scene.sharp.shape
         seen = torch.empty((count, height, width, colours), dtype=torch.uint8)
         own_read_noise = 0 < shared.camera.read_noise_e < sensor.MERGE_READ_NOISE_E
         sensor.read_out(
             on_sensor[through].expand(count, -1, -1, -1),
             shared.camera,
-            # As float32 and in this order, as simulate computes it.
-            white_e=[float(np.float32(c.illuminance_lux) * np.float32(c.exposure_s) * per_lux_s) for c in at],
-            exposure_s=[c.exposure_s for c in at],
-            temperature_c=temperature_c,
+            white_e=[_white_e(at) for at in exposures],
+            exposure_s=[at.exposure_s for at in exposures],
+            temperature_c=[at.temperature_c for at in exposures],
             generator=[shared.seed] * count,
             fixed_pattern=frame_pattern(shared.camera, scene.sharp, 0),
             noise=shared.noisy,
             normal=scene.normal(shared.seed).expand(count, -1, -1, -1),
             read=scene.normal(shared.seed, "read").expand(count, -1, -1, -1) if own_read_noise else None,
-            tones=sensor.tones_8bit(camera),
+            tones=sensor.tones_8bit(exposures[0].camera, shared.gain_db),
             out=seen.permute(0, 3, 1, 2),
         )
         simulate_ms = 1e3 * (time.perf_counter() - started) / count
@@ -107,19 +109,26 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera, temperature_c: f
             yield Frame(cell, image, simulate_ms)
 
 
-def _shared(cell: Cell, camera: Camera, temperature_c: float) -> _Shared | None:
-    at = cell.conditions
-    if at is None:
+def _white_e(at: Exposure) -> float:
+    """Electrons of white, as float32 and in this order, as simulate computes it."""
+    per_lux_s = np.float32(sensor.electrons_per_lux_s(at.camera))
+    return float(np.float32(at.illuminance_lux) * np.float32(at.exposure_s) * per_lux_s)
+
+
+def _needed(cell: Cell, camera: Camera) -> tuple[_Shared, Exposure] | None:
+    if cell.conditions is None:
         return None
-    displacement = at.displacement_px
+    at = cell.conditions.exposure(camera, cell.seed)
+    displacement = cell.conditions.displacement_px
     needs = needs_of(
-        camera,
+        at.camera,
         exposure_s=float(np.float32(at.exposure_s)),
         illuminance_lux=float(np.float32(at.illuminance_lux)),
         displacement_px=displacement,
-        temperature_c=float(np.float32(temperature_c)),
+        temperature_c=float(np.float32(at.temperature_c)),
     )
-    return _Shared(needs.camera, needs.noisy, displacement if needs.moves else (0.0, 0.0), cell.seed)
+    motion_px = displacement if needs.moves else (0.0, 0.0)
+    return _Shared(needs.camera, needs.noisy, motion_px, at.gain_db, cell.seed), at
 
 
 def _reflectance(image: Image) -> Tensor:

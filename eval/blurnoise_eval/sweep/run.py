@@ -24,7 +24,8 @@ from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.grid.conditions import Cell, Conditions, Plan, cell_seed
+from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, Sight, View, view
 from blurnoise_eval.store.store import CellResult, Store
@@ -55,24 +56,24 @@ class Stage:
 
 
 def compute(
-    stage: Stage, cells: Sequence[Cell], camera: Camera, temperature_c: float, keep: _Keep | None = None
+    stage: Stage, cells: Sequence[Cell], camera: Camera, keep: _Keep | None = None
 ) -> Iterator[CellResult]:
     """Simulate each cell's picture and ask every model: one result per cell and model.
 
     This is all of a worker's task: it needs the picture, the models, the camera and plain cells.
     """
-    for frame in frames(stage.scene, cells, camera, temperature_c):
+    for frame in frames(stage.scene, cells, camera):
         example = keep(frame) if keep else None
         for each in stage.views:
             sight = each.clean if frame.cell.conditions is None else each.look(frame.image)
-            yield _result(frame, each.model.name, camera.name, sight, example)
+            yield _result(frame, each.model.name, camera, sight, example)
 
 
 def run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: Plan,
+    plan: SweepPlan,
     store: Store,
     *,
     threads: int = 1,
@@ -95,7 +96,7 @@ def run(
 
     def work(picture: Picture, cells: Sequence[Cell]) -> list[CellResult]:
         kept = keep if picture.name in shown else None
-        return list(compute(stages.get(picture), cells, camera, plan.temperature_c, kept))
+        return list(compute(stages.get(picture), cells, camera, kept))
 
     def settle(picture: Picture, cells: int, finished: Future[list[CellResult]]) -> None:
         try:
@@ -137,7 +138,7 @@ def run(
     return outcome
 
 
-def count_cells(pictures: PictureSet, plan: Plan) -> int:
+def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep settles, the clean ones included."""
     return len(pictures) * (1 + plan.repeats * len(plan.conditions()))
 
@@ -217,7 +218,7 @@ def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
     return {picture.name for picture in sorted(pictures, key=largest, reverse=True)[:_EXAMPLE_PICTURES]}
 
 
-def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[Picture, list[Cell]]]:
+def _blocks(pictures: Iterable[Picture], plan: SweepPlan) -> Iterator[tuple[Picture, list[Cell]]]:
     """Cells in tasks. A picture's clean cell, which makes its stage, comes before the last one's conditions."""
     conditions = plan.conditions()
     waiting: Picture | None = None
@@ -231,12 +232,12 @@ def _blocks(pictures: Iterable[Picture], plan: Plan) -> Iterator[tuple[Picture, 
 
 
 def _condition_blocks(
-    picture: Picture, conditions: Sequence[Conditions], plan: Plan
+    picture: Picture, conditions: Sequence[Conditions], plan: SweepPlan
 ) -> Iterator[tuple[Picture, list[Cell]]]:
-    """Blocks of conditions of one displacement, which share a blur; those of one exposure stay together."""
+    """Blocks of conditions that share a blur; those of one exposure stay together."""
     for repeat in range(plan.repeats):
         seed = cell_seed(plan.seed, picture.name, repeat)
-        for _, same in groupby(conditions, key=lambda at: at.displacement_px):
+        for _, same in groupby(conditions, key=lambda at: at.blurs_as):
             block: list[Cell] = []
             for _, lights in groupby(same, key=lambda at: at.exposure_s):
                 block += [Cell(picture.name, repeat, at, seed) for at in lights]
@@ -247,19 +248,16 @@ def _condition_blocks(
                 yield picture, block
 
 
-def _result(frame: Frame, model: str, camera: str, sight: Sight, example: str | None) -> CellResult:
+def _result(frame: Frame, model: str, camera: Camera, sight: Sight, example: str | None) -> CellResult:
     cell, at = frame.cell, frame.cell.conditions
     shared = {
         "cell_id": cell.cell_id,
         "model": model,
-        "camera": camera,
+        "camera": camera.name,
         "image": cell.image,
         "repeat": cell.repeat,
         "clean": at is None,
-        "exposure_s": at and at.exposure_s,
-        "illuminance_lux": at and at.illuminance_lux,
-        "velocity_x_px_s": at and at.velocity_x_px_s,
-        "velocity_y_px_s": at and at.velocity_y_px_s,
+        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": at and at.blur_px,
     }
     rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]
