@@ -12,12 +12,13 @@ import pytest
 import torch
 from blurnoise_eval.bench.edge_truth import closed_mtf, closed_mtf50
 from blurnoise_eval.cli import main
-from blurnoise_eval.grid.conditions import Conditions, Plan
+from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality import table as quality_table
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
 from matplotlib.colors import to_hex, to_rgba
+from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
@@ -27,7 +28,7 @@ from blurnoise.sensor import readout as sensor
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
-PLAN = Plan((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
+PLAN = swept((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
 EDGES = (
     "mtf50_x",
     "mtf50_y",
@@ -49,8 +50,7 @@ def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float =
     (found,) = (
         row.reading
         for row in rows
-        if (row.metric, row.conditions.exposure_s, row.conditions.velocity_x_px_s)
-        == (metric, exposure_s, speed_px_s)
+        if (row.metric, row.at["exposure_s"], row.at["velocity_x_px_s"]) == (metric, exposure_s, speed_px_s)
     )
     return found
 
@@ -202,14 +202,14 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
 
 
 def test_without_light_nothing_is_told_but_why() -> None:
-    for row in quality.measure(CAMERA, Plan((0.01,), (0.0,))):
+    for row in quality.measure(CAMERA, swept((0.01,), (0.0,))):
         if row.metric not in ("cnr", "michelson", "cdp", "patch_snr_bright", "patch_snr_dark", "neq_0"):
             assert not row.reading.told, row.metric
             assert row.reading.flags, row.metric
 
 
 def test_motion_beyond_the_chart_is_withheld() -> None:
-    rows = quality.measure(CAMERA, Plan((0.03,), (LUX,), (0.0,), (5000.0,)))
+    rows = quality.measure(CAMERA, swept((0.03,), (LUX,), (0.0,), (5000.0,)))
     for metric in ("mtf50_x", "sic_radial_x", "sic_square", "snri"):
         found = reading(rows, metric, 0.03)
         assert not found.told
@@ -236,13 +236,11 @@ def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
 
 def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) -> None:
     def records(*plan: object, **options: int) -> list[dict[str, object]]:
-        return [row.record() for row in quality.measure(CAMERA, Plan(*plan), **options)]  # type: ignore[arg-type]
+        return [row.record() for row in quality.measure(CAMERA, swept(*plan), **options)]  # type: ignore[arg-type]
 
     some = ((0.004, 0.016), (LUX,), (500.0,))
     wanted = [
-        row.record()
-        for row in rows
-        if row.conditions.exposure_s in some[0] and row.conditions.velocity_x_px_s == 500.0
+        row.record() for row in rows if row.at["exposure_s"] in some[0] and row.at["velocity_x_px_s"] == 500.0
     ]
     assert records(*some, threads=2) == wanted
     other = records(*some, (0.0,), 1, 7)
@@ -257,7 +255,7 @@ def test_threads_are_given_back() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        quality.measure(CAMERA, Plan((0.01,), (LUX,)))
+        quality.measure(CAMERA, swept((0.01,), (LUX,)))
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
@@ -319,7 +317,7 @@ def test_shade_ends_halfway_between_exposures(rows: list[Row]) -> None:
 
 def test_noise_and_blur_have_a_shade_of_their_own() -> None:
     def row(speed: float, exposure_s: float, found: Reading) -> list[Row]:
-        at = Conditions(exposure_s, 1.0, speed, 0.0)
+        at = Conditions(exposure_s=exposure_s, illuminance_lux=1.0, velocity_x_px_s=speed).on(CAMERA)
         return [Row(at, metric.name, found, int(found.told), 1) for metric in METRICS]
 
     lost, noisy = Reading(math.nan, flags=frozenset({"region_too_small"})), frozenset({"noise_dominated"})
