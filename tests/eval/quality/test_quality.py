@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -76,8 +77,8 @@ def noise_e2(exposure_s: float, reflectance: float) -> float:
 
 
 def test_a_row_per_condition_and_metric(rows: list[Row]) -> None:
-    wanted = [(at, metric.name) for at in PLAN.conditions() for metric in METRICS]
-    assert [(row.conditions, row.metric) for row in rows] == wanted
+    wanted = [(at.on(CAMERA), metric.name) for at in PLAN.conditions() for metric in METRICS]
+    assert [(row.at, row.metric) for row in rows] == wanted
 
 
 @pytest.mark.parametrize("exposure_s", [0.001, 0.004, 0.016])
@@ -249,6 +250,54 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) ->
     assert all(
         mine["value"] != theirs["value"] for mine, theirs in pairs if mine["metric"] != "cdp"
     )  # can be 1
+
+
+def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
+    """Of f-numbers, defocus, heat and gain each changes what physics says, against the still chart at 16 ms."""
+    plain = {row.metric: row.reading for row in rows if (row.at["exposure_s"], row.blur_px) == (0.016, 0)}
+
+    def told(camera: Camera = CAMERA, **axis: float) -> dict[str, Reading]:
+        ((name, value),) = axis.items()
+        found = quality.measure(camera, swept((0.016,), (LUX,), **{name: (value,)}))
+        assert {row.record()[name] for row in found} == {value}
+        return {row.metric: row.reading for row in found}
+
+    # A quarter of the light: mean square over variance, by shot noise.
+    stopped = told(f_number=2 * CAMERA.f_number)
+    assert stopped["neq_0"].value == pytest.approx(plain["neq_0"].value / 4, rel=0.05)
+    assert stopped["mtf50_x"].value < 0.99 * plain["mtf50_x"].value  # diffraction
+    soft = told(defocus_radius_px=3.0)
+    assert soft["mtf50_x"].value < 0.5 * plain["mtf50_x"].value
+    assert soft["neq_0"].value == pytest.approx(plain["neq_0"].value, rel=0.05)
+    leaky = replace(CAMERA, dark_current_e_s=50.0)
+    hot = told(leaky, temperature_c=100.0)  # 16 ms at 2^10 times 50 e-/s: 800 e- beside the light's
+    assert hot["cnr"].value < 0.9 * plain["cnr"].value
+    darker = told(gain_db=-6.0)  # signal and noise alike, but for rounding
+    assert darker["patch_snr_bright"].value == pytest.approx(plain["patch_snr_bright"].value, rel=0.01)
+    assert darker["psnr_db"].value == pytest.approx(plain["psnr_db"].value, abs=0.2)
+    brighter = told(gain_db=30.0)
+    assert "clipped" in brighter["patch_snr_bright"].flags
+    assert not brighter["patch_snr_bright"].told
+
+
+def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
+    rows = [
+        Row(at.on(CAMERA), metric.name, Reading(1.0, 0.5, 2.0), 1, 1)
+        for at in swept(
+            (0.001, 0.01), (5.0, LUX), (0.0, 100.0), f_number=(2.0, 4.0), gain_db=(6.0,)
+        ).conditions()
+        for metric in METRICS
+    ]
+    names = [path.name for path in quality_figures.write(rows, "a camera", tmp_path)]
+    assert names == [
+        f"{kind}-{lux}lux-f{n}.png" for lux in (5, 50) for n in (2, 4) for kind in ("exposure", "blur")
+    ]
+    best = quality_table.most_information(rows)
+    assert len(best) == 2 * 2 * 2
+    assert {row["gain_db"] for row in best} == {6.0}
+    table = quality_figures.table(best)
+    assert [column.header for column in table.columns][:3] == ["lux", "f-number", "motion"]
+    assert [next(iter(table.columns[1].cells)), table.row_count] == ["2", 8]
 
 
 def test_threads_are_given_back() -> None:

@@ -22,6 +22,7 @@ import torch
 from blurnoise_eval import cli
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
@@ -172,6 +173,55 @@ def test_cell_is_what_simulate_and_the_detector_give(
         assert kept == 9  # three exposures by three speeds
 
 
+FURTHER = {
+    "temperature_c": (60.0,),
+    "f_number": (1.4, 16.0),
+    "defocus_radius_px": (0.0, 2.5),
+    "gain_db": (0.0, 9.0),
+}
+
+
+def test_cell_of_any_axes_is_what_simulate_gives(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lens that is stated with its diffraction, heat, and a gain of the developed picture's light."""
+    image = noise(43, 61)
+    plan = swept((0.004, 0.0123), (33.3,), (0.0, 333.3), (-77.1,), seed=5, examples=False, **FURTHER)
+    seen: dict[str, NDArray[np.uint8]] = {}
+    made = sweep.frames
+
+    def watched(*arguments: Any) -> Any:
+        for frame in made(*arguments):
+            seen[frame.cell.cell_id] = frame.image
+            yield frame
+
+    monkeypatch.setattr(sweep, "frames", watched)
+    shown = picture_set(picture("p", lambda: image))
+    cells, *_ = rows_of(tmp_path, [detector], EVERY_EFFECT, shown, plan)
+    batch = torch.from_numpy(image).permute(2, 0, 1)[None] / 255
+    exposed = [cell for cell in cells if not cell["clean"]]
+    assert len({seen[cell["cell_id"]].tobytes() for cell in exposed}) == len(exposed) == 2 * 2 * 8
+    for cell in exposed:
+        lens = {name: cell[name] for name in ("f_number", "defocus_radius_px")}
+        camera = replace(EVERY_EFFECT, diffraction_wavelength_um=0.55, **lens)
+        assert camera.optics.diffraction_lambda_n_px == pytest.approx(
+            0.55 * cell["f_number"] / EVERY_EFFECT.pixel_pitch_um
+        )
+        dn = simulate(
+            batch,
+            camera,
+            exposure_s=cell["exposure_s"],
+            illuminance_lux=cell["illuminance_lux"],
+            velocity_px_s=(cell["velocity_x_px_s"], cell["velocity_y_px_s"]),
+            temperature_c=cell["temperature_c"],
+            generator=[cell["seed"]],
+        )
+        black = camera.black_level_dn
+        light = (dn.double() - black) / (camera.full_scale_dn - black) * 10 ** (cell["gain_db"] / 20)
+        rgb = srgb_from_linear(light).mul(255).round().byte()[0].permute(1, 2, 0).numpy()
+        np.testing.assert_array_equal(seen[cell["cell_id"]], rgb)
+
+
 def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector, tmp_path: Path) -> None:
     direct = detector.detect(sign())
     for name, load in (("8 bit", sign), ("16 bit", partial(sign, np.uint16))):
@@ -182,8 +232,7 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
             np.testing.assert_array_equal(found.scores, direct.scores)
             np.testing.assert_array_equal(found.boxes_xyxy, direct.boxes_xyxy)
             assert clean["target_confidence"] == target_confidence(direct, BOX, 0) > 0.8
-            conditions = ("exposure_s", "illuminance_lux", "velocity_x_px_s", "velocity_y_px_s", "blur_px")
-            assert [clean[key] for key in conditions] == [None] * 5
+            assert [clean[key] for key in (*NAMES, "blur_px")] == [None] * (len(NAMES) + 1)
             image = cv2.imread(str(tmp_path / name / clean["example"]))
             np.testing.assert_array_equal(image[..., ::-1], sign())
 
