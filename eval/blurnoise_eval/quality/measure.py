@@ -210,18 +210,17 @@ def _with_gain(camera: Camera, gain_db: float) -> Camera:
     if gain_db == 0:
         return camera
     gain = 10 ** (gain_db / 20)
-    clip_dn = min(
-        camera.full_scale_dn, round((camera.clip_dn - camera.black_level_dn) * gain + camera.black_level_dn)
-    )
+    clip_dn = (camera.clip_dn - camera.black_level_dn) * gain + camera.black_level_dn
+    clip_dn = min(camera.full_scale_dn, math.floor(clip_dn))  # what clips reaches it
     per_e = camera.system_gain_dn_per_e * gain
     full_well_e = max(clip_dn - camera.black_level_dn, 1.0) / per_e
     return replace(camera, system_gain_dn_per_e=per_e, full_well_e=full_well_e)
 
 
 def _amplified(dn: Tensor, seen: Camera, gain_db: float) -> Tensor:
-    """Digital numbers after a digital gain, rounded as digital numbers are."""
+    """Digital numbers after a digital gain, as light that is yet to be developed: not rounded again."""
     black = seen.black_level_dn
-    return ((dn - black) * 10 ** (gain_db / 20) + black).round().clamp(0.0, seen.clip_dn)
+    return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.clip_dn)
 
 
 def together(readings: Sequence[Reading]) -> Reading:
