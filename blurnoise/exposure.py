@@ -9,9 +9,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import groupby
 from typing import Any, NamedTuple, TypeVar
 
@@ -30,6 +29,7 @@ from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint, items, operating_points
 from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
+from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.spectra import Curve
@@ -53,13 +53,19 @@ class Exposure:
     gain_db: float = 0.0
     seed: int = 0
 
+    def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
+        """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
+        x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
+        white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
+        at = OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y))
+        return effects.moved_boxes(boxes_xyxy, at)
+
 
 class Frame(NamedTuple):
-    """A developed frame, (H, W, C) uint8, the ms it took, and where it moves the scene's boxes (None: nowhere)."""
+    """A developed frame, (H, W, C) uint8, and the ms it took."""
 
     picture: NDArray[np.uint8]
     simulate_ms: float
-    move_boxes: Callable[[Tensor], Tensor] | None
 
 
 class ExposedScene:
@@ -154,9 +160,7 @@ class ExposedScene:
                 )
             pictures = self._developed(after_effects[shared.light], shared, alike)
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(alike)
-            for picture, each in zip(pictures, alike, strict=True):
-                move_boxes = partial(effects.moved_boxes, at=each.at) if effects.displace() else None
-                yield Frame(picture, simulate_ms, move_boxes)
+            yield from (Frame(picture, simulate_ms) for picture in pictures)
 
     def _developed(
         self, light: Tensor, shared: _Alike, alike: Sequence[_Planned]
@@ -211,7 +215,7 @@ class ExposedScene:
                     exposure.seed,
                     effects.key(_reduced(at, needs), without),
                 )
-                yield _Planned(alike, at, items(points, slice(place, place + 1)), needs)
+                yield _Planned(alike, items(points, slice(place, place + 1)), needs)
 
     def _read(
         self,
@@ -281,7 +285,6 @@ class _Alike(NamedTuple):
 
 class _Planned(NamedTuple):
     alike: _Alike
-    at: OperatingPoint[float]
     points: OperatingPoint[Tensor]
     needs: Plan | None
 

@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from blurnoise_eval import datasets
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.axes import AXES
-    from blurnoise_eval.grid.conditions import Plan
+    from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 
-__all__ = ["AXES", "Detector", "Evaluation", "Plan", "datasets", "evaluate"]
+__all__ = ["AXES", "Detector", "Evaluation", "SweepPlan", "datasets", "evaluate"]
 _FROM = {
     "AXES": "grid.axes",
     "Detector": "detectors.detector",
     "Evaluation": "sweep.evaluation",
-    "Plan": "grid.conditions",
+    "SweepPlan": "grid.conditions",
     "evaluate": "sweep.evaluation",
 }
 

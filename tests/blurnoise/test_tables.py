@@ -121,15 +121,14 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: p
         )
         expected = develop_8bit(dn, exposure.camera, exposure.gain_db)[0].permute(1, 2, 0)
         assert torch.equal(torch.from_numpy(frame.picture), expected)
-        assert frame.move_boxes is not None
-        moved = frame.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
+        moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
 
 
 def test_todays_effects_leave_boxes_where_they_are() -> None:
-    scene = ExposedScene.of_picture((picture()[0].permute(1, 2, 0) * 255).byte().numpy())
-    (frame,) = scene.frames([Exposure(CAMERA, 0.004, 20.0, (900.0, 0.0))])
-    assert frame.move_boxes is None
+    assert not effects.displace()
+    boxes = torch.tensor([[1.0, 2.0, 3.0, 4.0]])
+    assert torch.equal(Exposure(CAMERA, 0.004, 20.0, (900.0, 0.0)).move_boxes(boxes), boxes)
 
 
 @pytest.mark.parametrize("noise", [True, False])

@@ -13,7 +13,7 @@ import numpy as np
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.blocks import count_cells
@@ -41,10 +41,12 @@ def sweep_speed(
     seconds = 0.0
     peak_mb: list[float] = []
     for turn in range(rounds):
-        plan = Plan(
-            exposures_s=(0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09),
-            illuminances_lux=(1.0, 10.0, 100.0),
-            velocities_x_px_s=(0.0, 200.0, 500.0, 1000.0),
+        plan = SweepPlan(
+            {
+                "exposure_s": (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09),
+                "illuminance_lux": (1.0, 10.0, 100.0),
+                "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
+            },
             repeats=2 if turn == rounds - 1 else 1,
             seed=turn,
             examples=False,

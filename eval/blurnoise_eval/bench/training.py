@@ -37,7 +37,7 @@ from blurnoise_eval.bench.written import write_bench
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.conditions import Cell, Conditions, Plan
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.scoring.matching import (
     AveragePrecision,
     Ranking,
@@ -58,20 +58,26 @@ LABEL = "stop sign"
 OURS = "exposure"
 """The arm on trial; the others are its rivals."""
 CAMERA = Camera.preset("imx250")
-SCENES = Plan(
-    exposures_s=(1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3),
-    illuminances_lux=(10.0, 50.0, 250.0),
-    velocities_x_px_s=(0.0, 150.0, 400.0, 800.0, 1500.0, 3000.0),
+_LIGHTS_LUX = (10.0, 50.0, 250.0)
+SCENES = SweepPlan(
+    {
+        "exposure_s": (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 40e-3),
+        "illuminance_lux": _LIGHTS_LUX,
+        "velocity_x_px_s": (0.0, 150.0, 400.0, 800.0, 1500.0, 3000.0),
+    },
     examples=False,
 )
-PHOTOGRAPHS = Plan(
-    exposures_s=(1e-3, 5e-3, 20e-3, 40e-3),
-    illuminances_lux=(10.0, 50.0, 250.0),
-    velocities_x_px_s=(0.0, 400.0, 1500.0, 3000.0),
+PHOTOGRAPHS = SweepPlan(
+    {
+        "exposure_s": (1e-3, 5e-3, 20e-3, 40e-3),
+        "illuminance_lux": _LIGHTS_LUX,
+        "velocity_x_px_s": (0.0, 400.0, 1500.0, 3000.0),
+    },
     examples=False,
 )
-QUICK = Plan(
-    exposures_s=(2e-3, 20e-3), illuminances_lux=(10.0, 50.0), velocities_x_px_s=(0.0, 1500.0), examples=False
+QUICK = SweepPlan(
+    {"exposure_s": (2e-3, 20e-3), "illuminance_lux": (10.0, 50.0), "velocity_x_px_s": (0.0, 1500.0)},
+    examples=False,
 )
 
 
@@ -95,7 +101,7 @@ class Part:
 
     name: str
     pictures: PictureSet
-    plan: Plan
+    plan: SweepPlan
 
     @property
     def conditions(self) -> list[Conditions | None]:
@@ -125,7 +131,7 @@ class Row:
             "clean": at is None,
             "exposure_s": at and at.exposure_s,
             "illuminance_lux": at and at.illuminance_lux,
-            "velocity_x_px_s": at and at.velocity_x_px_s,
+            "velocity_x_px_s": at and at["velocity_x_px_s"],
             "blur_px": at and at.blur_px,
             **self.precision._asdict(),
             "mean_confidence": self.confidence,

@@ -32,7 +32,7 @@ def detections(
 
     pycocotools reads them.
     """
-    from blurnoise_eval.scoring.per_condition import CONDITIONS
+    from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -10,48 +10,21 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.grid.conditions import Plan
     from blurnoise_eval.scoring.on_picture import Model
 
 
 def camera(name: str, f_number: float | None = None) -> Camera:
-    """The camera of a preset's name or a file, with the lens's f-number if that is given."""
+    """The camera of a preset's name or a file, with the lens's f-number if that is given: light and diffraction."""
     from dataclasses import replace
 
     from blurnoise_eval.drawing.photon_transfer import find
+    from blurnoise_eval.grid.conditions import with_lens
 
     camera = find(name)
     if f_number is None:
         return camera
     sources = {**camera.sources, "f_number": "given on the command line"}
-    return replace(camera, f_number=f_number, sources=sources)
-
-
-def plan(grid: Mapping[str, tuple[float, ...]], *, repeats: int, seed: int) -> Plan:
-    """The plan of a grid: values by the name of their axis. Raises ``ValueError`` for what none can vary yet."""
-    from blurnoise_eval.grid.conditions import Plan
-
-    for name in ("defocus_radius_px", "gain_db"):
-        if name in grid:
-            raise ValueError(f"{name} = {grid[name]}: cannot be varied yet")
-    temperature_c = single(grid, "temperature_c")
-    return Plan(
-        exposures_s=grid["exposure_s"],
-        illuminances_lux=grid["illuminance_lux"],
-        velocities_x_px_s=grid["velocity_x_px_s"],
-        velocities_y_px_s=grid["velocity_y_px_s"],
-        repeats=repeats,
-        seed=seed,
-        temperature_c=25.0 if temperature_c is None else temperature_c,
-    )
-
-
-def single(grid: Mapping[str, tuple[float, ...]], name: str) -> float | None:
-    """The one value of an axis that no plan can vary yet; None: its own. Raises ``ValueError`` for several."""
-    value, *others = grid.get(name, (None,))
-    if others:
-        raise ValueError(f"{name} = {grid[name]}: must be one number")
-    return value
+    return replace(with_lens(camera, f_number=f_number), sources=sources)
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

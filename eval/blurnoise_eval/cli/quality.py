@@ -38,13 +38,14 @@ def quality(
     DIR/figures: every metric against exposure, a line per speed, and against blur, a line per exposure. Where a
     number cannot be told (saturated, lost in noise, blurred beyond its chart) there is none, and the flags say why.
     """
-    exposed_by = given.camera(camera, given.single(grid, "f_number"))
+    exposed_by = given.camera(camera)
     workers = given.threads(threads)
+    from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
     from blurnoise_eval.quality import table as quality_table
 
-    plan = given.plan(grid, repeats=repeats, seed=seed)
+    plan = SweepPlan(grid, repeats=repeats, seed=seed)
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
         rows = quality.measure(exposed_by, plan, threads=workers, progress=advance)

@@ -115,8 +115,9 @@ def sweep(
     Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
     the same command is given again.
     """
-    exposed_by = given.camera(camera, given.single(grid, "f_number"))
+    exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
+    from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
 
     in_range("threshold", threshold, 0.0, 1.0)
@@ -136,7 +137,7 @@ def sweep(
         limit=limit,
         reads=given.read(models),
     )
-    plan = given.plan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)
+    plan = SweepPlan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(

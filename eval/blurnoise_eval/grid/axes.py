@@ -24,7 +24,8 @@ class Axis:
     ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
     unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: where it stands
     when nobody states it. default: what a sweep tests if not told; empty: its own.
-    text: for captions, unit included; slug: for file names. logarithmic: how it is drawn.
+    text: for captions, unit included; slug: for file names. logarithmic: how it is drawn. fails: more of it is
+    worse, so a curve over it has a point at which it fails for good.
     """
 
     name: str
@@ -41,13 +42,17 @@ class Axis:
     slug: Callable[[float], str]
     positive: bool = False
     logarithmic: bool = False
+    fails: bool = False
     default: tuple[float, ...] = ()
+
+    @property
+    def dest(self) -> str:
+        """The option's name among parsed ones."""
+        return self.option.removeprefix("--").replace("-", "_")
 
     def checked(self, values: Iterable[float]) -> tuple[float, ...]:
         """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
-        from blurnoise._core.checks import (
-            in_range,
-        )  # late: the options of the command line are made from here
+        from blurnoise._core.checks import in_range  # late: options of the command line are made from here
 
         kept = tuple(sorted({in_range(self.name, value, self.low, self.high) + 0.0 for value in values}))
         if not kept:
@@ -55,6 +60,10 @@ class Axis:
         if self.positive and kept[0] == self.low:
             raise ValueError(f"{self.name} = {kept[0]!r}: must be > {self.low:g}")
         return kept
+
+    def of_option(self, value: float) -> float:
+        """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
+        return value * self.per_option if self.per_option >= 1 else value / round(1 / self.per_option)
 
     def shown(self, value: float) -> float:
         """The value in the option's unit, as axes of figures and tables have it."""
@@ -83,50 +92,61 @@ def milliseconds(exposure_s: float) -> str:
 AXES: tuple[Axis, ...] = (
     Axis(
         "exposure_s", "exposure_s", "--exposure-ms", "exposure times, ms", "Exposure", "ms", 1e-3, 0.0, 3600.0,
-        own=lambda camera: math.nan, positive=True, logarithmic=True,
-        text=lambda value: f"{milliseconds(value)} ms", slug=lambda value: f"{1e3 * value:.12g}ms",
+        own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True,
+        text=lambda value: f"{milliseconds(value)} ms", slug=lambda value: f"{1e3 * value:g}ms",
         default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 15, 20, 30, 45, 60, 90)),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
         own=lambda camera: math.nan, logarithmic=True,
-        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:.12g}lux", default=(0.5, 50.0, 5000.0),
+        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:g}lux", default=(0.5, 50.0, 5000.0),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
         1.0, -1e7, 1e7, own=lambda camera: 0.0,
-        text=lambda value: f"{value:g} px/s", slug=lambda value: f"{value:.12g}",
+        text=lambda value: f"{value:g} px/s", slug=lambda value: f"{value:g}",
         default=(0.0, 200.0, 500.0, 1000.0),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",
         1.0, -1e7, 1e7, own=lambda camera: 0.0,
-        text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:.12g}px_s", default=(0.0,),
+        text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:g}px_s", default=(0.0,),
     ),
     Axis(
         "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)",
         "Sensor temperature", "°C", 1.0, -273.15, 300.0, own=lambda camera: 25.0,
-        text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:.12g}C",
+        text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:g}C", fails=True,
     ),
     Axis(
         "f_number", "camera.f_number", "--f-number",
         "of the lens, in place of the camera's: its light, and its diffraction at 0.55 µm", "f-number", "",
-        1.0, 0.5, 256.0, own=lambda camera: camera.f_number, logarithmic=True,
-        text=lambda value: f"f/{value:g}", slug=lambda value: f"f{value:.12g}",
+        1.0, 0.5, 256.0, own=lambda camera: camera.f_number, logarithmic=True, fails=True,
+        text=lambda value: f"f/{value:g}", slug=lambda value: f"f{value:g}",
     ),
     Axis(
         "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
         "radius of the lens's disc of confusion, px, in place of the camera's", "Defocus", "px", 1.0, 0.0, 1000.0,
-        own=lambda camera: camera.defocus_radius_px,
-        text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:.12g}px",
+        own=lambda camera: camera.defocus_radius_px, fails=True,
+        text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:g}px",
     ),
     Axis(
         "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
         "Gain", "dB", 1.0, -60.0, 60.0,
-        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:.12g}dB",
+        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:g}dB",
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
+VELOCITY = ("velocity_x_px_s", "velocity_y_px_s")
+CORE: Mapping[str, float | None] = {
+    "exposure_s": None,
+    "illuminance_lux": None,
+    **dict.fromkeys(VELOCITY, 0.0),
+}
+"""Axes on which every condition has a value of its own: what it is if nobody states it (None: it must be stated)."""
+FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
+"""The other axes: where nobody states them, they stand where the camera has them."""
+SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposure_s", *VELOCITY))
+"""Axes that stay the same over a surface of exposures and velocities."""
 
 
 def axis(name: str) -> Axis:
@@ -135,6 +155,16 @@ def axis(name: str) -> Axis:
         if each.name == name:
             return each
     raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
+
+
+def setting_of(row: Mapping[str, Any]) -> tuple[float, ...]:
+    """A row's values on the axes of ``SETTING``, in their order."""
+    return tuple(row[name] for name in SETTING)
+
+
+def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
+    """(x, y) px/s of a row."""
+    return row["velocity_x_px_s"], row["velocity_y_px_s"]
 
 
 def speed_px_s(row: Mapping[str, Any]) -> float:

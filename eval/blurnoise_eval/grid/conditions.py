@@ -7,94 +7,195 @@ share their seed, so they see the same noise field and differ by physics, not by
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from blurnoise._core.checks import in_range, non_negative, positive
+from blurnoise.camera import Camera
+from blurnoise.exposure import Exposure
+from blurnoise_eval.grid.axes import (
+    AXES,
+    CORE,
+    FURTHER,
+    NAMES,
+    VELOCITY,
+    axis,
+    blur_px,
+    setting_of,
+    velocity_of,
+)
+
+DIFFRACTION_UM = 0.55
+"""Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
+_LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Exposure s, scene illuminance lux, velocity px/s (x right, y down)."""
+class Conditions(Mapping[str, float | None]):
+    """A value on every axis of ``AXES``; None: where the camera has it. Immutable and hashable.
 
-    exposure_s: float
-    illuminance_lux: float
-    velocity_x_px_s: float
-    velocity_y_px_s: float
+    Conditions(exposure_s=0.01, illuminance_lux=50.0): velocities are 0 unless stated. Raises ``ValueError`` for
+    an axis that is unknown, or that must be stated and is not.
+    """
+
+    __slots__ = ("_values",)
+
+    def __init__(self, **stated: float | None) -> None:
+        for name in stated:
+            axis(name)
+        values = {name: CORE.get(name) if stated.get(name) is None else stated[name] for name in NAMES}
+        missing = [name for name in CORE if values[name] is None]
+        if missing:
+            raise ValueError(f"{missing[0]}: must be stated")
+        self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
+
+    def __getitem__(self, name: str) -> float | None:
+        try:
+            return self._values[NAMES.index(name)]
+        except ValueError:
+            raise KeyError(name) from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(NAMES)
+
+    def __len__(self) -> int:
+        return len(NAMES)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Conditions) and self._values == other._values
+
+    def __hash__(self) -> int:
+        return hash(self._values)
+
+    def __repr__(self) -> str:
+        """What is stated; ids of cells are made of it, so that it never changes."""
+        return f"Conditions({', '.join(f'{name}={value!r}' for name, value in self.stated.items())})"
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """The values that are not the camera's own."""
+        return {name: value for name, value in self.items() if value is not None}
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure time."""
+        return self.stated["exposure_s"]
+
+    @property
+    def illuminance_lux(self) -> float:
+        """Light on the scene."""
+        return self.stated["illuminance_lux"]
 
     @property
     def displacement_px(self) -> tuple[float, float]:
         """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it."""
-        exposure_s = np.float32(self.exposure_s)
-        return (
-            float(np.float32(self.velocity_x_px_s) * exposure_s),
-            float(np.float32(self.velocity_y_px_s) * exposure_s),
-        )
+        x, y = (float(np.float32(v) * np.float32(self.exposure_s)) for v in velocity_of(self.stated))
+        return x, y
 
     @property
     def blur_px(self) -> float:
         """Length of the motion blur, px."""
-        return float(np.hypot(self.velocity_x_px_s, self.velocity_y_px_s) * self.exposure_s)
+        return blur_px(self.stated)
+
+    @property
+    def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
+        """Motion and lens: conditions of which these are equal can share one blurred picture."""
+        return self.displacement_px, tuple(self[name] for name in _LENS)
+
+    def on(self, camera: Camera) -> dict[str, float]:
+        """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
+        stated = self.stated
+        return {each.name: stated.get(each.name, each.own(camera)) for each in AXES}
+
+    def exposure(self, camera: Camera, seed: int = 0) -> Exposure:
+        """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it."""
+        fields: dict[str, Any] = {}
+        lens: dict[str, float] = {}
+        for each in AXES:
+            value = self[each.name]
+            place, _, part = each.into.partition(".")
+            if value is None:
+                continue
+            if place == "camera":
+                lens[part] = value
+            elif part:
+                fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
+            else:
+                fields[place] = value
+        return Exposure(with_lens(camera, **lens), **fields, seed=seed)
+
+
+def with_lens(camera: Camera, **figures: float) -> Camera:
+    """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
+    return _with_lens(camera, tuple(figures.items())) if figures else camera
+
+
+@lru_cache(maxsize=256)
+def _with_lens(camera: Camera, figures: tuple[tuple[str, float], ...]) -> Camera:
+    changed = dict(figures)
+    if "f_number" in changed and camera.diffraction_wavelength_um == 0:
+        changed["diffraction_wavelength_um"] = DIFFRACTION_UM
+    return replace(camera, **changed)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
-class Plan:
-    """What a sweep computes. Grids in s, lux, px/s; ``repeats`` noise fields per picture; base ``seed``.
+class SweepPlan:
+    """What a sweep computes: values per axis, ``repeats`` noise fields per picture, base ``seed``.
 
-    Raises ``ValueError`` for an empty grid, an exposure that is not > 0, or a value that is not finite.
+    grid: axis name -> values; further axes that are left out stand where the camera has them, velocities at 0.
+    examples: whether some pictures are kept. Raises ``ValueError`` for an unknown axis, no value, or one that is
+    not allowed on its axis.
     """
 
-    exposures_s: tuple[float, ...]
-    illuminances_lux: tuple[float, ...]
-    velocities_x_px_s: tuple[float, ...] = (0.0,)
-    velocities_y_px_s: tuple[float, ...] = (0.0,)
+    grid: Mapping[str, Iterable[float]]
     repeats: int = 1
     seed: int = 0
-    temperature_c: float = 25.0
     examples: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("exposures_s", "illuminances_lux", "velocities_x_px_s", "velocities_y_px_s"):
-            values = getattr(self, name)
-            if not values:
-                raise ValueError(f"{name}: must hold at least one value")
-            object.__setattr__(self, name, tuple(sorted({float(value) + 0.0 for value in values})))  # no -0.0
-        for exposure in self.exposures_s:
-            positive("exposure_s", exposure)
-        for lux in self.illuminances_lux:
-            non_negative("illuminance_lux", lux)
-        for velocity in (*self.velocities_x_px_s, *self.velocities_y_px_s):
-            if not np.isfinite(velocity):
-                raise ValueError(f"velocity_px_s = {velocity!r}: must be finite")
-        in_range("temperature_c", self.temperature_c, -273.15, 300.0)
+        for name in self.grid:
+            axis(name)
+        rest: dict[str, Iterable[float]] = {name: () if v is None else (v,) for name, v in CORE.items()}
+        stated = rest | dict(self.grid)
+        checked = {each.name: each.checked(stated[each.name]) for each in AXES if each.name in stated}
+        object.__setattr__(self, "grid", checked)
         if self.repeats < 1 or self.seed < 0:
             raise ValueError(f"repeats = {self.repeats}, seed = {self.seed}: must be >= 1 and >= 0")
 
+    def values(self, name: str) -> tuple[float, ...]:
+        """The values on an axis, increasing; none where the camera's own stands."""
+        return tuple(self.grid.get(name, ()))
+
     def conditions(self) -> list[Conditions]:
-        """Every combination, those of one displacement next to each other."""
-        grid = [
-            Conditions(exposure, lux, vx, vy)
-            for exposure in self.exposures_s
-            for lux in self.illuminances_lux
-            for vx in self.velocities_x_px_s
-            for vy in self.velocities_y_px_s
-        ]
-        return sorted(grid, key=lambda at: (at.displacement_px, at.exposure_s, at.illuminance_lux))
+        """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
+        combined = product(*(self.values(name) for name in self.grid))
+        grid = [Conditions(**dict(zip(self.grid, values, strict=True))) for values in combined]
+        return sorted(grid, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
 
     def example_conditions(self) -> set[Conditions]:
-        """A few conditions whose pictures are kept: the middle light, exposures and speeds from end to end."""
-        lux = self.illuminances_lux[len(self.illuminances_lux) // 2]
-        exposures = {
-            self.exposures_s[round(share * (len(self.exposures_s) - 1))] for share in (0, 1 / 3, 2 / 3, 1)
-        }
-        by_speed = sorted(
-            ((vx, vy) for vx in self.velocities_x_px_s for vy in self.velocities_y_px_s),
-            key=lambda velocity: np.hypot(*velocity),
+        """A few conditions whose pictures are kept: exposures and speeds from end to end, the rest in the middle.
+
+        With them both ends of every further axis, at the middle exposure and speed.
+        """
+        middle = {name: self.values(name)[len(self.values(name)) // 2] for name in self.grid}
+        exposures = self.values("exposure_s")
+        velocities = product(*map(self.values, VELOCITY))
+        by_speed = sorted(velocities, key=lambda velocity: np.hypot(velocity[0], velocity[1]))
+        slow, medium, fast = (
+            dict(zip(VELOCITY, by_speed[place], strict=True)) for place in (0, len(by_speed) // 2, -1)
         )
-        speeds = {by_speed[0], by_speed[len(by_speed) // 2], by_speed[-1]}
-        return {Conditions(exposure, lux, *velocity) for exposure in exposures for velocity in speeds}
+        chosen = [
+            {**middle, **speed, "exposure_s": exposures[round(share * (len(exposures) - 1))]}
+            for share in (0, 1 / 3, 2 / 3, 1)
+            for speed in (slow, medium, fast)
+        ]
+        for name in FURTHER:
+            if len(values := self.values(name)) > 1:
+                chosen += [{**middle, **medium, name: end} for end in (values[0], values[-1])]
+        return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -118,7 +219,8 @@ class Cell:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for a worker elsewhere; :meth:`from_dict` reads them."""
-        return asdict(self)
+        at = self.conditions
+        return {**vars(self), "conditions": None if at is None else at.stated}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Cell:

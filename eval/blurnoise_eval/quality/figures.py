@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rich.table import Table
 
 from blurnoise.metrics import Flag
-from blurnoise_eval.drawing.annotate import exposure_text, velocity_text
+from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
 from blurnoise_eval.report.figures import MAX_LINES
 from blurnoise_eval.report.measured import line_colours, spread
@@ -40,71 +40,99 @@ _COLUMNS = 4
 Ends = dict[float, tuple[float, float]]
 
 
-def against_exposure(rows: Sequence[Row], camera: str) -> Figure:
-    """Rows of one light: a line per velocity over the exposure."""
-    lines = spread(sorted({_velocity(row) for row in rows}, key=lambda v: (math.hypot(*v), v)), MAX_LINES)
+def against_exposure(rows: Sequence[Row], camera: str, named: Sequence[str] = ("illuminance_lux",)) -> Figure:
+    """Rows of one setting, whose axes ``named`` the title tells: a line per velocity over the exposure."""
+    lines = spread(
+        sorted({velocity_of(row.at) for row in rows}, key=lambda v: (math.hypot(*v), v)), MAX_LINES
+    )
     return _figure(
         rows,
         dict(zip(lines, line_colours("viridis", len(lines)), strict=True)),
-        line_of=_velocity,
-        place=lambda row: 1e3 * row.conditions.exposure_s,
+        line_of=lambda row: velocity_of(row.at),
+        place=lambda row: 1e3 * row.at["exposure_s"],
         label=velocity_text,
         dress=_exposure_axis,
-        title=f"{camera}, {_lux(rows)}: image quality against exposure",
+        title=f"{camera}, {_texts(rows[0], named)}: image quality against exposure",
         x_label="Exposure / ms",
         failure=_failure,
     )
 
 
-def against_blur(rows: Sequence[Row], camera: str) -> Figure:
-    """Rows of one light: a line per exposure over the motion blur."""
-    lines = spread(sorted({row.conditions.exposure_s for row in rows}), MAX_LINES)
-    clipped = {row.conditions.exposure_s for row in rows if _clipped(row)}
+def against_blur(rows: Sequence[Row], camera: str, named: Sequence[str] = ("illuminance_lux",)) -> Figure:
+    """Rows of one setting, whose axes ``named`` the title tells: a line per exposure over the motion blur."""
+    lines = spread(sorted({row.at["exposure_s"] for row in rows}), MAX_LINES)
+    clipped = {row.at["exposure_s"] for row in rows if _clipped(row)}
     return _figure(
         rows,
         dict(zip(lines, line_colours("plasma", len(lines)), strict=True)),
-        line_of=lambda row: row.conditions.exposure_s,
-        place=lambda row: row.conditions.blur_px,
+        line_of=lambda row: row.at["exposure_s"],
+        place=lambda row: row.blur_px,
         label=lambda exposure_s: (
-            exposure_text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
+            axis("exposure_s").text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
         ),
         dress=_blur_axis,
-        title=f"{camera}, {_lux(rows)}: image quality against motion blur",
+        title=f"{camera}, {_texts(rows[0], named)}: image quality against motion blur",
         x_label="Motion blur / px (linear below 1 px, logarithmic above)",
         failure=lambda row: None if row.estimate.told or _clipped(row) else _FAILED,
     )
 
 
 def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
-    """Write exposure-LUXlux.png and, where speeds differ, blur-LUXlux.png per light; raises ``OSError``."""
+    """Write exposure-LUXlux.png and, where speeds differ, blur-LUXlux.png per setting; raises ``OSError``.
+
+    Axes beyond the light stand in the names where they vary.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for lux in sorted({row.conditions.illuminance_lux for row in rows}):
-        alike = [row for row in rows if row.conditions.illuminance_lux == lux]
-        figures = {"exposure": against_exposure(alike, camera)}
-        if len({_velocity(row) for row in alike}) > 1:
-            figures["blur"] = against_blur(alike, camera)
+    written: list[Path] = []
+    named = _named(row.at for row in rows)
+    for setting in sorted({setting_of(row.at) for row in rows}):
+        alike = [row for row in rows if setting_of(row.at) == setting]
+        figures = {"exposure": against_exposure(alike, camera, named)}
+        if len({velocity_of(row.at) for row in alike}) > 1:
+            figures["blur"] = against_blur(alike, camera, named)
+        slug = "-".join(axis(name).slug(alike[0].at[name]) for name in named)
         for name, figure in figures.items():
             picture = io.BytesIO()
             figure.savefig(picture, format="png", dpi=120)
-            written.append(folder / f"{name}-{lux:g}lux.png")
+            path = folder / f"{name}-{slug}.png"
+            written.append(path if path not in written else folder / f"{name}-{slug}-{len(written)}.png")
             write_whole(written[-1], picture.getvalue())
     return written
 
 
-def table(best: Iterable[dict[str, Any]]) -> Table:
-    """The exposure that tells most, per light and velocity, as ``most_information`` gives it."""
+def table(best: Sequence[dict[str, Any]]) -> Table:
+    """The exposure that tells most, per setting and velocity, as ``most_information`` gives it."""
     made = Table(title="Exposure with the highest information capacity (square)", title_justify="left")
-    for head in ("lux", "motion", "exposure, ms", "blur, px", "bits/px (95 %)"):
+    named = _named(best)
+    for name in named:
+        unit = axis(name).unit
+        made.add_column(
+            "lux" if name == "illuminance_lux" else f"{axis(name).title}{unit and f', {unit}'}",
+            justify="right",
+        )
+    for head in ("motion", "exposure, ms", "blur, px", "bits/px (95 %)"):
         made.add_column(head, justify="left" if head == "motion" else "right")
     for row in best:
-        velocity = velocity_text((row["velocity_x_px_s"], row["velocity_y_px_s"]))
         told = ["none told", "-", "-"]
         if row["value"] is not None:
             bits = f"{row['value']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
             told = [f"{1e3 * row['exposure_s']:g}", f"{row['blur_px']:.3g}", bits]
-        made.add_row(f"{row['illuminance_lux']:g}", velocity, *told)
+        setting = [f"{axis(name).shown(row[name]):g}" for name in named]
+        made.add_row(*setting, velocity_text(velocity_of(row)), *told)
     return made
+
+
+def _named(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The light, and the other axes of a setting on which the rows differ."""
+    settings = {setting_of(row) for row in rows}
+    several = [len(set(column)) > 1 for column in zip(*settings, strict=True)]
+    return [
+        name for name, differ in zip(SETTING, several, strict=False) if differ or name == "illuminance_lux"
+    ]
+
+
+def _texts(row: Row, named: Sequence[str]) -> str:
+    return ", ".join(axis(name).text(row.at[name]) for name in named)
 
 
 def _figure(
@@ -238,11 +266,3 @@ def _blur_axis(axes: Axes, blurs_px: Sequence[float]) -> None:
     axes.set_xscale("symlog", linthresh=1)
     axes.set_xlim(-0.1, 1.2 * max(blurs_px[-1], 1))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-
-
-def _velocity(row: Row) -> tuple[float, float]:
-    return row.conditions.velocity_x_px_s, row.conditions.velocity_y_px_s
-
-
-def _lux(rows: Sequence[Row]) -> str:
-    return f"{rows[0].conditions.illuminance_lux:g} lux"

@@ -1,8 +1,9 @@
 """Image quality against exposure, light and motion: charts as a camera would take them, and every metric of them.
 
 Domain: charts are linear reflectance; measured are the camera's digital numbers with the black level removed, before
-any development. Edges, patches and signs have the same two levels, so they saturate together: ``DARK``, the grey on
-which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of their stop signs.
+any development but a digital gain. Edges, patches and signs have the same two levels, so they saturate together:
+``DARK``, the grey on which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of
+their stop signs.
 
 Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck.
 A number that any repeat withholds is withheld. PSNR and SSIM compare a stop sign, divided by what white would give
@@ -15,9 +16,9 @@ simulator's doing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -32,7 +33,8 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.radiometry import photoelectrons
-from blurnoise_eval.grid.conditions import Conditions, Plan, cell_seed
+from blurnoise_eval.grid.axes import blur_px
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.threads import limited_threads
 
 DARK, BRIGHT = 0.18, 0.8
@@ -98,23 +100,28 @@ METRICS = (
 
 @dataclass(frozen=True)
 class Row:
-    """One metric under one condition, the mean of ``repeats``; those of them that told a number are ``told``."""
+    """One metric under one condition, the mean of ``repeats``; those of them that told a number are ``told``.
 
-    conditions: Conditions
+    at: the condition's actual number on every axis.
+    """
+
+    at: Mapping[str, float]
     metric: str
     estimate: Estimate
     told: int
     repeats: int
 
+    @property
+    def blur_px(self) -> float:
+        """Length of the motion blur, px."""
+        return blur_px(self.at)
+
     def record(self) -> dict[str, Any]:
         """As a table's row: None for what is withheld or has no interval, flags in alphabetical order."""
-        at, of = self.conditions, self.estimate
+        of = self.estimate
         return {
-            "exposure_s": at.exposure_s,
-            "illuminance_lux": at.illuminance_lux,
-            "velocity_x_px_s": at.velocity_x_px_s,
-            "velocity_y_px_s": at.velocity_y_px_s,
-            "blur_px": at.blur_px,
+            **self.at,
+            "blur_px": self.blur_px,
             "metric": self.metric,
             **{name: _finite(getattr(of, name)) for name in ("value", "low", "high")},
             "flags": " ".join(sorted(of.flags)),
@@ -124,7 +131,11 @@ class Row:
 
 
 def measure(
-    camera: Camera, plan: Plan, *, threads: int = 1, progress: Callable[[float], object] = lambda count: None
+    camera: Camera,
+    plan: SweepPlan,
+    *,
+    threads: int = 1,
+    progress: Callable[[float], object] = lambda count: None,
 ) -> list[Row]:
     """Every metric under every condition of ``plan``, in its order; the same rows whatever the threads.
 
@@ -159,35 +170,62 @@ class _Scenes:
         )
 
 
-def _condition(scenes: _Scenes, camera: Camera, plan: Plan, at: Conditions) -> list[Row]:
+def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Conditions) -> list[Row]:
+    at = conditions.exposure(camera)
+    seen = _with_gain(at.camera, at.gain_db)
+
     def frames(name: str) -> Tensor:
         scene: Tensor = getattr(scenes, name)
-        return simulate(
+        dn = simulate(
             scene.expand(plan.repeats, -1, -1, -1),
-            camera,
+            at.camera,
             exposure_s=at.exposure_s,
             illuminance_lux=at.illuminance_lux,
-            velocity_px_s=(at.velocity_x_px_s, at.velocity_y_px_s),
-            temperature_c=plan.temperature_c,
+            velocity_px_s=at.velocity_px_s,
+            temperature_c=at.temperature_c,
             encoding="linear",
             generator=[cell_seed(plan.seed, name, repeat) for repeat in range(plan.repeats)],
         )
+        return dn if at.gain_db == 0 else _amplified(dn, seen, at.gain_db)
 
-    moved_x, moved_y = (abs(moved) for moved in at.displacement_px)
+    moved_x, moved_y = (abs(moved) for moved in conditions.displacement_px)
     across_x = _edges(
-        frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :], camera, along_px=moved_y, seed=0
+        frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :], seen, along_px=moved_y, seed=0
     )
-    across_y = _edges(
-        frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX], camera, along_px=moved_x, seed=1
-    )
+    across_y = _edges(frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX], seen, along_px=moved_x, seed=1)
     estimates = _of_edges(across_x, across_y)
-    estimates |= _of_patches(frames("bright").double(), frames("dark").double(), camera)
-    white_dn = camera.system_gain_dn_per_e * photoelectrons(camera, at.illuminance_lux, at.exposure_s)
-    estimates |= _of_signs(frames("sign").double(), scenes.sign.double(), camera, white_dn)
+    estimates |= _of_patches(frames("bright").double(), frames("dark").double(), seen)
+    white_dn = seen.system_gain_dn_per_e * photoelectrons(seen, at.illuminance_lux, at.exposure_s)
+    estimates |= _of_signs(frames("sign").double(), scenes.sign.double(), seen, white_dn)
+    numbers = conditions.on(camera)
     return [
-        Row(at, metric.name, together(estimates[metric.name]), _told(estimates[metric.name]), plan.repeats)
+        Row(
+            numbers,
+            metric.name,
+            together(estimates[metric.name]),
+            _told(estimates[metric.name]),
+            plan.repeats,
+        )
         for metric in METRICS
     ]
+
+
+def _with_gain(camera: Camera, gain_db: float) -> Camera:
+    """The camera as if its digital gain were the converter's: as many DN per electron, and the same end of scale."""
+    if gain_db == 0:
+        return camera
+    gain = 10 ** (gain_db / 20)
+    clip_dn = (camera.clip_dn - camera.black_level_dn) * gain + camera.black_level_dn
+    clip_dn = min(camera.full_scale_dn, math.floor(clip_dn))  # what clips reaches it
+    per_e = camera.system_gain_dn_per_e * gain
+    full_well_e = max(clip_dn - camera.black_level_dn, 1.0) / per_e
+    return replace(camera, system_gain_dn_per_e=per_e, full_well_e=full_well_e)
+
+
+def _amplified(dn: Tensor, seen: Camera, gain_db: float) -> Tensor:
+    """Digital numbers after a digital gain, as light that is yet to be developed: not rounded again."""
+    black = seen.black_level_dn
+    return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.clip_dn)
 
 
 def together(estimates: Sequence[Estimate]) -> Estimate:

@@ -9,7 +9,8 @@ from typing import Any
 
 from blurnoise.camera import Camera
 from blurnoise_eval.bench.written import write_bench
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.quality.measure import (
     ACROSS_PX,
     ALONG_PX,
@@ -24,21 +25,21 @@ from blurnoise_eval.quality.measure import (
 
 
 def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """For every light and velocity the measured exposure with the highest capacity of the square, if any is told."""
+    """For every setting and velocity the exposure with the highest capacity of the square, if any is told."""
     best: dict[tuple[float, ...], dict[str, Any]] = {}
-    for row in sorted(rows, key=lambda row: row.conditions.exposure_s):
+    for row in sorted(rows, key=lambda row: row.at["exposure_s"]):
         if row.metric != "sic_square":
             continue
         record = row.record()
         told = {name: record[name] for name in ("exposure_s", "blur_px", "value", "low", "high")}
-        where = {name: record[name] for name in ("illuminance_lux", "velocity_x_px_s", "velocity_y_px_s")}
+        where = {name: record[name] for name in NAMES if name != "exposure_s"}
         key = tuple(where.values())
         if key not in best or (row.estimate.told and row.estimate.value > (best[key]["value"] or -1)):
             best[key] = where | (told if row.estimate.told else dict.fromkeys(told))
     return [best[key] for key in sorted(best)]
 
 
-def write(rows: Sequence[Row], camera: Camera, plan: Plan, folder: Path) -> None:
+def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
     """Write quality.csv, a row per condition and metric, and quality.json, that and what it means; ``OSError``."""
     records = [row.record() for row in rows]
     document = {

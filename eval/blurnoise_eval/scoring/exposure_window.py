@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY
 from blurnoise_eval.scoring.curves import Surface
 
 NEAR_BEST = 0.02
@@ -17,21 +19,19 @@ NEAR_BEST = 0.02
 
 @dataclass(frozen=True)
 class Answer:
-    """What to do for one model and kind of target at one light and speed.
+    """What to do for one model and kind of target in one setting and at one velocity.
 
-    exposures_s: tested, increasing; confidence: mean over the ``n_targets`` samples (targets x repeats) at
-    each; low, high: its 95 % bootstrap interval over pictures, or over noise fields below three pictures,
-    None below three of either. windows_s: stretches of exposure in which the
-    mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
+    at: values of all axes but the exposure. exposures_s: tested, increasing; confidence: mean over the
+    ``n_targets`` samples (targets x repeats) at each; low, high: its 95 % bootstrap interval over pictures, or
+    over noise fields below three pictures, None below three of either. windows_s: stretches of exposure in which
+    the mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
     window reaches the shortest or longest exposure tested. recommended_s: a tested exposure, None when no
     exposure works.
     """
 
     model: str
     group: str
-    illuminance_lux: float
-    velocity_x_px_s: float
-    velocity_y_px_s: float
+    at: Mapping[str, float]
     n_targets: int
     exposures_s: tuple[float, ...]
     confidence: tuple[float, ...]
@@ -42,6 +42,12 @@ class Answer:
     open_high: bool
     recommended_s: float | None
     confidence_at_recommended: float | None
+
+    def row(self) -> dict[str, Any]:
+        """As a table's row: the axes are columns."""
+        rest = {name: value for name, value in vars(self).items() if name not in ("model", "group", "at")}
+        rest["windows_s"] = [list(window) for window in self.windows_s]
+        return {"model": self.model, "group": self.group, **self.at, **rest}
 
 
 def windows(
@@ -91,7 +97,7 @@ def answers(surface: Surface, threshold: float, generator: np.random.Generator) 
     drawn = surface.resampled(generator)
     mean = surface.mean
     found = []
-    for v, (vx, vy) in enumerate(surface.velocities_px_s):
+    for v, velocity in enumerate(surface.velocities_px_s):
         measured = np.isfinite(mean[:, v])
         if not measured.any():
             continue
@@ -102,13 +108,12 @@ def answers(surface: Surface, threshold: float, generator: np.random.Generator) 
             ends = np.nanquantile(drawn[:, measured, v], (0.025, 0.975), axis=0)
             low, high = (tuple(end.tolist()) for end in ends)
         choice = recommend(exposures, means, threshold)
+        at = dict(zip((*SETTING, *VELOCITY), (*surface.setting, *velocity), strict=True))
         found.append(
             Answer(
                 surface.model,
                 surface.group,
-                surface.illuminance_lux,
-                vx,
-                vy,
+                {name: at[name] for name in NAMES if name in at},
                 n_targets=len(surface.confidence),
                 exposures_s=exposures,
                 confidence=means,

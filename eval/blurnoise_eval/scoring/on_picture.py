@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -19,9 +19,10 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading, character_error_rate
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.matching import FOUND_SCORE, target_confidences
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, target_confidences
 
 Picture8 = NDArray[np.uint8]
+Box = tuple[float, float, float, float]
 NOTHING = Detections(np.empty((0, 4), np.float32), np.empty(0, np.float32), np.empty(0, np.int64))
 
 
@@ -67,20 +68,25 @@ class View(ABC):
         self.model = model
         self.clean = self.look(image8)
 
-    def look(self, image: Picture8) -> Sight:
-        """The model's answer to a picture. One on which the model fails gives no rows, and the reason."""
+    def look(self, image: Picture8, move_boxes: MoveBoxes | None = None) -> Sight:
+        """The model's answer to a picture, held against its targets where ``move_boxes`` puts them.
+
+        One on which the model fails gives no rows, and the reason.
+        """
         before = self.model.non_finite_values_here
         started = time.perf_counter()
         detections, rows, wrong = NOTHING, list[dict[str, Any]](), None
         try:
-            detections, rows = self._answer(image)
+            detections, rows = self._answer(image, move_boxes)
         except ModelError as error:
             wrong = str(error)
         infer_ms = 1e3 * (time.perf_counter() - started)
         return Sight(detections, tuple(rows), infer_ms, wrong, self.model.non_finite_values_here - before)
 
     @abstractmethod
-    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]: ...
+    def _answer(
+        self, image: Picture8, move_boxes: MoveBoxes | None
+    ) -> tuple[Detections, list[dict[str, Any]]]: ...
 
 
 class DetectorView(View):
@@ -102,15 +108,17 @@ class DetectorView(View):
             ]
         super().__init__(model, image8)
 
-    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]:
+    def _answer(
+        self, image: Picture8, move_boxes: MoveBoxes | None
+    ) -> tuple[Detections, list[dict[str, Any]]]:
         found = self._detect(image)
         if self._asked is None:
             self._asked = self._own_targets(found)
-        boxes, class_ids = [t.box_xyxy for _, t, _ in self._asked], [number for *_, number in self._asked]
-        confidences = target_confidences(found, boxes, class_ids).tolist()
+        boxes = _boxes((target for _, target, _ in self._asked), move_boxes)
+        confidences = target_confidences(found, boxes, [number for *_, number in self._asked]).tolist()
         return found, [
-            _row(index, target, confidence)
-            for (index, target, _), confidence in zip(self._asked, confidences, strict=True)
+            _row(index, target, box, confidence)
+            for (index, target, _), box, confidence in zip(self._asked, boxes, confidences, strict=True)
         ]
 
     def _own_targets(self, clean: Detections) -> list[tuple[int, Target, int]]:
@@ -143,14 +151,19 @@ class ReaderView(View):
         self._truths = [target.text for _, target in self._asked]
         super().__init__(model, image8)
 
-    def _answer(self, image: Picture8) -> tuple[Detections, list[dict[str, Any]]]:
-        readings = self._read(image, [target.box_xyxy for _, target in self._asked])
+    def _answer(
+        self, image: Picture8, move_boxes: MoveBoxes | None
+    ) -> tuple[Detections, list[dict[str, Any]]]:
+        boxes = _boxes((target for _, target in self._asked), move_boxes)
+        readings = self._read(image, boxes)
         rows = []
-        for place, ((index, target), reading) in enumerate(zip(self._asked, readings, strict=True)):
+        for place, ((index, target), box, reading) in enumerate(
+            zip(self._asked, boxes, readings, strict=True)
+        ):
             if (truth := self._truths[place]) is None:
                 truth = self._truths[place] = reading.text
             right = reading.confidence if reading.text == truth else 0.0
-            row = _row(index, target, right)
+            row = _row(index, target, box, right)
             row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
             rows.append(row | {"character_error_rate": character_error_rate(reading.text, truth)})
         return NOTHING, rows
@@ -162,8 +175,16 @@ def view(model: Model, picture: Picture, image8: Picture8) -> View:
     return kind(model, picture, image8)  # type: ignore[arg-type]  # each its own kind of model
 
 
-def _row(index: int, target: Target, confidence: float) -> dict[str, Any]:
-    x0, y0, x1, y1 = target.box_xyxy
+def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None) -> list[Box]:
+    """Where the targets stand in a picture."""
+    boxes = [target.box_xyxy for target in targets]
+    if move_boxes is None or not boxes:
+        return boxes
+    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in move_boxes(np.array(boxes, float)).tolist()]
+
+
+def _row(index: int, target: Target, box: Box, confidence: float) -> dict[str, Any]:
+    x0, y0, x1, y1 = box
     row: dict[str, Any] = {"target_id": index, "group": target.group, "label": target.label}
     row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}
     return row | {"confidence": confidence}

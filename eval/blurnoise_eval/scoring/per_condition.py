@@ -14,15 +14,22 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, MOST_DETECTIONS, hits, share_inside
-from blurnoise_eval.store.store import Store, unpack
+from blurnoise_eval.scoring.matching import (
+    FOUND_SCORE,
+    MATCH_IOU,
+    MOST_DETECTIONS,
+    MoveBoxes,
+    hits,
+    share_inside,
+)
+from blurnoise_eval.scoring.registry import SCORES
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.store import Store
 
-CONDITIONS = ("clean", "exposure_s", "illuminance_lux", "velocity_x_px_s", "velocity_y_px_s")
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
 COLUMNS = (
-    "model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", "target_confidence", "detection_rate",
-    "confidence_when_found", *COCO_SCORES, "false_positives_per_image", "calibration_error",
-    "read_confidence", "exact_match", "character_error_rate",
+    "model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", *(score.name for score in SCORES)
 )  # fmt: skip
 _BINS = 10  # of confidence, for the calibration error
 _REPEAT = 1 << 40  # picture p in repeat r has the number p + r times this
@@ -46,45 +53,25 @@ def score_rows(
     models: Sequence[str],
     truth_of: Callable[[str], Truth | None],
     progress: Callable[[int], None] = lambda rows: None,
+    *,
+    moves: Callable[[Mapping[str, Any]], MoveBoxes | None] = lambda row: None,
 ) -> Iterator[dict[str, Any]]:
     """One row (``COLUMNS``) per model and condition, the untouched pictures first.
 
-    truth_of: a model's truth, None for a reader. Pictures that could not be read do not count; those on
-    which the model failed count as answered by nothing.
+    truth_of: a model's truth, None for a reader. moves: where the conditions of a row have moved the truth's
+    boxes. Pictures that could not be read do not count; those on which the model failed count as answered by
+    nothing.
     """
     for model in models:
         truth = truth_of(model)
         judge = Judge(truth) if truth is not None else None
-        for row in list(store.rows(_MEANS, model, model)):
+        for row in queries.condition_means(store, model, FOUND_SCORE):
             found = dict.fromkeys(COLUMNS) | row
             if judge is not None:
-                where = " AND ".join(f"{name} IS ?" for name in CONDITIONS)
-                query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {where}"
-                cells = store.rows(query, model, *(row[name] for name in CONDITIONS))
-                found |= judge([(c["image"], c["repeat"], unpack(c["detections"])) for c in cells])
+                cells = list(queries.detections_at(store, model, row))
+                found |= judge(cells, None if row["clean"] else moves(row))
             progress(1)
             yield found
-
-
-_SHARED = ", ".join(CONDITIONS)
-_SAME = " AND ".join(
-    f"told.{name} IS seen.{name}" for name in CONDITIONS
-)  # IS: untouched pictures have NULLs
-_MEANS = f"""
-SELECT seen.*, n_targets, target_confidence, detection_rate, confidence_when_found, read_confidence,
-  exact_match, character_error_rate
-FROM (
-  SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors
-  FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
-LEFT JOIN (
-  SELECT {_SHARED}, COUNT(*) AS n_targets, AVG(confidence) AS target_confidence,
-    AVG(confidence >= {FOUND_SCORE}) AS detection_rate,
-    AVG(CASE WHEN confidence >= {FOUND_SCORE} THEN confidence END) AS confidence_when_found,
-    AVG(read_confidence) AS read_confidence, AVG(text = truth) AS exact_match,
-    AVG(character_error_rate) AS character_error_rate
-  FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {_SAME}
-ORDER BY clean DESC, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s
-"""
 
 
 class Judge:
@@ -92,20 +79,21 @@ class Judge:
 
     def __init__(self, truth: Truth) -> None:
         self._truth = truth
-        self._boxes: dict[tuple[int, int], list[list[float]]] = {}
-        self._crowds: dict[tuple[int, int], list[list[float]]] = {}
-        for each in truth.coco["annotations"]:
-            x, y, width, height = each["bbox"]
-            kind = self._crowds if each.get("iscrowd") else self._boxes
-            key = each["image_id"], each["category_id"]
-            kind.setdefault(key, []).append([x, y, x + width, y + height])
 
-    def __call__(self, found: Sequence[tuple[str, int, Detections]]) -> dict[str, float | None]:
-        """COCO's averages, false positives per picture and the calibration error; None where undefined."""
+    def __call__(
+        self, found: Sequence[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
+    ) -> dict[str, float | None]:
+        """COCO's averages, false positives per picture and the calibration error; None where undefined.
+
+        move_boxes: to where the truth's boxes stand in these pictures.
+        """
         known = [(self._truth.image_ids[name], repeat, each) for name, repeat, each in found]
-        return {**self._coco_scores(known), **self._alarms(known)}
+        annotations = _moved(self._truth.coco["annotations"], move_boxes)
+        return {**self._coco_scores(known, annotations), **self._alarms(known, annotations)}
 
-    def _coco_scores(self, found: Sequence[tuple[int, int, Detections]]) -> dict[str, float | None]:
+    def _coco_scores(
+        self, found: Sequence[tuple[int, int, Detections]], stated: Sequence[Mapping[str, Any]]
+    ) -> dict[str, float | None]:
         from faster_coco_eval import COCO, COCOeval_faster  # takes 0.2 s
 
         repeats = {repeat for _, repeat, _ in found}
@@ -113,7 +101,7 @@ class Judge:
         annotations = [
             {**each, "id": place, "image_id": each["image_id"] + repeat * _REPEAT}
             for place, (repeat, each) in enumerate(
-                ((repeat, each) for repeat in sorted(repeats) for each in self._truth.coco["annotations"]), 1
+                ((repeat, each) for repeat in sorted(repeats) for each in stated), 1
             )
         ]
         if not annotations:
@@ -132,7 +120,16 @@ class Judge:
         scores = {name: float(judge.stats[place]) for name, place in COCO_SCORES.items()}
         return {name: score if score >= 0 else None for name, score in scores.items()}  # -1: no such target
 
-    def _alarms(self, found: Sequence[tuple[int, int, Detections]]) -> dict[str, float | None]:
+    def _alarms(
+        self, found: Sequence[tuple[int, int, Detections]], stated: Sequence[Mapping[str, Any]]
+    ) -> dict[str, float | None]:
+        targets: dict[tuple[int, int], list[list[float]]] = {}
+        crowds: dict[tuple[int, int], list[list[float]]] = {}
+        for annotation in stated:
+            x, y, width, height = annotation["bbox"]
+            kind = crowds if annotation.get("iscrowd") else targets
+            key = annotation["image_id"], annotation["category_id"]
+            kind.setdefault(key, []).append([x, y, x + width, y + height])
         scores: list[float] = []
         right: list[bool] = []
         for image_id, _, each in found:
@@ -142,9 +139,9 @@ class Judge:
                 if category is None:
                     continue
                 of_class = certain[certain.class_ids == class_id]
-                hit = hits(of_class, self._boxes.get((image_id, category), []), int(class_id))
-                crowds = self._crowds.get((image_id, category), [])
-                judged = hit | ~(share_inside(of_class.boxes_xyxy, crowds) >= MATCH_IOU)
+                hit = hits(of_class, targets.get((image_id, category), []), int(class_id))
+                crowd = crowds.get((image_id, category), [])
+                judged = hit | ~(share_inside(of_class.boxes_xyxy, crowd) >= MATCH_IOU)
                 scores += of_class.scores[judged].tolist()
                 right += hit[judged].tolist()
         wrong = len(right) - sum(right)
@@ -152,6 +149,16 @@ class Judge:
             "false_positives_per_image": wrong / len(found) if found else None,
             "calibration_error": calibration_error(scores, right),
         }
+
+
+def _moved(annotations: Sequence[dict[str, Any]], move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
+    """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
+    if move_boxes is None or not annotations:
+        return annotations
+    sides = np.array([each["bbox"] for each in annotations], float)
+    boxes = move_boxes(np.concatenate([sides[:, :2], sides[:, :2] + sides[:, 2:]], axis=1))
+    moved = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
+    return [{**each, "bbox": box} for each, box in zip(annotations, moved.tolist(), strict=True)]
 
 
 def calibration_error(scores: Sequence[float], right: Sequence[bool]) -> float | None:

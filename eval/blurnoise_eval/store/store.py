@@ -19,30 +19,11 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
 
 FILE_NAME = "results.sqlite"
-_VERSION = 2  # of the tables below
-
-_CONDITIONS = (
-    "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, exposure_s REAL, "
-    "illuminance_lux REAL, velocity_x_px_s REAL, velocity_y_px_s REAL, blur_px REAL"
-)
-_CONDITION_COLUMNS = "model, clean, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s"
-_SCHEMA = f"""
-CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
-CREATE TABLE IF NOT EXISTS cells ({_CONDITIONS}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
-  detection_rate REAL, n_detections INTEGER, simulate_ms REAL, infer_ms REAL, error TEXT, example TEXT,
-  detections BLOB, PRIMARY KEY (cell_id, model));
-CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
-CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells ({_CONDITION_COLUMNS});
-CREATE TABLE IF NOT EXISTS targets ({_CONDITIONS}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
-  y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, truth TEXT, text TEXT,
-  read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
-CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
-"""
-_ORDER = "image, repeat, clean DESC, illuminance_lux, exposure_s, velocity_x_px_s, velocity_y_px_s, model"
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 
 
@@ -81,10 +62,10 @@ class Store:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version != _VERSION and self._db.execute("SELECT name FROM sqlite_master").fetchone():
+            if version != schema.VERSION and self._db.execute("SELECT name FROM sqlite_master").fetchone():
                 self._db.close()
                 raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
-            self._db.executescript(f"PRAGMA user_version = {_VERSION}; {_SCHEMA}")
+            self._db.executescript(f"PRAGMA user_version = {schema.VERSION}; {schema.TABLES}")
 
     def __enter__(self) -> Store:
         return self
@@ -122,11 +103,11 @@ class Store:
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""
-        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {_ORDER}")
+        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
 
     def targets(self) -> Iterator[dict[str, Any]]:
         """One row per cell and target, in the order of cells."""
-        return self.rows(f"SELECT * FROM targets ORDER BY {_ORDER}, target_id")
+        return self.rows(f"SELECT * FROM targets ORDER BY {schema.ROWS}, target_id")
 
     def skipped(self) -> list[dict[str, Any]]:
         """Pictures that could not be used, with the reason."""

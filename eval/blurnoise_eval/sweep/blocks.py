@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.grid.conditions import Cell, Conditions, Plan, cell_seed
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
 
 _CELLS = 8  # that a worker computes before it reports
 _EXAMPLE_PICTURES = 3
@@ -27,12 +27,12 @@ class Block:
         return Block(self.picture, todo, self.examples)
 
 
-def count_cells(pictures: PictureSet, plan: Plan) -> int:
+def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep settles, the clean ones included."""
     return len(pictures) * (1 + plan.repeats * len(plan.conditions()))
 
 
-def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
+def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
     """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
     shown = _example_pictures(pictures) if plan.examples else set()
     kept = plan.example_conditions()
@@ -52,11 +52,13 @@ def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
         yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
 
 
-def _of_conditions(picture: Picture, conditions: Sequence[Conditions], plan: Plan) -> Iterator[list[Cell]]:
-    """Conditions of one displacement, which share a blur; those of one exposure stay together."""
+def _of_conditions(
+    picture: Picture, conditions: Sequence[Conditions], plan: SweepPlan
+) -> Iterator[list[Cell]]:
+    """Conditions that share a blur; those of one exposure stay together."""
     for repeat in range(plan.repeats):
         seed = cell_seed(plan.seed, picture.name, repeat)
-        for _, same in groupby(conditions, key=lambda at: at.displacement_px):
+        for _, same in groupby(conditions, key=lambda at: at.blurs_as):
             cells: list[Cell] = []
             for _, lights in groupby(same, key=lambda at: at.exposure_s):
                 cells += [Cell(picture.name, repeat, at, seed) for at in lights]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.scoring.per_condition import CONDITIONS, Truth, coco_results
-from blurnoise_eval.store.store import Store, StoreError, unpack
+from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
+from blurnoise_eval.scoring.per_condition import Truth, coco_results
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import json_lines
 
@@ -78,9 +81,8 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
 def _own_annotations(
     store: Store, model: str, image_ids: dict[str, int], classes: list[str]
 ) -> Iterator[dict[str, Any]]:
-    query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
     numbers = {label: number for number, label in enumerate(classes, start=1)}
-    for number, row in enumerate(store.rows(query, model), start=1):
+    for number, row in enumerate(queries.found_when_clean(store, model), start=1):
         box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
         facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": numbers[row["label"]]}
         yield {**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
@@ -91,14 +93,17 @@ def write_detections(
 ) -> list[Path]:
     """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
 
-    ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X-Ypx_s-REPEAT.json; each with the truth beside
-    it that it is to be compared with, ``folder``/MODEL/instances.json. One condition is held at a time.
+    ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
+    repeat where it is not the camera's own; each with the truth beside it that it is to be compared with,
+    ``folder``/MODEL/instances.json. One condition is held at a time.
     Raises ``OSError`` where it cannot be written.
     """
     written = []
     truth_of = truths(store)
     labels = json.loads((store.folder / INSTANCES).read_text(encoding="utf-8"))
-    for model in store.about("manifest")["models"]:
+    manifest = store.about("manifest")
+    camera = Camera.from_dict(manifest["camera"])
+    for model in manifest["models"]:
         truth = truth_of(model["name"])
         if truth is None:
             continue
@@ -106,11 +111,9 @@ def write_detections(
         place.mkdir(parents=True, exist_ok=True)
         whole = {**labels, **truth.coco, "images": labels["images"]}
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
-        shared = ", ".join((*CONDITIONS, "repeat"))
-        query = f"SELECT DISTINCT {shared} FROM cells WHERE model = ? ORDER BY {shared}"
-        for at in list(store.rows(query, model["name"])):
+        for name, at in _named(queries.conditions(store, model["name"]), camera):
             rows = _results(store, model["name"], at, truth)
-            path = place / f"{_condition_name(at)}.json"
+            path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
             progress(1)
@@ -118,18 +121,30 @@ def write_detections(
 
 
 def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:
-    names = (*CONDITIONS, "repeat")
-    where = " AND ".join(f"{name} IS ?" for name in names)
-    query = f"SELECT image, detections FROM cells WHERE model = ? AND {where} ORDER BY image"
-    for cell in store.rows(query, model, *(at[name] for name in names)):
-        yield from coco_results(unpack(cell["detections"]), truth.image_ids[cell["image"]], truth.category_of)
+    for image, _, found in queries.detections_at(store, model, at, at["repeat"]):
+        yield from coco_results(found, truth.image_ids[image], truth.category_of)
 
 
-def _condition_name(at: dict[str, Any]) -> str:
-    if at["clean"]:
-        return "clean"
-    exposure, speed = (
-        f"{1e3 * at['exposure_s']:g}ms",
-        f"{at['velocity_x_px_s']:g}_{at['velocity_y_px_s']:g}px_s",
-    )
-    return f"{exposure}-{at['illuminance_lux']:g}lux-{speed}-{at['repeat']}"
+def _named(conditions: Iterable[dict[str, Any]], camera: Camera) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Rows of conditions with a name each, no two the same: values that round alike are numbered."""
+    held: dict[str, list[tuple[float, ...]]] = {}
+    for at in conditions:
+        if at["clean"]:
+            yield "clean", at
+            continue
+        name, values = condition_name(at, camera), tuple(at[axis] for axis in NAMES)
+        alike = held.setdefault(name, [])
+        if values not in alike:
+            alike.append(values)
+        place = alike.index(values)
+        yield f"{name}{f'-{place + 1}' if place else ''}-{at['repeat']}", at
+
+
+def condition_name(at: Mapping[str, Any], camera: Camera) -> str:
+    """A condition in the name of a file: '20ms-50lux-200_0px_s', and what differs from the camera's own."""
+    slugs = {axis.name: axis.slug(at[axis.name]) for axis in AXES}
+    speed = "_".join(slugs[name] for name in VELOCITY)
+    further = [
+        slugs[axis.name] for axis in AXES if axis.name in FURTHER and at[axis.name] != axis.own(camera)
+    ]
+    return "-".join([slugs["exposure_s"], slugs["illuminance_lux"], speed, *further])

@@ -19,11 +19,11 @@ from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_eval.grid.axes import axis
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.scoring.per_condition import CONDITIONS
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
@@ -44,7 +44,7 @@ def evaluate(
     models: str | Path | Model | Sequence[str | Path | Model] | None = None,
     pictures: PictureSet | None = None,
     camera: str | Camera = "imx250",
-    plan: Plan | None = None,
+    plan: SweepPlan | None = None,
     output: str | Path = "run",
     *,
     threshold: float = 0.6,
@@ -72,7 +72,7 @@ def evaluate(
     seen_by = _camera(camera)
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
-    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, Plan)
+    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, SweepPlan)
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),
@@ -203,15 +203,9 @@ def usual_repeats(pictures: PictureSet) -> int:
     return 3 if pictures.kind == "rendered" else 1
 
 
-def usual_plan(pictures: PictureSet) -> Plan:
+def usual_plan(pictures: PictureSet) -> SweepPlan:
     """The conditions that a sweep tests if not told."""
-    return Plan(
-        exposures_s=axis("exposure_s").default,
-        illuminances_lux=axis("illuminance_lux").default,
-        velocities_x_px_s=axis("velocity_x_px_s").default,
-        velocities_y_px_s=axis("velocity_y_px_s").default,
-        repeats=usual_repeats(pictures),
-    )
+    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default}, usual_repeats(pictures))
 
 
 def _camera(camera: str | Camera) -> Camera:

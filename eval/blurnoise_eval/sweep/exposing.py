@@ -5,17 +5,19 @@ Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit, sRGB-coded; out as the camera
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from blurnoise.camera import Camera
 from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.light import effects
 from blurnoise_eval.datasets import Image, eight_bit
 from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.scoring.matching import MoveBoxes
 
 
 class Frame(NamedTuple):
@@ -24,7 +26,7 @@ class Frame(NamedTuple):
     cell: Cell
     image: NDArray[np.uint8]
     simulate_ms: float
-    move_boxes: Callable[[Tensor], Tensor] | None = None
+    move_boxes: MoveBoxes | None = None
 
 
 class Scene:
@@ -35,21 +37,22 @@ class Scene:
         self.light = ExposedScene.of_picture(image)
 
 
-def frames(scene: Scene, cells: Sequence[Cell], camera: Camera, temperature_c: float) -> Iterator[Frame]:
+def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and stands first."""
-    exposed = [cell for cell in cells if cell.conditions is not None]
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
-    exposures = [
-        Exposure(
-            camera,
-            at.exposure_s,
-            at.illuminance_lux,
-            (at.velocity_x_px_s, at.velocity_y_px_s),
-            temperature_c,
-            seed=cell.seed,
-        )
-        for cell in exposed
-        if (at := cell.conditions)
-    ]
-    for cell, frame in zip(exposed, scene.light.frames(exposures), strict=True):
-        yield Frame(cell, frame.picture, frame.simulate_ms, frame.move_boxes)
+    exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
+    exposures = [at.exposure(camera, cell.seed) for cell, at in exposed]
+    taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
+    for (cell, _), exposure, frame in taken:
+        yield Frame(cell, frame.picture, frame.simulate_ms, box_mover(exposure))
+
+
+def box_mover(exposure: Exposure) -> MoveBoxes | None:
+    """Takes a scene's boxes (N, 4) to where they are in the picture at mid-exposure; None: they stay."""
+    if not effects.displace():
+        return None
+
+    def move(boxes_xyxy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(exposure.move_boxes(torch.from_numpy(boxes_xyxy)).numpy(), float)
+
+    return move

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from blurnoise.camera import Camera
+from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Sight
 from blurnoise_eval.store.store import CellResult
@@ -13,21 +15,18 @@ from blurnoise_eval.sweep.exposing import Frame
 
 
 def cell_result(
-    frame: Frame, model: str, camera: str, sight: Sight, example: str | None, example_png: bytes | None
+    frame: Frame, model: str, camera: Camera, sight: Sight, example: str | None, example_png: bytes | None
 ) -> CellResult:
     """The rows of one cell and model. example: where the picture is kept in the run's folder, as PNG."""
     cell, at = frame.cell, frame.cell.conditions
     shared = {
         "cell_id": cell.cell_id,
         "model": model,
-        "camera": camera,
+        "camera": camera.name,
         "image": cell.image,
         "repeat": cell.repeat,
         "clean": at is None,
-        "exposure_s": at and at.exposure_s,
-        "illuminance_lux": at and at.illuminance_lux,
-        "velocity_x_px_s": at and at.velocity_x_px_s,
-        "velocity_y_px_s": at and at.velocity_y_px_s,
+        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": at and at.blur_px,
     }
     rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks
@@ -41,7 +41,7 @@ def run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: Plan,
+    plan: SweepPlan,
     store: Store,
     *,
     engine: Engine = _ONE_THREAD,
@@ -57,7 +57,7 @@ def run(
     started = time.perf_counter()
     outcome = Outcome()
     hopes = {model.name: _Hope() for model in models}
-    work = Work(tuple(models), camera, plan.temperature_c)
+    work = Work(tuple(models), camera)
 
     def unfinished() -> Iterator[Block]:
         for block in blocks(pictures, plan):

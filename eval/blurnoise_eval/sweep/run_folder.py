@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,18 @@ import numpy as np
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.curves import Endurance, endurances, mean_auc, surfaces
+from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc, surfaces
 from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
+from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
-from blurnoise_eval.store.store import Store, StoreError, unpack
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import truths, write_truth
+from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
@@ -36,7 +40,7 @@ def open_run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: Plan,
+    plan: SweepPlan,
     facts: dict[str, Any],
 ) -> None:
     """Note in the store what the run is; a store that holds another run is refused.
@@ -118,14 +122,16 @@ def read_run(
     scores = _scores(store, list(order), progress)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    rows = store.rows('SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", illuminance_lux')
-    for surface in surfaces(rows):
-        # Its own generator each: a model's intervals do not depend on what else is in the run.
-        found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-        found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-    found_answers.sort(
-        key=lambda each: (order[each.model], natural(each.group))
-    )  # stable: lights, velocities
+    every = surfaces(queries.exposed_targets(store))
+    for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
+        alike = list(of_group)
+        for surface in alike:
+            # Its own generator each: a model's intervals do not depend on what else is in the run.
+            found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+            found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+        found_endurances += endurances_across(alike, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+    # stable: settings and velocities stay in their order
+    found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
     manifest |= {"threshold": threshold, **_counts(store)}
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
@@ -133,10 +139,10 @@ def read_run(
         manifest=manifest,
         models=[_summary(store, model, scores, found_endurances) for model in manifest["models"]],
         scores=scores,
-        groups=list(store.rows(_GROUPS)),
+        groups=queries.groups(store),
         skipped=store.skipped(),
-        answers=[{**asdict(each), "windows_s": [list(w) for w in each.windows_s]} for each in found_answers],
-        endurances=[asdict(each) for each in found_endurances],
+        answers=[each.row() for each in found_answers],
+        endurances=[each.row() for each in found_endurances],
         examples=list(_examples(store, manifest)),
     )
 
@@ -156,43 +162,36 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
 
 
 _TOLD = ("label", "confidence", "truth", "text", "read_confidence")
-_GROUPS = """
-SELECT model, "group", COUNT(*) AS n_targets, AVG(CASE WHEN clean THEN confidence END) AS clean_confidence,
-  MAX(confidence) AS highest_confidence
-FROM targets GROUP BY model, "group"
-"""
 
 
 def _scores(store: Store, models: list[str], progress: Callable[[int], None]) -> list[dict[str, Any]]:
-    (count,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
+    count = queries.count_rows(store)
     kept = store.about("scores")
     if kept is None or kept["of"] != count:
-        rows = list(score_rows(store, models, truths(store), progress))
+        rows = list(score_rows(store, models, truths(store), progress, moves=_moves(store)))
         kept = {"of": count, "rows": rows}
         store.set_about("scores", kept)
     scores: list[dict[str, Any]] = kept["rows"]
     return scores
 
 
+def _moves(store: Store) -> Callable[[Mapping[str, Any]], MoveBoxes | None]:
+    """Where a row's conditions take the boxes of the scene."""
+    camera = Camera.from_dict(store.about("manifest")["camera"])
+
+    def mover(row: Mapping[str, Any]) -> MoveBoxes | None:
+        return box_mover(Conditions(**{name: row[name] for name in NAMES}).exposure(camera))
+
+    return mover
+
+
 def _counts(store: Store) -> dict[str, Any]:
     """Numbers of cells and targets, median times, and what models failed on."""
-    (counts,) = store.rows(
-        "SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) AS n_cells,"
-        " (SELECT COUNT(*) FROM targets) AS n_target_rows"
-    )
-    errors = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"
     return {
-        **counts,
-        "simulate_ms": _median(store, "simulate_ms"),
-        "errors": list(store.rows(f"{errors} ORDER BY cells DESC")),
+        **queries.counts(store),
+        "simulate_ms": queries.median_simulate_ms(store),
+        "errors": queries.errors(store),
     }
-
-
-def _median(store: Store, column: str) -> float | None:
-    where = f"FROM cells WHERE clean = 0 AND {column} IS NOT NULL"
-    middle = f"SELECT COUNT(*) / 2 {where}"
-    query = f"SELECT {column} AS ms {where} ORDER BY {column} LIMIT 1 OFFSET ({middle})"
-    return next((float(row["ms"]) for row in store.rows(query)), None)
 
 
 def _summary(
@@ -227,12 +226,10 @@ def _summary(
 
 def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
     classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
-    order = "image, clean DESC, exposure_s, velocity_x_px_s, velocity_y_px_s"
-    for cell in list(store.rows(f"SELECT * FROM cells WHERE example IS NOT NULL ORDER BY {order}")):
-        found = unpack(cell.pop("detections"))
+    for cell in queries.examples(store):
+        found = cell.pop("detections")
         rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
         names = classes[cell["model"]]
-        query = "SELECT * FROM targets WHERE cell_id = ? AND model = ? ORDER BY target_id"
         yield {
             **cell,
             "path": str(store.folder / cell["example"]),
@@ -244,14 +241,12 @@ def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]
                     "box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")],
                     **{name: row[name] for name in _TOLD},
                 }
-                for row in store.rows(query, cell["cell_id"], cell["model"])
+                for row in queries.targets_of(store, cell["cell_id"], cell["model"])
             ],
         }
 
 
 def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
-    query = """SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells
-      WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
     warnings = []
     for model in manifest["models"]:
         if unknown := model["unknown_labels"]:
@@ -259,7 +254,7 @@ def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
             warnings.append(
                 f"{model['name']}: does not know {len(unknown)} of the labels ({named}); nothing counts of them"
             )
-        (without,) = store.rows(query, model["name"])
+        without = queries.without_targets(store, model["name"])
         if without["pictures"]:
             warnings.append(
                 f"{model['name']}: {without['pictures']} pictures have no target that the model knows; they "

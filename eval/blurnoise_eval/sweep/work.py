@@ -1,4 +1,4 @@
-"""Work that travels: models, camera and temperature; a worker opens it and computes blocks of cells.
+"""Work that travels: models and camera; a worker opens it and computes blocks of cells.
 
 A cell (see :mod:`blurnoise_eval.grid.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
 whoever computes it and in whatever order.
@@ -26,14 +26,10 @@ EXAMPLES = "examples"  # folder of the run
 
 @dataclass(frozen=True)
 class Work:
-    """What every block needs beside itself. It pickles; models are opened again where it arrives.
-
-    temperature_c: of the sensor.
-    """
+    """What every block needs beside itself. It pickles; models are opened again where it arrives."""
 
     models: tuple[Model, ...]
     camera: Camera
-    temperature_c: float
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -67,13 +63,15 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
-        for frame in frames(prepared.scene, block.cells, camera, self._work.temperature_c):
+        for frame in frames(prepared.scene, block.cells, camera):
             kept = frame.cell.cell_id in block.examples
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None
             for each in prepared.views:
-                sight = each.clean if frame.cell.conditions is None else each.look(frame.image)
-                yield cell_result(frame, each.model.name, camera.name, sight, example, png)
+                sight = (
+                    each.clean if frame.cell.conditions is None else each.look(frame.image, frame.move_boxes)
+                )
+                yield cell_result(frame, each.model.name, camera, sight, example, png)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""

@@ -26,10 +26,10 @@ from blurnoise_eval.bench.training import QUICK, Bench, Difference, Model, Part
 from blurnoise_eval.cli import main
 from blurnoise_eval.cli.bench import HELD_OUT_SEED
 from blurnoise_eval.datasets import Picture, PictureSet, Target, write_picture
-from blurnoise_eval.grid.conditions import Plan
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_models import arms, matched_filter
 from onnx import helper
+from plans import plan as swept
 
 from blurnoise import charts
 from blurnoise.encoding import srgb_from_linear
@@ -224,7 +224,7 @@ def test_outcome(low: float | None, high: float | None, higher: str, lower: str)
 
 def test_measures_by_hand() -> None:
     """One arm, one draw, scores that are chosen per condition."""
-    plan = Plan((1e-3, 10e-3, 20e-3), (10.0, 50.0), (0.0, 500.0, 2000.0))
+    plan = swept((1e-3, 10e-3, 20e-3), (10.0, 50.0), (0.0, 500.0, 2000.0))
     conditions = Part("p", signs(), plan).conditions
     assert list(moving_px(conditions).values()) == pytest.approx([0, 10, 40])
     assert list(resting_log_s(conditions, 10.0).values()) == pytest.approx([-3, -2, np.log10(0.02)])
@@ -309,7 +309,7 @@ def test_arms_need_the_same_seeds(models: list[Model], tmp_path: Path) -> None:
 
 def test_pictures_need_a_sign(models: list[Model], tmp_path: Path) -> None:
     empty = PictureSet("rendered", "nowhere", signs().pictures[2:])
-    plan = Plan((20e-3,), (50.0,), (0.0,))
+    plan = swept((20e-3,), (50.0,), (0.0,))
     with pytest.raises(ValueError, match=r"scenes = 'nowhere': no picture that can be read has a stop sign"):
         training.measure(models[:1], [Part("scenes", empty, plan)], tmp_path)
 
@@ -365,7 +365,7 @@ def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
         blurnoise_models.training, "pool", lambda folder, count, progress: pools.append(count)
     )
     monkeypatch.setattr(arms, "train_all", stand_in)
-    monkeypatch.setattr(training, "QUICK", Plan((10e-3, 20e-3), (50.0,), (0.0, 1500.0), examples=False))
+    monkeypatch.setattr(training, "QUICK", swept((10e-3, 20e-3), (50.0,), (0.0, 1500.0), examples=False))
     monkeypatch.setattr(compared, "RESAMPLES", 50)
     photographs = drawn_signs(tmp_path / "photographs", 0, 3)
     folder = tmp_path / "new" / "proof"

@@ -1,47 +1,155 @@
-"""Plans are checked where they are made, and choose examples from end to end."""
+"""Plans are checked where they are made; conditions go to the simulator, to tables and to ids by their axes."""
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.axes import AXES, NAMES
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
+from plans import IMX250, plan
 
-PLAN = Plan((0.002, 0.03), (3.0, 333.3), (0.0, 333.3), (0.0, -77.1), repeats=2)
+PLAN = plan((0.002, 0.03), (3.0, 333.3), (0.0, 333.3), (0.0, -77.1), repeats=2)
+AT = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=300.0, velocity_y_px_s=-400.0)
 
 
 def test_plan_sorts_and_drops_doubles() -> None:
-    plan = Plan((0.02, 0.01, 0.02), (5, 1))
-    assert plan.exposures_s == (0.01, 0.02)
-    assert plan.illuminances_lux == (1.0, 5.0)
-    assert len(plan.conditions()) == 4
+    made = plan((0.02, 0.01, 0.02), (5, 1))
+    assert made.values("exposure_s") == (0.01, 0.02)
+    assert made.values("illuminance_lux") == (1.0, 5.0)
+    assert made.values("gain_db") == ()
+    assert len(made.conditions()) == 4
 
 
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"exposures_s": (0.0,)}, "exposure_s"),
-        ({"exposures_s": (-1.0,)}, "exposure_s"),
-        ({"exposures_s": (float("nan"),)}, "exposure_s"),
-        ({"exposures_s": ()}, "exposures_s"),
-        ({"illuminances_lux": (-1.0,)}, "illuminance_lux"),
-        ({"velocities_x_px_s": (float("inf"),)}, "velocity"),
-        ({"velocities_y_px_s": (float("nan"),)}, "velocity"),
-        ({"repeats": 0}, "repeats"),
-        ({"seed": -1}, "seed"),
-        ({"temperature_c": float("nan")}, "temperature_c"),
+        ({"exposure_s": (0.0,)}, "exposure_s"),
+        ({"exposure_s": (-1.0,)}, "exposure_s"),
+        ({"exposure_s": (float("nan"),)}, "exposure_s"),
+        ({"exposure_s": ()}, "exposure_s: must hold"),
+        ({"illuminance_lux": (-1.0,)}, "illuminance_lux"),
+        ({"velocity_x_px_s": (float("inf"),)}, "velocity"),
+        ({"velocity_y_px_s": (float("nan"),)}, "velocity"),
+        ({"temperature_c": (float("nan"),)}, "temperature_c"),
+        ({"f_number": (0.0, 2.0)}, "f_number"),
+        ({"gain_db": ()}, "gain_db: must hold"),
+        ({"iso": (100.0,)}, "axis = 'iso': must be one of exposure_s, .*gain_db"),
     ],
 )
+def test_bad_grids_are_refused(changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        replace(PLAN, grid={**PLAN.grid, **changes})
+
+
+@pytest.mark.parametrize(("changes", "named"), [({"repeats": 0}, "repeats"), ({"seed": -1}, "seed")])
 def test_bad_plans_are_refused(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         replace(PLAN, **changes)
 
 
+@pytest.mark.parametrize("missing", ["exposure_s", "illuminance_lux"])
+def test_what_no_camera_has_must_be_stated(missing: str) -> None:
+    stated = {"exposure_s": 0.01, "illuminance_lux": 5.0}
+    del stated[missing]
+    with pytest.raises(ValueError, match=missing):
+        SweepPlan({name: (value,) for name, value in stated.items()})
+    with pytest.raises(ValueError, match=missing):
+        Conditions(**stated)
+
+
 def test_examples_reach_from_end_to_end() -> None:
-    plan = Plan(tuple(0.001 * n for n in range(1, 11)), (1, 2, 3), (-500, 0, 200))
-    chosen = plan.example_conditions()
-    assert {at.exposure_s for at in chosen} >= {plan.exposures_s[0], plan.exposures_s[-1]}
-    assert {at.velocity_x_px_s for at in chosen} == {-500, 0, 200}
+    made = plan(tuple(0.001 * n for n in range(1, 11)), (1, 2, 3), (-500, 0, 200))
+    chosen = made.example_conditions()
+    exposures = made.values("exposure_s")
+    assert {at.exposure_s for at in chosen} >= {exposures[0], exposures[-1]}
+    assert {at["velocity_x_px_s"] for at in chosen} == {-500, 0, 200}
     assert {at.illuminance_lux for at in chosen} == {2}
-    assert chosen <= set(plan.conditions())
+    assert chosen <= set(made.conditions())
+    further = replace(made, grid={**made.grid, "f_number": (1.4, 2.8, 4.0, 8.0)})
+    chosen = further.example_conditions()
+    assert {at["f_number"] for at in chosen} == {1.4, 4.0, 8.0}
+    assert chosen <= set(further.conditions())
+
+
+def test_conditions_are_values_of_all_axes() -> None:
+    assert tuple(AT) == NAMES
+    assert AT.stated == {
+        "exposure_s": 0.01, "illuminance_lux": 50.0, "velocity_x_px_s": 300.0, "velocity_y_px_s": -400.0,
+    }  # fmt: skip
+    assert (AT["gain_db"], AT.blur_px) == (None, pytest.approx(5.0))
+    same = Conditions(**dict(AT))
+    assert (same, hash(same)) == (AT, hash(AT))
+    assert pickle.loads(pickle.dumps(AT)) == AT
+    assert Conditions(**{**AT, "gain_db": 0.0}) != AT
+    with pytest.raises(KeyError):
+        AT["iso"]
+    with pytest.raises(AttributeError):
+        AT.exposure_s = 1.0  # type: ignore[misc]
+
+
+def test_ids_of_the_first_four_axes_stay_what_they_were() -> None:
+    """Ids of runs on disk: a sweep that goes on must find its cells."""
+    assert repr(AT) == (
+        "Conditions(exposure_s=0.01, illuminance_lux=50.0, velocity_x_px_s=300.0, velocity_y_px_s=-400.0)"
+    )
+    assert Cell("p", 1, AT, 7).cell_id == "4a3433078e037d717cdc"
+    assert Cell("p", 1, None, 7).cell_id == "434b2ce75f2a45f35bdc"
+    still = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=-0.0)
+    assert repr(still).endswith("velocity_x_px_s=0.0, velocity_y_px_s=0.0)")
+    assert repr(Conditions(**{**AT, "gain_db": 6.0})) == repr(AT)[:-1] + ", gain_db=6.0)"
+
+
+@pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
+def test_every_axis_reaches_the_simulator_and_the_columns(axis: Any) -> None:
+    """A value of its own on one axis, seen where ``into`` says, and nothing else is other than without it."""
+    value = 3.0
+    with_it = Conditions(**{**AT, axis.name: value})
+    assert with_it.on(IMX250) == {**AT.on(IMX250), axis.name: value}
+    plain, exposure = AT.exposure(IMX250, 11), with_it.exposure(IMX250, 11)
+    assert exposure.seed == 11
+    place, _, part = axis.into.partition(".")
+    if place == "camera":
+        changed = {part: value} | ({"diffraction_wavelength_um": 0.55} if part == "f_number" else {})
+        expected = replace(plain, camera=replace(IMX250, **changed))
+    elif part:
+        vector = list(plain.velocity_px_s)
+        vector[int(part)] = value
+        expected = replace(plain, velocity_px_s=(vector[0], vector[1]))
+    else:
+        expected = replace(plain, **{place: value})
+    assert exposure == expected
+    assert exposure != plain
+
+
+def test_the_camera_s_own_stands_where_nothing_is_stated() -> None:
+    camera = replace(IMX250, f_number=5.6, defocus_radius_px=1.5)
+    at = AT.on(camera)
+    assert (at["f_number"], at["defocus_radius_px"], at["temperature_c"], at["gain_db"]) == (5.6, 1.5, 25, 0)
+    exposure = AT.exposure(camera)
+    assert exposure.camera is camera
+    assert (exposure.temperature_c, exposure.gain_db, exposure.velocity_px_s) == (25.0, 0.0, (300.0, -400.0))
+
+
+def test_a_camera_s_own_wavelength_is_kept() -> None:
+    camera = replace(IMX250, diffraction_wavelength_um=0.85)
+    seen = Conditions(**{**AT, "f_number": 11.0}).exposure(camera).camera
+    assert (seen.f_number, seen.diffraction_wavelength_um) == (11.0, 0.85)
+
+
+def test_those_that_share_a_blur_are_neighbours() -> None:
+    made = plan((0.01, 0.02), (5, 50), (0, 100, 200), f_number=(2, 4), temperature_c=(0, 40), gain_db=(0, 6))
+    conditions = made.conditions()
+    assert len(set(conditions)) == len(conditions) == 2 * 2 * 3 * 2 * 2 * 2
+    blurs = [at.blurs_as for at in conditions]
+    turns = 1 + sum(a != b for a, b in pairwise(blurs))
+    assert turns == len(set(blurs)) == 4 * 2  # displacements 0, 1, 2 and 4 px through two lenses
+
+
+def test_cells_go_through_plain_values() -> None:
+    for at in (AT, Conditions(**{**AT, "f_number": 2.0}), None):
+        cell = Cell("p", 1, at, 7)
+        assert Cell.from_dict(cell.to_dict()) == cell

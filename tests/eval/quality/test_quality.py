@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -12,12 +13,13 @@ import pytest
 import torch
 from blurnoise_eval.bench.edge_truth import closed_mtf, closed_mtf50
 from blurnoise_eval.cli import main
-from blurnoise_eval.grid.conditions import Conditions, Plan
+from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality import table as quality_table
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
 from matplotlib.colors import to_hex, to_rgba
+from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
@@ -27,7 +29,7 @@ from blurnoise.radiometry import photoelectrons
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
-PLAN = Plan((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
+PLAN = swept((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
 EDGES = (
     "mtf50_x",
     "mtf50_y",
@@ -49,8 +51,7 @@ def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float =
     (found,) = (
         row.estimate
         for row in rows
-        if (row.metric, row.conditions.exposure_s, row.conditions.velocity_x_px_s)
-        == (metric, exposure_s, speed_px_s)
+        if (row.metric, row.at["exposure_s"], row.at["velocity_x_px_s"]) == (metric, exposure_s, speed_px_s)
     )
     return found
 
@@ -76,8 +77,8 @@ def noise_e2(exposure_s: float, reflectance: float) -> float:
 
 
 def test_a_row_per_condition_and_metric(rows: list[Row]) -> None:
-    wanted = [(at, metric.name) for at in PLAN.conditions() for metric in METRICS]
-    assert [(row.conditions, row.metric) for row in rows] == wanted
+    wanted = [(at.on(CAMERA), metric.name) for at in PLAN.conditions() for metric in METRICS]
+    assert [(row.at, row.metric) for row in rows] == wanted
 
 
 @pytest.mark.parametrize("exposure_s", [0.001, 0.004, 0.016])
@@ -202,14 +203,14 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
 
 
 def test_without_light_nothing_is_told_but_why() -> None:
-    for row in quality.measure(CAMERA, Plan((0.01,), (0.0,))):
+    for row in quality.measure(CAMERA, swept((0.01,), (0.0,))):
         if row.metric not in ("cnr", "michelson", "cdp", "patch_snr_bright", "patch_snr_dark", "neq_0"):
             assert not row.estimate.told, row.metric
             assert row.estimate.flags, row.metric
 
 
 def test_motion_beyond_the_chart_is_withheld() -> None:
-    rows = quality.measure(CAMERA, Plan((0.03,), (LUX,), (0.0,), (5000.0,)))
+    rows = quality.measure(CAMERA, swept((0.03,), (LUX,), (0.0,), (5000.0,)))
     for metric in ("mtf50_x", "sic_radial_x", "sic_square", "snri"):
         found = reading(rows, metric, 0.03)
         assert not found.told
@@ -236,13 +237,11 @@ def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
 
 def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) -> None:
     def records(*plan: object, **options: int) -> list[dict[str, object]]:
-        return [row.record() for row in quality.measure(CAMERA, Plan(*plan), **options)]  # type: ignore[arg-type]
+        return [row.record() for row in quality.measure(CAMERA, swept(*plan), **options)]  # type: ignore[arg-type]
 
     some = ((0.004, 0.016), (LUX,), (500.0,))
     wanted = [
-        row.record()
-        for row in rows
-        if row.conditions.exposure_s in some[0] and row.conditions.velocity_x_px_s == 500.0
+        row.record() for row in rows if row.at["exposure_s"] in some[0] and row.at["velocity_x_px_s"] == 500.0
     ]
     assert records(*some, threads=2) == wanted
     other = records(*some, (0.0,), 1, 7)
@@ -253,11 +252,59 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) ->
     )  # can be 1
 
 
+def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
+    """Of f-numbers, defocus, heat and gain each changes what physics says, against the still chart at 16 ms."""
+    plain = {row.metric: row.estimate for row in rows if (row.at["exposure_s"], row.blur_px) == (0.016, 0)}
+
+    def told(camera: Camera = CAMERA, **axis: float) -> dict[str, Estimate]:
+        ((name, value),) = axis.items()
+        found = quality.measure(camera, swept((0.016,), (LUX,), **{name: (value,)}))
+        assert {row.record()[name] for row in found} == {value}
+        return {row.metric: row.estimate for row in found}
+
+    # A quarter of the light: mean square over variance, by shot noise.
+    stopped = told(f_number=2 * CAMERA.f_number)
+    assert stopped["neq_0"].value == pytest.approx(plain["neq_0"].value / 4, rel=0.05)
+    assert stopped["mtf50_x"].value < 0.99 * plain["mtf50_x"].value  # diffraction
+    soft = told(defocus_radius_px=3.0)
+    assert soft["mtf50_x"].value < 0.5 * plain["mtf50_x"].value
+    assert soft["neq_0"].value == pytest.approx(plain["neq_0"].value, rel=0.05)
+    leaky = replace(CAMERA, dark_current_e_s=50.0)
+    hot = told(leaky, temperature_c=100.0)  # 16 ms at 2^10 times 50 e-/s: 800 e- beside the light's
+    assert hot["cnr"].value < 0.9 * plain["cnr"].value
+    darker = told(gain_db=-6.0)  # signal and noise alike
+    assert darker["patch_snr_bright"].value == pytest.approx(plain["patch_snr_bright"].value, rel=1e-5)
+    assert darker["psnr_db"].value == pytest.approx(plain["psnr_db"].value, abs=0.2)
+    brighter = told(gain_db=30.0)
+    assert "clipped" in brighter["patch_snr_bright"].flags
+    assert not brighter["patch_snr_bright"].told
+
+
+def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
+    rows = [
+        Row(at.on(CAMERA), metric.name, Estimate(1.0, 0.5, 2.0), 1, 1)
+        for at in swept(
+            (0.001, 0.01), (5.0, LUX), (0.0, 100.0), f_number=(2.0, 4.0), gain_db=(6.0,)
+        ).conditions()
+        for metric in METRICS
+    ]
+    names = [path.name for path in quality_figures.write(rows, "a camera", tmp_path)]
+    assert names == [
+        f"{kind}-{lux}lux-f{n}.png" for lux in (5, 50) for n in (2, 4) for kind in ("exposure", "blur")
+    ]
+    best = quality_table.most_information(rows)
+    assert len(best) == 2 * 2 * 2
+    assert {row["gain_db"] for row in best} == {6.0}
+    table = quality_figures.table(best)
+    assert [column.header for column in table.columns][:3] == ["lux", "f-number", "motion"]
+    assert [next(iter(table.columns[1].cells)), table.row_count] == ["2", 8]
+
+
 def test_threads_are_given_back() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        quality.measure(CAMERA, Plan((0.01,), (LUX,)))
+        quality.measure(CAMERA, swept((0.01,), (LUX,)))
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
@@ -319,7 +366,7 @@ def test_shade_ends_halfway_between_exposures(rows: list[Row]) -> None:
 
 def test_noise_and_blur_have_a_shade_of_their_own() -> None:
     def row(speed: float, exposure_s: float, found: Estimate) -> list[Row]:
-        at = Conditions(exposure_s, 1.0, speed, 0.0)
+        at = Conditions(exposure_s=exposure_s, illuminance_lux=1.0, velocity_x_px_s=speed).on(CAMERA)
         return [Row(at, metric.name, found, int(found.told), 1) for metric in METRICS]
 
     lost, noisy = Estimate(math.nan, flags=frozenset({"region_too_small"})), frozenset({"noise_dominated"})

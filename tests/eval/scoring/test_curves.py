@@ -7,10 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.scoring.curves import RESAMPLES, Endurance, endurances, mean_auc, surfaces
+from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.scoring.curves import (
+    RESAMPLES,
+    Endurance,
+    endurances,
+    endurances_across,
+    mean_auc,
+    surfaces,
+)
 from blurnoise_eval.scoring.matching import failure_point
 from hypothesis import given
 from hypothesis import strategies as st
+from plans import OWN
 
 EXPOSURES_S = (0.01, 0.02, 0.04)
 SPEEDS_PX_S = (0.0, 100.0, 400.0)
@@ -26,7 +35,7 @@ def rows(
     **fields: Any,
 ) -> list[dict[str, Any]]:
     """Rows of one surface; ``confidence`` of (image, repeat, exposure, speed), None where not measured."""
-    shared = {"model": "m", "group": "g", "illuminance_lux": 50.0, "target_id": 0, **fields}
+    shared = {"model": "m", "group": "g", "illuminance_lux": 50.0, "target_id": 0, **OWN, **fields}
     return [
         {**shared, "image": f"p{i}", "repeat": r, "exposure_s": t, "confidence": value}
         | {"velocity_x_px_s": x, "velocity_y_px_s": y}
@@ -44,21 +53,23 @@ def generator() -> np.random.Generator:
 
 def by_axis(found: list[Endurance]) -> dict[tuple[str, float], Endurance]:
     held = {"exposure_s": "velocity_x_px_s", "blur_px": "exposure_s"}
-    return {(each.axis, getattr(each, held[each.axis])): each for each in found}
+    return {(each.axis, each.at[held[each.axis]] or 0.0): each for each in found}
 
 
-def test_rows_become_one_surface_per_model_group_and_light() -> None:
+def test_rows_become_one_surface_per_model_group_and_setting() -> None:
     table = [
         *rows(lambda *_: 0.5, model="a"),
         *rows(lambda *_: 0.6, model="a", illuminance_lux=100.0),
+        *rows(lambda *_: 0.65, model="a", illuminance_lux=100.0, gain_db=6.0),
         *rows(lambda *_: 0.7, model="a", group="h"),
         *rows(lambda *_: 0.8, model="b"),
     ]
     found = list(surfaces(table))
-    assert [(s.model, s.group, s.illuminance_lux) for s in found] == [
-        ("a", "g", 50.0), ("a", "g", 100.0), ("a", "h", 50.0), ("b", "g", 50.0),
+    assert [(s.model, s.group, s.setting[0]) for s in found] == [
+        ("a", "g", 50.0), ("a", "g", 100.0), ("a", "g", 100.0), ("a", "h", 50.0), ("b", "g", 50.0),
     ]  # fmt: skip
-    assert [float(s.mean[0, 0]) for s in found] == pytest.approx([0.5, 0.6, 0.7, 0.8])
+    assert [float(s.mean[0, 0]) for s in found] == pytest.approx([0.5, 0.6, 0.65, 0.7, 0.8])
+    assert [dict(zip(SETTING, s.setting, strict=True))["gain_db"] for s in found] == [0, 0, 6, 0, 0]
     assert found[0].confidence.shape == (4, 3, 3)
 
 
@@ -122,7 +133,8 @@ def test_area_and_failure_of_a_straight_line() -> None:
         )
     )
     (curve,) = endurances(surface, 0.7, generator())
-    assert (curve.axis, curve.exposure_s) == ("blur_px", 0.04)
+    assert (curve.axis, curve.at["exposure_s"]) == ("blur_px", 0.04)
+    assert curve.at["velocity_x_px_s"] is None
     assert curve.x == pytest.approx((0, 4, 8, 16))
     assert curve.auc == pytest.approx(0.6)
     assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx((6, 6, 6))
@@ -193,3 +205,103 @@ def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], th
     if margin > 1e-9:  # else rounding decides
         ends = (None, None) if point.at is None else pytest.approx((point.at, point.at))
         assert (curve.fails_low, curve.fails_high) == ends
+
+
+def across(
+    values: dict[float, Callable[[str], float]], axis: str, threshold: float = 0.6, **options: Any
+) -> list[Endurance]:
+    """The curves over ``axis`` of a still chart at one exposure, a confidence of each picture per value."""
+    one = {"exposures": (0.01,), "velocities": ((0.0, 0.0),)} | options
+    table = [
+        row
+        for value, of in values.items()
+        for row in rows(lambda image, *_, of=of: of(image), **one, **{axis: value})
+    ]
+    return list(endurances_across(list(surfaces(table)), threshold, generator()))
+
+
+def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
+    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px, and so does every draw."""
+    (curve,) = across({r: lambda _, r=r: 1 - r / 10 for r in (0.0, 2.0, 8.0)}, "defocus_radius_px")  # type: ignore[misc]
+    assert curve.axis == "defocus_radius_px"
+    assert curve.x == (0.0, 2.0, 8.0)
+    assert (curve.at["defocus_radius_px"], curve.at["exposure_s"], curve.at["illuminance_lux"]) == (
+        None,
+        0.01,
+        50,
+    )
+    assert curve.auc == pytest.approx(0.6)
+    assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx((4, 4, 4))
+    assert list(curve.row())[:5] == ["model", "group", "illuminance_lux", "axis", "exposure_s"]
+
+
+@pytest.mark.parametrize("axis", ["illuminance_lux", "gain_db"])
+def test_where_more_is_not_worse_a_curve_has_an_area_and_no_failure(axis: str) -> None:
+    (curve,) = across({1.0: lambda _: 0.9, 3.0: lambda _: 0.1}, axis)
+    assert (curve.axis, curve.x, curve.auc) == (axis, (1.0, 3.0), pytest.approx(0.5))
+    assert (curve.fails_at, curve.fails_low, curve.fails_high, curve.non_monotonic) == (
+        None,
+        None,
+        None,
+        False,
+    )
+
+
+def test_curves_over_an_axis_keep_everything_else_apart() -> None:
+    """2 f-numbers x 2 lights x 2 exposures x 2 velocities: 8 curves over each of the two further axes."""
+    table = [
+        row
+        for n in (2.0, 4.0)
+        for lux in (5.0, 50.0)
+        for row in rows(
+            lambda _i, _r, t, v, n=n, lux=lux: 1 / (n + lux + t + v), f_number=n, illuminance_lux=lux,
+            exposures=(0.01, 0.02), velocities=((0.0, 0.0), (100.0, 0.0)),
+        )
+    ]  # fmt: skip
+    found = list(endurances_across(list(surfaces(table)), 0.6, generator()))
+    assert [sum(each.axis == name for each in found) for name in ("f_number", "illuminance_lux")] == [8, 8]
+    for each in (each for each in found if each.axis == "f_number"):
+        lux, t, v = (each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
+        assert each.confidence == pytest.approx([1 / (n + lux + t + v) for n in (2.0, 4.0)])
+
+
+def test_draws_across_settings_are_paired_whatever_the_order_of_rows() -> None:
+    """Pictures of 0.5 -+ d that lose 0.2 over the axis, all alike: from one draw to the next the whole curve moves
+    up and down, and each draw crosses the mean of the two ends, shifted by the draw's own mean: between
+    0.6 - 0.4 and 0.6 + 0.4 of the way. Were the ends drawn apart, some draws would not cross at all."""
+    shift = {"p0": -0.1, "p1": 0.1, "p2": -0.05, "p3": 0.05, "p4": 0.0}
+
+    def line(drop: float) -> Callable[[str], float]:
+        return lambda image: 0.7 + 0.5 * shift[image] - drop
+
+    values = {0.0: line(0.0), 10.0: line(0.2)}
+    table = [
+        row
+        for value, of in values.items()
+        for row in rows(
+            lambda image, *_, of=of: of(image), images=5, exposures=(0.01,), velocities=((0.0, 0.0),),
+            defocus_radius_px=value,
+        )
+    ]  # fmt: skip
+    turned = [*table[:5], *table[:4:-1]]  # the second setting's pictures arrive in another order
+    straight, other = (list(endurances_across(list(surfaces(t)), 0.6, generator())) for t in (table, turned))
+    assert straight == other
+    (curve,) = straight
+    assert curve.fails_at == pytest.approx(5)
+    assert curve.fails_low is not None
+    assert curve.fails_high is not None
+    # Its crossing is 5 + 50 x the draw's mean shift, whose spread is 0.5 x 0.0707 / sqrt(5) = 0.0158: 0.79 px.
+    assert curve.fails_low == pytest.approx(5 - 1.96 * 0.79, abs=0.5)
+    assert curve.fails_high == pytest.approx(5 + 1.96 * 0.79, abs=0.5)
+
+
+def test_points_that_one_setting_lacks_are_left_out() -> None:
+    table = [
+        *rows(lambda *_: 0.9, temperature_c=0.0, exposures=(0.01, 0.02)),
+        *rows(lambda *_: 0.8, temperature_c=25.0, exposures=(0.01,)),
+        *rows(lambda *_: 0.7, temperature_c=50.0, exposures=(0.01, 0.02)),
+    ]
+    found = [
+        e for e in endurances_across(list(surfaces(table)), 0.6, generator()) if e.at["velocity_x_px_s"] == 0
+    ]
+    assert {each.at["exposure_s"]: each.x for each in found} == {0.01: (0.0, 25.0, 50.0), 0.02: (0.0, 50.0)}

@@ -12,6 +12,7 @@ from blurnoise_eval.scoring.curves import surfaces
 from blurnoise_eval.scoring.exposure_window import NEAR_BEST, Answer, recommend, windows
 from hypothesis import given
 from hypothesis import strategies as st
+from plans import OWN
 
 DECADES_S = (0.001, 0.01, 0.1, 1.0)
 
@@ -120,7 +121,7 @@ def rows(
     curve: dict[float, list[float]], group: str = "sign", lux: float = 50.0, speed: float = 0.0
 ) -> list[dict[str, Any]]:
     """Target rows as the store gives them: one per exposure and sample."""
-    at = {"group": group, "illuminance_lux": lux, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0}
+    at = {"group": group, "illuminance_lux": lux, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0, **OWN}
     return [
         {**at, "clean": False, "exposure_s": exposure, "confidence": value, "image": f"p{place}"}
         for exposure, values in curve.items()
@@ -134,7 +135,11 @@ CLEAN = {"clean": True, "confidence": 0.99, "group": "sign", "illuminance_lux": 
 def test_answers_by_hand() -> None:
     table = rows({0.1: [0.9, 0.5, 0.7, 0.7], 0.001: [0.1, 0.3, 0.2, 0.2], 0.01: [0.8, 0.8, 0.8, 0.8]})
     (answer,) = answers([CLEAN, *table], 0.6)
-    assert (answer.group, answer.illuminance_lux, answer.velocity_x_px_s) == ("sign", 50.0, 0.0)
+    assert (answer.group, answer.at) == (
+        "sign",
+        {"illuminance_lux": 50.0, "velocity_x_px_s": 0.0, "velocity_y_px_s": 0.0, **OWN},
+    )
+    assert list(answer.row())[:6] == ["model", "group", *list(answer.at)[:4]]
     assert answer.exposures_s == (0.001, 0.01, 0.1)
     assert answer.confidence == pytest.approx((0.2, 0.8, 0.7))
     assert answer.n_targets == 4
@@ -166,7 +171,7 @@ def test_answers_keep_groups_lights_and_speeds_apart() -> None:
         *rows({0.01: [0.4], 0.1: [0.8]}, group="a", lux=5.0),
         *rows({0.01: [0.7], 0.1: [0.7]}, group="a", speed=200.0),
     ]
-    found = {(a.group, a.illuminance_lux, a.velocity_x_px_s): a for a in answers(table, 0.6)}
+    found = {(a.group, a.at["illuminance_lux"], a.at["velocity_x_px_s"]): a for a in answers(table, 0.6)}
     assert {key: answer.recommended_s for key, answer in found.items()} == {
         ("a", 5.0, 0.0): 0.1,
         ("a", 50.0, 0.0): 0.01,

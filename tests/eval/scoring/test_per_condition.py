@@ -149,6 +149,22 @@ def test_false_positives_by_hand() -> None:
     assert got["calibration_error"] == pytest.approx(gaps / 4, abs=1e-6)
 
 
+def test_truth_stands_where_the_conditions_move_it() -> None:
+    """All is 40 px further right, targets and crowds alike: scores as before, and none where it is not told."""
+    truth, found = street(7)
+    shifted = {
+        n: Detections(d.boxes_xyxy + np.array([40, 0, 40, 0]), d.scores, d.class_ids)
+        for n, d in found.items()
+    }
+    judge = Judge(truth)
+    before = judge([(name, 0, each) for name, each in found.items()])
+    moved = [(name, 0, each) for name, each in shifted.items()]
+    after = judge(moved, lambda boxes: boxes + np.array([40.0, 0.0, 40.0, 0.0]))
+    assert after == pytest.approx(before, abs=1e-6)
+    assert judge(moved)["ap50"] < 0.5 * before["ap50"]
+    assert judge([(name, 0, each) for name, each in found.items()]) == before  # nothing stays moved
+
+
 def test_calibration_error_by_hand() -> None:
     assert calibration_error([], []) is None
     assert calibration_error([0.75] * 4, [True, True, True, False]) == pytest.approx(0)
@@ -200,6 +216,10 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         store.add([cell("p", nothing, None, "it threw", **at), cell("q", right, None, **at)])
         told: list[int] = []
         clean, exposed = score_rows(store, ["m"], lambda _: truth, told.append)
+        asked: list[Any] = []
+        moving = list(score_rows(store, ["m"], lambda _: truth, moves=lambda row: asked.append(dict(row))))
+        assert moving == [clean, exposed]
+        assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]
     assert tuple(clean) == tuple(exposed) == COLUMNS
     assert (clean["clean"], clean["n_images"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)

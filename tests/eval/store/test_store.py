@@ -15,7 +15,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store.store import FILE_NAME, CellResult, Store, StoreError
+from plans import OWN
 
 NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
@@ -33,6 +35,7 @@ def row(index: int, **changes: Any) -> dict[str, Any]:
         "illuminance_lux": 50.0,
         "velocity_x_px_s": 0.0,
         "velocity_y_px_s": 0.0,
+        **OWN,
         "blur_px": 0.0,
         **changes,
     }  # fmt: skip
@@ -50,9 +53,7 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
 
 
 def clean_result(index: int) -> CellResult:
-    nothing = dict.fromkeys(
-        ("exposure_s", "illuminance_lux", "velocity_x_px_s", "velocity_y_px_s", "blur_px")
-    )
+    nothing = dict.fromkeys((*NAMES, "blur_px"))
     return result(index, clean=True, **nothing)
 
 
@@ -123,12 +124,16 @@ def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> N
             "exposure_s": t,
             "velocity_x_px_s": x,
             "velocity_y_px_s": y,
+            "temperature_c": temperature,
+            "gain_db": gain,
         }
         for repeat in (0, 1)
         for lux in (5.0, 50.0)
         for t in (0.01, 0.02)
         for x in (-100.0, 0.0)
         for y in (-7.0, 9.0)
+        for temperature in (-20.0, 25.0)
+        for gain in (0.0, 6.0)
     ]
     results = [result(index, image="p", **at, targets=2) for index, at in enumerate(conditions)]
     for name, turn in (("up", 1), ("down", -1)):

@@ -24,19 +24,20 @@ from blurnoise_eval import cli, datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
-from blurnoise_eval.grid.conditions import Plan
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
 from blurnoise_eval.sweep.engines import Engine, ProcessEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.run import Outcome, run
 from blurnoise_eval.sweep.work import Work
 from blurnoise_models import matched_filter
+from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
-PLAN = Plan((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)
+PLAN = swept((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
 BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
 
@@ -75,7 +76,7 @@ def everything(folder: Path) -> list[Any]:
 
 
 def computed(
-    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: Plan = PLAN
+    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan = PLAN
 ) -> Outcome:
     with Store(folder, create=True) as store:
         return run(models, CAMERA, shown, plan, store, engine=engine)
@@ -149,7 +150,7 @@ def test_a_process_that_dies_names_its_picture(
     detector: Detector, pictures: PictureSet, tmp_path: Path
 ) -> None:
     """What was finished stays, and the sweep goes on once the cause is gone."""
-    plan = Plan((0.01,), (50.0,))
+    plan = swept((0.01,), (50.0,))
     good = pictures.pictures[0]
     deadly = Picture("deadly.png", good.targets, partial(os._exit, 9), good.identity)
     shown = replace(pictures, pictures=(good, replace(good, name="c.png"), deadly))
@@ -201,7 +202,7 @@ def test_no_process_outlives_its_sweep(
     with Store(tmp_path / "run") as store:
         kept = len(list(store.cells()))
     assert kept > 0
-    plan = Plan(tuple(ms / 1e3 for ms in range(1, 61)), (50.0,), (0.0, 300.0))
+    plan = swept(tuple(ms / 1e3 for ms in range(1, 61)), (50.0,), (0.0, 300.0))
     outcome = computed(tmp_path / "run", [detector], shown, ThreadEngine(2), plan)
     assert outcome.resumed == kept < kept + outcome.computed == 2 * count_cells(shown, plan) // 3
     computed(tmp_path / "anew", [detector], shown, ThreadEngine(2), plan)
@@ -280,7 +281,7 @@ def test_work_and_blocks_of_every_kind_of_pictures_travel(
     kind: str, tmp_path: Path, detector: Detector
 ) -> None:
     shown = labelled(kind, tmp_path)
-    plan = Plan((0.01,), (50.0,))
+    plan = swept((0.01,), (50.0,))
     work = Work((detector,), CAMERA, plan.temperature_c)
     sent, copies = pickle.loads(pickle.dumps((work, list(blocks(shown, plan)))))
     assert (sent.camera, sent.temperature_c) == (CAMERA, plan.temperature_c)

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import AXES, Detector, Evaluation, Plan, cli, datasets, evaluate
+from blurnoise_eval import AXES, Detector, Evaluation, cli, datasets, evaluate
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.report.page import TABLES
@@ -22,11 +22,12 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.evaluation import usual_pictures, usual_plan
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
+from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
 
-PLAN = Plan((0.002, 0.01), (50.0,), (0.0, 400.0))
+PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0))
 OPTIONS = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400")
 
 
@@ -186,7 +187,7 @@ def test_readers_get_texts_and_no_detectors_beside_them(model: Path, tmp_path: P
     reader = band_reader(tmp_path / "rec.onnx")
     with pytest.raises(ValueError, match="not both"):
         evaluate([reader, Detector(model)], output=tmp_path / "run")
-    done = evaluate(reader, plan=Plan((0.01,), (50.0,)), output=tmp_path / "read")
+    done = evaluate(reader, plan=swept((0.01,), (50.0,)), output=tmp_path / "read")
     assert {row["truth"] for row in done.targets} == {"STOP"}
     assert usual_pictures([Detector(model)]).source.startswith("stop signs")
 

@@ -22,7 +22,8 @@ import torch
 from blurnoise_eval import cli
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.conditions import Plan, cell_seed
+from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
@@ -32,6 +33,7 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
+from plans import plan as swept
 
 from blurnoise import Camera, charts, exposure, simulate
 from blurnoise.encoding import srgb_from_linear
@@ -52,11 +54,11 @@ EVERY_EFFECT = replace(
     defocus_radius_px=1.2,
 )
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
-PLAN = Plan(
+PLAN = swept(
     exposures_s=(0.002, 0.0123, 0.03),
-    illuminances_lux=(3.0, 333.3),
-    velocities_x_px_s=(0.0, 333.3),
-    velocities_y_px_s=(0.0, -77.1),
+    lights_lux=(3.0, 333.3),
+    right_px_s=(0.0, 333.3),
+    down_px_s=(0.0, -77.1),
     repeats=2,
 )
 
@@ -130,7 +132,8 @@ def test_cell_is_what_simulate_and_the_detector_give(
     detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, camera: Camera
 ) -> None:
     image = noise(127, 161)
-    plan = replace(PLAN, repeats=1, illuminances_lux=(333.3,), temperature_c=40.0, seed=11)
+    warm = {**PLAN.grid, "illuminance_lux": (333.3,), "temperature_c": (40.0,)}
+    plan = SweepPlan(warm, seed=11)
     developed: list[torch.Tensor] = []
     read_out = sensor.read_out
 
@@ -173,6 +176,55 @@ def test_cell_is_what_simulate_and_the_detector_give(
         assert kept == 9  # three exposures by three speeds
 
 
+FURTHER = {
+    "temperature_c": (60.0,),
+    "f_number": (1.4, 16.0),
+    "defocus_radius_px": (0.0, 2.5),
+    "gain_db": (0.0, 9.0),
+}
+
+
+def test_cell_of_any_axes_is_what_simulate_gives(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lens that is stated with its diffraction, heat, and a gain of the developed picture's light."""
+    image = noise(43, 61)
+    plan = swept((0.004, 0.0123), (33.3,), (0.0, 333.3), (-77.1,), seed=5, examples=False, **FURTHER)
+    seen: dict[str, NDArray[np.uint8]] = {}
+    made = sweep.frames
+
+    def watched(*arguments: Any) -> Any:
+        for frame in made(*arguments):
+            seen[frame.cell.cell_id] = frame.image
+            yield frame
+
+    monkeypatch.setattr(sweep, "frames", watched)
+    shown = picture_set(picture("p", lambda: image))
+    cells, *_ = rows_of(tmp_path, [detector], EVERY_EFFECT, shown, plan)
+    batch = torch.from_numpy(image).permute(2, 0, 1)[None] / 255
+    exposed = [cell for cell in cells if not cell["clean"]]
+    assert len({seen[cell["cell_id"]].tobytes() for cell in exposed}) == len(exposed) == 2 * 2 * 8
+    for cell in exposed:
+        lens = {name: cell[name] for name in ("f_number", "defocus_radius_px")}
+        camera = replace(EVERY_EFFECT, diffraction_wavelength_um=0.55, **lens)
+        assert camera.optics.diffraction_lambda_n_px == pytest.approx(
+            0.55 * cell["f_number"] / EVERY_EFFECT.pixel_pitch_um
+        )
+        dn = simulate(
+            batch,
+            camera,
+            exposure_s=cell["exposure_s"],
+            illuminance_lux=cell["illuminance_lux"],
+            velocity_px_s=(cell["velocity_x_px_s"], cell["velocity_y_px_s"]),
+            temperature_c=cell["temperature_c"],
+            generator=[cell["seed"]],
+        )
+        black = camera.black_level_dn
+        light = (dn.double() - black) / (camera.full_scale_dn - black) * 10 ** (cell["gain_db"] / 20)
+        rgb = srgb_from_linear(light).mul(255).round().byte()[0].permute(1, 2, 0).numpy()
+        np.testing.assert_array_equal(seen[cell["cell_id"]], rgb)
+
+
 def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector, tmp_path: Path) -> None:
     direct = detector.detect(sign())
     for name, load in (("8 bit", sign), ("16 bit", partial(sign, np.uint16))):
@@ -183,8 +235,7 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
             np.testing.assert_array_equal(found.scores, direct.scores)
             np.testing.assert_array_equal(found.boxes_xyxy, direct.boxes_xyxy)
             assert clean["target_confidence"] == target_confidence(direct, BOX, 0) > 0.8
-            conditions = ("exposure_s", "illuminance_lux", "velocity_x_px_s", "velocity_y_px_s", "blur_px")
-            assert [clean[key] for key in conditions] == [None] * 5
+            assert [clean[key] for key in (*NAMES, "blur_px")] == [None] * (len(NAMES) + 1)
             image = cv2.imread(str(tmp_path / name / clean["example"]))
             np.testing.assert_array_equal(image[..., ::-1], sign())
 
@@ -201,7 +252,7 @@ def test_thread_settings_of_the_process_come_back(detector: Detector, tmp_path: 
     try:
         torch.set_num_threads(2)
         cv2.setNumThreads(2)
-        rows_of(tmp_path, [detector], CAMERA, TWO, Plan((0.01,), (50.0,)))
+        rows_of(tmp_path, [detector], CAMERA, TWO, swept((0.01,), (50.0,)))
         assert (torch.get_num_threads(), cv2.getNumThreads()) == (2, 2)
     finally:
         torch.set_num_threads(before[0])
@@ -256,7 +307,7 @@ def test_killed_sweep_goes_on_with_the_same_command(
     folder = tmp_path / "run"
     command = ["sweep", "--exposure-ms", "1:24:1", "--lux", "50", "--dx", "0,300", "--repeats", "1"]
     command += ["--limit", "1", "--threads", "1", "--json", "-o", str(folder)]
-    plan = Plan(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0))
+    plan = swept(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0))
     one = PictureSet("rendered", "", rendered_signs().pictures[:1])
 
     started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
@@ -297,7 +348,7 @@ def test_pictures_in_memory_do_not_grow_with_the_set(
         return image
 
     many = picture_set(*[picture(f"p{index}", load) for index in range(40)])
-    plan = Plan((0.01,), (50.0,), repeats=2)
+    plan = swept((0.01,), (50.0,), repeats=2)
     with Store(tmp_path, create=True) as store:
         sweep.run([detector], CAMERA, many, plan, store, engine=ThreadEngine(threads))
         assert n_done(store) == count_cells(many, plan) == 120
@@ -306,18 +357,18 @@ def test_pictures_in_memory_do_not_grow_with_the_set(
 
 
 def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_path: Path) -> None:
-    plan = Plan((0.01,), (0.3, 3.0, 300.0), (0.0, 200.0, 500.0, 1000.0))
+    plan = swept((0.01,), (0.3, 3.0, 300.0), (0.0, 200.0, 500.0, 1000.0))
     _, targets, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
     found = {
         (row["illuminance_lux"], row["velocity_x_px_s"]): row["confidence"]
         for row in targets
         if not row["clean"]
     }
-    bright = [found[300.0, speed] for speed in plan.velocities_x_px_s]
+    bright = [found[300.0, speed] for speed in plan.values("velocity_x_px_s")]
     assert bright == sorted(bright, reverse=True)
     assert bright[0] > 0.8
     assert bright[-1] < 0.5 * bright[0]
-    still = [found[lux, 0.0] for lux in plan.illuminances_lux]
+    still = [found[lux, 0.0] for lux in plan.values("illuminance_lux")]
     assert still == sorted(still)
     assert still[0] < 0.5 * still[-1]
 
@@ -325,7 +376,7 @@ def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_pa
 def test_still_and_bright_agrees_with_clean(detector: Detector, tmp_path: Path) -> None:
     """White fills 9/10 of the well: about 50 dB of signal to noise cost next to nothing."""
     lux = 0.9 * CAMERA.saturation_e / photoelectrons(CAMERA, 1.0, 0.01)
-    plan = Plan((0.01,), (lux,))
+    plan = swept((0.01,), (lux,))
     cells, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
     clean, exposed = (cell["target_confidence"] for cell in cells)
     assert exposed == pytest.approx(clean, abs=0.02)
@@ -355,7 +406,7 @@ def test_classes_that_the_model_does_not_know_count_for_nothing(detector: Detect
     labels = {"both": ["person", "stop sign"], "none": ["person"], "empty": []}
     pictures = picture_set(*[picture(name, labels=named) for name, named in labels.items()])
     with Store(tmp_path, create=True) as store:
-        plan = Plan((0.01,), (50.0,))
+        plan = swept((0.01,), (50.0,))
         results.open_run(store, [detector], CAMERA, pictures, plan, {})
         sweep.run([detector], CAMERA, pictures, plan, store)
         assert {row["image"] for row in store.targets()} == {"both"}
@@ -405,7 +456,7 @@ def test_seeds_are_shared_by_conditions_and_by_nothing_else(uninterrupted: list[
 
 
 def test_repeats_and_base_seed_change_the_noise(detector: Detector, tmp_path: Path) -> None:
-    plan = Plan((0.002,), (3.0,), repeats=2)
+    plan = swept((0.002,), (3.0,), repeats=2)
     first, *_ = rows_of(tmp_path / "0", [detector], CAMERA, picture_set(picture("p")), plan)
     other, *_ = rows_of(tmp_path / "1", [detector], CAMERA, picture_set(picture("p")), replace(plan, seed=1))
     found = [cell["target_confidence"] for cell in (*first, *other) if not cell["clean"]]
@@ -435,7 +486,7 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
 
 
 def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> None:
-    plan = Plan((0.002, 0.01), (3.0, 333.3), (0.0, 500.0), repeats=3)
+    plan = swept((0.002, 0.01), (3.0, 333.3), (0.0, 500.0), repeats=3)
     pictures = picture_set(picture("p"), picture("bad.png", unreadable))
     with Store(tmp_path, create=True) as store:
         results.open_run(store, [detector], CAMERA, pictures, plan, {"command": "c", "threads": 1})

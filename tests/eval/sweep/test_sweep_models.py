@@ -16,7 +16,7 @@ from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
-from blurnoise_eval.grid.conditions import Cell, Plan
+from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
@@ -26,6 +26,7 @@ from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
 from blurnoise_eval.sweep.work import Work
 from blurnoise_models import matched_filter
 from numpy.typing import NDArray
+from plans import plan as swept
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
@@ -35,7 +36,7 @@ from blurnoise.encoding import srgb_from_linear
 CAMERA = Camera.preset("imx250")
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
 BOX = tuple(float(e) for e in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
-PLAN = Plan((0.002, 0.02), (3.0, 333.3), (0.0, 333.3))
+PLAN = swept((0.002, 0.02), (3.0, 333.3), (0.0, 333.3))
 
 
 def sign() -> NDArray[np.uint8]:
@@ -109,7 +110,7 @@ def second(tmp_path_factory: pytest.TempPathFactory) -> Detector:
     return Detector(matched_filter.build(path, sizes_px=(22, 16, 10), input_px=64))
 
 
-def run(folder: Path, models: list[Any], shown: PictureSet = LABELLED, plan: Plan = PLAN) -> Any:
+def run(folder: Path, models: list[Any], shown: PictureSet = LABELLED, plan: SweepPlan = PLAN) -> Any:
     """A whole run; what a report gets of it, and its rows of cells."""
     with Store(folder, create=True) as store:
         results.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
@@ -141,7 +142,7 @@ def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> N
     )
     sent = Cell.from_dict(json.loads(json.dumps(cell.to_dict())))
     assert sent == cell
-    worker = Work((first,), CAMERA, PLAN.temperature_c).open(pictures_held=1)
+    worker = Work((first,), CAMERA).open(pictures_held=1)
     (alone,) = worker.compute(Block(LABELLED.pictures[1], (sent,)))
     assert alone.cell["target_confidence"] == row["target_confidence"]
     assert alone.cell["n_detections"] == row["n_detections"]

@@ -1,0 +1,139 @@
+"""What is asked of a run's tables; all the package's questions in SQL stand here and in the store itself.
+
+Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.axes import SETTING, VELOCITY
+from blurnoise_eval.store.schema import CONDITIONS, SORTED
+from blurnoise_eval.store.store import Store, unpack
+
+Row = dict[str, Any]
+_SHARED = ", ".join(CONDITIONS)
+_HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pictures have NULLs
+
+
+def condition_means(store: Store, model: str, found_score: float) -> list[Row]:
+    """Per condition of a model, untouched first: numbers of pictures, errors and targets, and the targets' means.
+
+    found_score: the confidence from which a target counts as found.
+    """
+    same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
+    query = f"""
+      SELECT seen.*, n_targets, target_confidence, detection_rate, confidence_when_found, read_confidence,
+        exact_match, character_error_rate
+      FROM (
+        SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors
+        FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
+      LEFT JOIN (
+        SELECT {_SHARED}, COUNT(*) AS n_targets, AVG(confidence) AS target_confidence,
+          AVG(confidence >= {found_score}) AS detection_rate,
+          AVG(CASE WHEN confidence >= {found_score} THEN confidence END) AS confidence_when_found,
+          AVG(read_confidence) AS read_confidence, AVG(text = truth) AS exact_match,
+          AVG(character_error_rate) AS character_error_rate
+        FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}
+      ORDER BY {SORTED}
+    """
+    return list(store.rows(query, model, model))
+
+
+def conditions(store: Store, model: str) -> list[Row]:
+    """Every condition and repeat of a model: the columns ``CONDITIONS`` and ``repeat``, in their order."""
+    shared = f"{_SHARED}, repeat"
+    return list(store.rows(f"SELECT DISTINCT {shared} FROM cells WHERE model = ? ORDER BY {shared}", model))
+
+
+def detections_at(
+    store: Store, model: str, at: Mapping[str, Any], repeat: int | None = None
+) -> Iterator[tuple[str, int, Detections]]:
+    """(picture, repeat, detections) of the cells under the condition that the row ``at`` names; of one repeat."""
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    values = [at[name] for name in CONDITIONS]
+    if repeat is None:
+        rows = store.rows(query, model, *values)
+    else:
+        rows = store.rows(f"{query} AND repeat = ? ORDER BY image", model, *values, repeat)
+    for row in rows:
+        yield row["image"], row["repeat"], unpack(row["detections"])
+
+
+def exposed_targets(store: Store) -> Iterator[Row]:
+    """Rows of targets in exposed pictures; those of a model, group and setting of further axes together."""
+    order = ", ".join(SETTING)
+    return store.rows(f'SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", {order}')
+
+
+def found_when_clean(store: Store, model: str) -> Iterator[Row]:
+    """Image, label and box of each target in a model's untouched pictures."""
+    query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
+    return store.rows(query, model)
+
+
+def groups(store: Store) -> list[Row]:
+    """Per model and group of targets: how many rows, mean confidence when clean, highest confidence."""
+    query = """
+      SELECT model, "group", COUNT(*) AS n_targets, AVG(CASE WHEN clean THEN confidence END) AS clean_confidence,
+        MAX(confidence) AS highest_confidence
+      FROM targets GROUP BY model, "group"
+    """
+    return list(store.rows(query))
+
+
+def count_rows(store: Store) -> int:
+    """Rows of cells: one per cell and model."""
+    (counted,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
+    return int(counted["cells"])
+
+
+def count_conditions(store: Store, *others: str) -> int:
+    """In how many ways the cells differ in their conditions and the columns ``others``."""
+    return store.count_different(*CONDITIONS, *others)
+
+
+def counts(store: Store) -> Row:
+    """n_cells, each once for all models, and n_target_rows."""
+    (counted,) = store.rows(
+        "SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) AS n_cells,"
+        " (SELECT COUNT(*) FROM targets) AS n_target_rows"
+    )
+    return counted
+
+
+def errors(store: Store) -> list[Row]:
+    """What models failed on, and in how many cells, the most frequent first."""
+    query = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"
+    return list(store.rows(f"{query} ORDER BY cells DESC"))
+
+
+def median_simulate_ms(store: Store) -> float | None:
+    """Of the exposed cells; None without any."""
+    where = "FROM cells WHERE clean = 0 AND simulate_ms IS NOT NULL"
+    middle = f"SELECT COUNT(*) / 2 {where}"
+    query = f"SELECT simulate_ms AS ms {where} ORDER BY simulate_ms LIMIT 1 OFFSET ({middle})"
+    return next((float(row["ms"]) for row in store.rows(query)), None)
+
+
+def examples(store: Store) -> list[Row]:
+    """Cells whose picture was kept, their detections unpacked: by picture, exposure, speed, then the rest."""
+    order = ", ".join(("image", "clean DESC", "exposure_s", *VELOCITY, *SETTING))
+    found = store.rows(f"SELECT * FROM cells WHERE example IS NOT NULL ORDER BY {order}")
+    return [{**cell, "detections": unpack(cell["detections"])} for cell in found]
+
+
+def targets_of(store: Store, cell_id: str, model: str) -> Iterator[Row]:
+    """A cell's targets before a model."""
+    query = "SELECT * FROM targets WHERE cell_id = ? AND model = ? ORDER BY target_id"
+    return store.rows(query, cell_id, model)
+
+
+def without_targets(store: Store, model: str) -> Row:
+    """``pictures``: how many have no target that the model knows; ``first``: one of them."""
+    query = """SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells
+      WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
+    (counted,) = store.rows(query, model)
+    return counted

@@ -1,0 +1,153 @@
+"""Over random grids of all axes: ids, rows, surfaces, curves and files hold every cell once, none overwritten."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections import Counter
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.scoring.curves import endurances, endurances_across, surfaces
+from blurnoise_eval.scoring.exposure_window import answers
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.sweep.coco_export import write_detections
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from plans import IMX250
+
+MOST = 48  # conditions of a grid
+
+
+@st.composite
+def grids(draw: st.DrawFn) -> dict[str, list[float]]:
+    """Values on the needed axes and any others; some differ by less than a file's name shows."""
+    grid = {}
+    for axis in AXES:
+        if axis.name not in CORE and draw(st.booleans()):
+            continue
+        low = axis.low + 0.001 if axis.positive else axis.low
+        value = st.floats(max(low, -500.0), min(axis.high, 500.0), allow_subnormal=False).map(
+            lambda v: round(v, 3)
+        )
+        values = draw(st.lists(value, min_size=1, max_size=3, unique=True))
+        if draw(st.booleans()):
+            values.append(values[0] * (1 + 1e-9))
+        own = axis.own(IMX250)
+        if draw(st.booleans()) and not math.isnan(own):
+            values.append(own)
+        grid[axis.name] = [value for value in values if low <= value <= axis.high] or [max(low, 1.0)]
+    assume(math.prod(len(set(values)) for values in grid.values()) <= MOST)
+    return grid
+
+
+def result(cell: Cell, score: float) -> CellResult:
+    """A finished cell, as a sweep leaves it, told from all others by its score."""
+    at = cell.conditions
+    row: dict[str, Any] = {"cell_id": cell.cell_id, "model": "m", "camera": "imx250", "image": cell.image}
+    row |= {"repeat": cell.repeat, "clean": at is None, "blur_px": at and at.blur_px}
+    row |= dict.fromkeys(NAMES) if at is None else at.on(IMX250)
+    found = Detections(np.array([[0, 0, 9, 9]]), np.array([score]), np.array([0]))
+    target = {"target_id": 0, "group": "g", "label": "stop sign", "confidence": score}
+    return CellResult(row, ({**row, **target},), found)
+
+
+def filled(folder: Path, plan: SweepPlan) -> tuple[Store, dict[Conditions | None, float]]:
+    """A run of one picture whose every cell has a score of its own; scores by condition."""
+    conditions: list[Conditions | None] = [None, *plan.conditions()]
+    scores = {at: (place + 1) / 64 for place, at in enumerate(conditions)}  # exact in single precision
+    store = Store(folder, create=True)
+    store.add([result(Cell("p", 0, at, 1), score) for at, score in scores.items()])
+    model = {"name": "m", "kind": "detector", "contract": {"classes": ["stop sign"]}}
+    manifest = {"models": [model], "camera": IMX250.to_dict(), "images": {"labelled": True}}
+    store.set_about("manifest", manifest)
+    (folder / "coco").mkdir()
+    truth = {"images": [{"id": 1, "file_name": "p"}], "annotations": []}
+    truth["categories"] = [{"id": 1, "name": "stop sign"}]
+    (folder / "coco" / "instances.json").write_text(json.dumps(truth))
+    return store, scores
+
+
+some = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+
+
+@given(grids())
+@some
+def test_ids_tell_cells_apart(grid: dict[str, list[float]]) -> None:
+    plan = SweepPlan(grid, repeats=2)
+    conditions = plan.conditions()
+    assert len(conditions) == math.prod(len(plan.values(name)) for name in plan.grid)
+    cells = [Cell(image, repeat, at, 3) for image in "pq" for repeat in (0, 1) for at in (None, *conditions)]
+    assert len({cell.cell_id for cell in cells}) == len(cells)
+    assert plan.example_conditions() <= set(conditions)
+    assert SweepPlan(json.loads(json.dumps(plan.to_dict()))["grid"]).conditions() == conditions
+
+
+@given(grids())
+@some
+def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        store, scores = filled(Path(folder), SweepPlan(grid))
+        with store:
+            expected = {
+                Cell("p", 0, at, 1).cell_id: result(Cell("p", 0, at, 1), s) for at, s in scores.items()
+            }
+            found = {row["cell_id"]: row for row in store.cells()}
+            assert found.keys() == expected.keys()
+            for cell_id, one in expected.items():
+                assert {name: found[cell_id][name] for name in one.cell} == one.cell
+            means = queries.condition_means(store, "m", 0.25)
+            assert [row["n_images"] for row in means] == [1] * len(scores)
+            assert Counter(row["target_confidence"] for row in means) == Counter(scores.values())
+            for row in means:
+                ((_, _, detections),) = queries.detections_at(store, "m", row)
+                assert detections.scores.tolist() == [row["target_confidence"]]
+            store.export()
+            header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
+            assert [name for name in header if name in NAMES] == list(NAMES)
+
+
+@given(grids())
+@some
+def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict[str, list[float]]) -> None:
+    plan = SweepPlan(grid)
+    with tempfile.TemporaryDirectory() as folder:
+        store, scores = filled(Path(folder), plan)
+        with store:
+            found = list(surfaces(queries.exposed_targets(store)))
+    exposed = Counter(score for at, score in scores.items() if at is not None)
+    assert len({(each.model, each.group, each.setting) for each in found}) == len(found)
+    assert Counter(value for each in found for value in each.confidence.ravel().tolist()) == exposed
+    assert len(found) == math.prod(max(1, len(plan.values(name))) for name in SETTING)
+    told = [answer for each in found for answer in answers(each, 0.5, np.random.default_rng(0))]
+    assert Counter(value for answer in told for value in answer.confidence) == exposed
+    assert len({tuple(answer.at.values()) for answer in told}) == len(told)
+
+    curves = [curve for each in found for curve in endurances(each, 0.5, np.random.default_rng(0))]
+    for _, group in groupby(found, key=lambda each: each.group):
+        curves += endurances_across(list(group), 0.5, np.random.default_rng(0))
+    for axis in ("exposure_s", *SETTING):
+        over = [curve for curve in curves if curve.axis == axis]
+        several = len(plan.values(axis)) > 1
+        assert Counter(value for curve in over for value in curve.confidence) == (exposed if several else {})
+        assert all(curve.x == plan.values(axis) and curve.at[axis] is None for curve in over)
+        assert len({tuple(curve.at.values()) for curve in over}) == len(over)
+
+
+@given(grids())
+@some
+def test_every_cell_has_a_file_of_its_own(grid: dict[str, list[float]]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        store, scores = filled(Path(folder), SweepPlan(grid))
+        with store:
+            written = write_detections(store, Path(folder) / "out")
+        assert len({path.name.lower() for path in written}) == len(written) == len(scores)
+        held = [row["score"] for path in written for row in json.loads(path.read_text())]
+    assert Counter(held) == Counter(scores.values())

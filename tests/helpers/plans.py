@@ -1,0 +1,34 @@
+"""Plans of a sweep, briefly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from blurnoise_eval.grid.axes import FURTHER
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+
+from blurnoise import Camera
+
+IMX250 = Camera.preset("imx250")
+
+
+def plan(
+    exposures_s: Iterable[float],
+    lights_lux: Iterable[float],
+    right_px_s: Iterable[float] = (0.0,),
+    down_px_s: Iterable[float] = (0.0,),
+    repeats: int = 1,
+    seed: int = 0,
+    *,
+    examples: bool = True,
+    **further: Iterable[float],
+) -> SweepPlan:
+    """The plan over the four axes that every condition states, and ``further`` ones by name."""
+    core = {"exposure_s": exposures_s, "illuminance_lux": lights_lux}
+    core |= {"velocity_x_px_s": right_px_s, "velocity_y_px_s": down_px_s}
+    return SweepPlan(core | further, repeats, seed, examples)
+
+
+_OF_CAMERA = Conditions(exposure_s=1.0, illuminance_lux=1.0).on(IMX250)
+OWN = {name: _OF_CAMERA[name] for name in FURTHER}
+"""Further axes where the camera imx250 has them, as columns of a row."""
