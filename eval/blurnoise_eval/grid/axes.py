@@ -131,6 +131,18 @@ def axis(name: str) -> Axis:
     raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
 
 
+EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
+SETTING_AXES: tuple[Axis, ...] = tuple(
+    each for each in AXES if each is not EXPOSURE and not each.into.startswith("velocity_px_s.")
+)
+"""All axes but exposure and velocity: what a sweep sets before it varies those two."""
+
+
+def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
+    """(x, y) px/s of a row of a table."""
+    return row["velocity_x_px_s"], row["velocity_y_px_s"]
+
+
 def speed_px_s(row: Mapping[str, Any]) -> float:
     """Length of a row's velocity, px/s."""
     return math.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"])

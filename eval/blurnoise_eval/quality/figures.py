@@ -20,7 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rich.table import Table
 
 from blurnoise.metrics import Flag
-from blurnoise_eval.drawing.annotate import exposure_text, velocity_text
+from blurnoise_eval.grid.axes import EXPOSURE, velocity_text
 from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
 from blurnoise_eval.report.figures import MAX_LINES
 from blurnoise_eval.report.measured import line_colours, spread
@@ -66,7 +66,7 @@ def against_blur(rows: Sequence[Row], camera: str) -> Figure:
         line_of=lambda row: row.conditions.exposure_s,
         place=lambda row: row.conditions.blur_px,
         label=lambda exposure_s: (
-            exposure_text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
+            EXPOSURE.text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
         ),
         dress=_blur_axis,
         title=f"{camera}, {_lux(rows)}: image quality against motion blur",

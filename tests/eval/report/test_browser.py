@@ -54,7 +54,8 @@ addEventListener("load", async () => {
   for (const details of document.querySelectorAll("details")) details.open = true;
   document.querySelector("#legend button").click();
   look("one line off");
-  const tapped = [...document.querySelectorAll("select, .tabs button, .legend button, summary")];
+  const tapped = [...document.querySelectorAll("select, .tabs button, .legend button, summary")].filter(
+    each => each.offsetParent !== null);  // what is not shown cannot be tapped
   seen.tap = Math.min(...tapped.map(each => each.getBoundingClientRect().height));
   seen.font = Math.min(...[...document.querySelectorAll("p, td, th, small, li, button, figcaption")].map(
     each => parseFloat(getComputedStyle(each).fontSize)));

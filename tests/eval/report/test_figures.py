@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.drawing import annotate as pictures
-from blurnoise_eval.report import figures, measured
+from blurnoise_eval.report import captions, figures, measured
 from blurnoise_eval.report.tradeoff import pareto_front
 from hypothesis import given
 from hypothesis import strategies as st
@@ -199,5 +199,5 @@ def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
     black = [(picture == (20, 20, 20)).all(axis=2).any(axis=0).sum() for picture in (short, long)]
     assert black[1] > 3 * black[0]
     example = {"error": None, "detections": [], "targets": [target, target | {"text": "", "confidence": 0.0}]}
-    assert pictures.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
-    assert pictures.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"
+    assert captions.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
+    assert captions.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.drawing import annotate as pictures
+from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.report import RunData, findings, page, tables, write_report
 from made_runs import EXPOSURES_S, made_run
 
@@ -84,7 +84,7 @@ def test_the_answer_comes_first_and_is_complete(reported: tuple[RunData, Path]) 
     for answer in data.answers:
         assert findings.window_text(answer) in text
         if answer["recommended_s"] is not None:
-            recommended = pictures.exposure_text(answer["recommended_s"])
+            recommended = EXPOSURE.text(answer["recommended_s"])
             assert f"{recommended} → {answer['confidence_at_recommended']:.2f}" in text
     assert "stop sign 30 px: 0.50 on the untouched pictures, below the threshold 0.6" in text
 
@@ -172,7 +172,8 @@ def test_curves_carry_every_measured_point(reported: tuple[RunData, Path]) -> No
     assert len(numbers["points"]) == sum(len(answer["exposures_s"]) for answer in data.answers) == 32
     model, group, light, velocity, exposure, confidence, low, high, n = numbers["points"][7]
     answer = data.answers[1]
-    assert (model, group, numbers["lights_lux"][light], numbers["speeds_px_s"][velocity]) == (
+    lux = numbers["axes"][2]["values"][numbers["settings"][light][0]]
+    assert (model, group, lux, numbers["speeds_px_s"][velocity]) == (
         0,
         0,
         10.0,
@@ -209,7 +210,7 @@ def test_failure_points_are_tabled_and_marked(tmp_path: Path) -> None:
     }
     for (text, note), (at, low, high) in cases.items():
         one = [curve | {"fails_at": at, "fails_low": low, "fails_high": high}]
-        table = tables.failures(replace(data, endurances=one), ["stop sign 100 px"], [10.0, 200.0])[0]
+        table = tables.failures(replace(data, endurances=one), ["stop sign 100 px"])[0]
         assert table["rows"][0][1][0]["text"] == text
         assert table["rows"][0][1][0]["notes"][0] == note
         assert table["rows"][0][1][0]["notes"][-1] == "non-monotonic"
