@@ -60,7 +60,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             _axis(EXPOSURE, [EXPOSURE.text(exposure_s) for exposure_s in exposures], "plasma"),
             _axis(SPEED, [velocity_text(velocity) for velocity in velocities], "viridis"),
             *(
-                _axis(axis, [axis.text(value) for value in tested], "cividis")
+                _axis(axis, [axis.text(value) for value in tested], "viridis")
                 | {"values": [_short(axis.shown(value)) for value in tested]}
                 | {"logarithmic": axis.logarithmic and tested[0] > 0}
                 for axis, tested in zip(settings.axes, values, strict=True)

@@ -99,6 +99,8 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "failures": tables.failures(data, groups),
         "summary": findings.summary(data),
         "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
+        "n_settings": len(tables.shown_settings(data)),
+        "n_hidden_settings": len(data.settings.every) - len(tables.shown_settings(data)),
         "alarms": findings.alarms(data),
         "warnings": findings.warnings(data),
         "assumptions": findings.assumptions(data),

@@ -11,9 +11,11 @@ from typing import Any
 from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
 from blurnoise_eval.report import findings
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import clean_confidence, finite, model_names
+from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
 from blurnoise_eval.report.scores import MODEL_SCORES
+from blurnoise_eval.report.settings import Setting
 
+MAX_SETTINGS = 24  # rows of one target group
 MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
 
 
@@ -39,6 +41,11 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
         ]
         rows.append({"name": score.title, "meaning": score.meaning, "cells": cells})
     return rows
+
+
+def shown_settings(data: RunData) -> list[Setting]:
+    """The settings that the tables have a row of."""
+    return spread(data.settings.every, MAX_SETTINGS)
 
 
 def model_answers(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
@@ -75,7 +82,7 @@ def failures(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
             if own:
                 rows = [
                     (settings.text(setting), [own.get((setting, exposure)) for exposure in exposures])
-                    for setting in settings.every
+                    for setting in shown_settings(data)
                 ]
                 heads = [EXPOSURE.text(exposure_s) for exposure_s in exposures]
                 tables.append({"model": model, "group": group, "rows": rows, "exposures": heads})
@@ -98,7 +105,7 @@ def _group_answers(data: RunData, answers: list[dict[str, Any]]) -> dict[str, An
     cells = {(settings.of(answer), velocity_of(answer)): _answer_cell(answer) for answer in answers}
     rows = [
         (settings.text(setting), [cells.get((setting, velocity)) for velocity in data.velocities_px_s])
-        for setting in settings.every
+        for setting in shown_settings(data)
     ]
     return {"n_targets": max(answer["n_targets"] for answer in answers), "rows": rows}
 
