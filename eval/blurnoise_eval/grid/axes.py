@@ -131,13 +131,6 @@ def axis(name: str) -> Axis:
     raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
 
 
-EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
-SETTING_AXES: tuple[Axis, ...] = tuple(
-    each for each in AXES if each is not EXPOSURE and not each.into.startswith("velocity_px_s.")
-)
-"""All axes but exposure and velocity: what a sweep sets before it varies those two."""
-
-
 def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
     """(x, y) px/s of a row of a table."""
     return row["velocity_x_px_s"], row["velocity_y_px_s"]
@@ -162,3 +155,10 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
     """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
     x, y = velocity_px_s
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
+
+
+EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
+SETTING_AXES: tuple[Axis, ...] = tuple(
+    each for each in AXES if each is not EXPOSURE and not each.into.startswith("velocity_px_s.")
+)
+"""All axes but exposure and velocity: what a sweep sets before it varies those two."""
