@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from blurnoise_eval.cli.console import print_answers
 from blurnoise_eval.grid.axes import AXES, SETTING_AXES, axis
-from blurnoise_eval.report import findings, tables
+from blurnoise_eval.report import findings, page, tables, write_report
 from blurnoise_eval.report.settings import axis_label, settings_of, word
 from made_runs import made_run
+from read_pages import Page
 
 
 def test_the_light_alone_names_the_settings_of_a_usual_run(tmp_path: Path) -> None:
@@ -103,3 +106,40 @@ def test_the_terminal_has_a_column_per_axis_that_varies(
     assert rows[0][:4] == ["sign", "10", "25", "1.4"]
     assert rows[7][:4] == ["sign", "200", "85", "2.8"]
     assert rows[0][4] == "64 (26.1->64)"
+
+
+def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "FIGURES", {})
+    data = made_run(tmp_path, f_numbers=(1.4, 2.8), speeds=(0.0, 200.0, 600.0), n_examples=2)
+    parsed = Page(path := write_report(data, tmp_path))
+    assert [each.name for each in (tmp_path / "figures").iterdir()] == ["confidence_f_number.png"]
+    assert "figures/confidence_f_number.png" in parsed.addresses
+    text = path.read_text(encoding="utf-8")
+    selects = re.findall(r'<select id="([a-z-]+)"', text)
+    assert selects == ["measure", "group", "exposure", "speed", "light", "f-number", "lines", "across", "up"]
+    assert re.findall(r'data-view="([a-z-]+)"', text) == ["exposure", "blur", "speed", "light", "f-number"]
+    assert "10 lux · f/2.8" in parsed.text
+    assert "held 25 °C · defocus 0 px · gain 0 dB" in parsed.text
+    numbers = parsed.numbers
+    assert [each["word"] for each in numbers["axes"]] == ["exposure", "speed", "light", "f-number"]
+    assert numbers["axes"][3] | {"colours": []} == {
+        "word": "f-number", "title": "f-number", "unit": "", "texts": ["f/1.4", "f/2.8"],
+        "values": [1.4, 2.8], "logarithmic": True, "colours": [],
+    }  # fmt: skip
+    assert numbers["settings"] == [[0, 0], [0, 1], [1, 0], [1, 1]]
+    for setting, velocity, exposure, confidence in [numbers["points"][k][2:6] for k in (0, 17, 30)]:
+        found = [
+            a["confidence"][exposure]
+            for a in data.answers
+            if data.settings.of(a) == data.settings.every[setting]
+            and a["velocity_x_px_s"] == numbers["speeds_px_s"][velocity]
+        ]
+        assert confidence == pytest.approx(found[0], abs=6e-5)
+
+
+def test_nothing_can_be_chosen_where_nothing_varies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "FIGURES", {})
+    shape: dict[str, Any] = {"exposures_s": (0.005,), "lights_lux": (50.0,), "speeds": (0.0,)}
+    text = write_report(made_run(tmp_path, **shape), tmp_path).read_text(encoding="utf-8")
+    assert 'id="light"' in text
+    assert not re.search('id="(exposure|speed|temperature|f-number|gain|defocus)"', text)
