@@ -39,7 +39,7 @@ addEventListener("load", async () => {
     const count = selector => document.querySelectorAll(selector).length;
     seen.shots.push({name, plots: count(".plot"), drawn: drawn.length, wide,
       curves: count(".curve .scatterlayer .trace"), diamonds: count(".curve .xerror"),
-      lines: count(".curve .scatterlayer .js-line"), tiles: count(".map .barlayer .point"),
+      lines: count(".curve .scatterlayer .js-line"), marks: count(".curve .scatterlayer .point"), tiles: count(".map .barlayer .point"),
       map: [...document.querySelectorAll(".map .xtitle, .map .ytitle")].map(each => each.textContent),
       points: count(".trade .scatterlayer .point")});
   };
@@ -165,6 +165,7 @@ def test_any_two_axes_are_drawn_against_each_other(tmp_path: Path, page_only: No
         assert shots["start"]["map"] == ["Exposure / ms", "Motion blur / px"]
         both = shots["f-number and temperature"]
         assert both["lines"] == 4  # one per exposure
+        assert both["marks"] == 4 * 3  # at one speed, light and temperature
         assert both["tiles"] == 3 * 2
         assert both["map"] == ["f-number", "Sensor temperature / °C"]
         assert look["shown"] == ["exposure", "speed", "light", "temperature"]  # nothing holds the f-number
