@@ -39,7 +39,8 @@ addEventListener("load", async () => {
     const count = selector => document.querySelectorAll(selector).length;
     seen.shots.push({name, plots: count(".plot"), drawn: drawn.length, wide,
       curves: count(".curve .scatterlayer .trace"), diamonds: count(".curve .xerror"),
-      lines: count(".curve .scatterlayer .js-line"), marks: count(".curve .scatterlayer .point"), tiles: count(".map .barlayer .point"),
+      lines: count(".curve .scatterlayer .js-line"),
+      marks: count(".curve .scatterlayer .point"), tiles: count(".map .barlayer .point"),
       map: [...document.querySelectorAll(".map .xtitle, .map .ytitle")].map(each => each.textContent),
       points: count(".trade .scatterlayer .point")});
   };
