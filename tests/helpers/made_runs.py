@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,17 @@ from numpy.typing import NDArray
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
+F_NUMBERS, TEMPERATURES_C = (1.4,), (25.0,)
 GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
 DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 READER_SCORES = ("read_confidence", "exact_match", "character_error_rate")
 
 
-def confidence(exposure_s: float, lux: float, speed: float, best: float) -> float:
-    """A model that needs light (exposure x lux) and dislikes blur (exposure x speed)."""
-    light = 1 - math.exp(-exposure_s * lux / 0.25)
-    return best * light * math.exp(-((exposure_s * speed / 14) ** 2))
+def confidence(exposure_s: float, setting: dict[str, float], speed: float, best: float) -> float:
+    """A model that needs light (exposure x lux, less of it at f/2.8), dislikes blur (exposure x speed) and heat."""
+    gathered = exposure_s * setting["illuminance_lux"] * (F_NUMBERS[0] / setting["f_number"]) ** 2
+    cool = 1 - (setting["temperature_c"] - TEMPERATURES_C[0]) / 300
+    return best * cool * (1 - math.exp(-gathered / 0.25)) * math.exp(-((exposure_s * speed / 14) ** 2))
 
 
 def made_run(
@@ -35,11 +38,14 @@ def made_run(
     n_examples: int = 2,
     models: tuple[str, ...] = ("yolox-nano",),
     kind: str = "detector",
+    f_numbers: tuple[float, ...] = F_NUMBERS,
+    temperatures_c: tuple[float, ...] = TEMPERATURES_C,
 ) -> RunData:
     """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
     groups = GROUPS if groups is None else groups
+    settings = _settings(lights_lux, f_numbers, temperatures_c)
     conditions: list[dict[str, Any]] = [_condition(None, None, None)] + [
-        _condition(t, lux, v) for lux in lights_lux for v in speeds for t in exposures_s
+        _condition(t, setting, v) for setting in settings for v in speeds for t in exposures_s
     ]
     found: dict[str, list[dict[str, Any]]] = {
         name: [] for name in ("models", "scores", "groups", "answers", "endurances", "examples")
@@ -53,15 +59,21 @@ def made_run(
                 {"model": model, "group": group, "n_targets": 12}
                 | {"clean_confidence": best, "highest_confidence": best}
             )
-            for lux in lights_lux:
+            for setting in settings:
                 found["answers"] += [
-                    {"model": model, "group": group} | _answer(exposures_s, lux, v, best, interval)
+                    {"model": model, "group": group} | _answer(exposures_s, setting, v, best, interval)
                     for v in speeds
                 ]
                 found["endurances"] += [
-                    {"model": model, "group": group} | _endurance(t, lux, speeds, best, interval)
+                    {"model": model, "group": group} | _over_blur(t, setting, speeds, best, interval)
                     for t in exposures_s
                     if len(speeds) > 1
+                ]
+            for axis, values in (("f_number", f_numbers), ("temperature_c", temperatures_c)):
+                found["endurances"] += [
+                    {"model": model, "group": group} | _over_axis(axis, values, t, setting, v, best, interval)
+                    for setting, t, v in product(settings, exposures_s, speeds)
+                    if len(values) > 1 and setting[axis] == values[0]
                 ]
         for index in range(n_examples):
             at = conditions[(index * 7) % len(conditions)]
@@ -69,14 +81,26 @@ def made_run(
     return RunData(_manifest(models, kind, len(conditions)), skipped=[], **found)
 
 
-def _condition(exposure_s: float | None, lux: float | None, speed: float | None) -> dict[str, Any]:
+def _settings(
+    lights_lux: tuple[float, ...], f_numbers: tuple[float, ...], temperatures_c: tuple[float, ...]
+) -> list[dict[str, float]]:
+    return [
+        {"illuminance_lux": lux, "temperature_c": celsius, "f_number": f_number}
+        | {"defocus_radius_px": 0.0, "gain_db": 0.0}
+        for lux, celsius, f_number in product(lights_lux, temperatures_c, f_numbers)
+    ]
+
+
+def _condition(
+    exposure_s: float | None, setting: dict[str, float] | None, speed: float | None
+) -> dict[str, Any]:
     clean = exposure_s is None or speed is None
     return {
         "clean": clean,
         "exposure_s": exposure_s,
-        "illuminance_lux": lux,
         "velocity_x_px_s": speed,
         "velocity_y_px_s": None if clean else 0.0,
+        **(setting or dict.fromkeys(_settings((0.0,), F_NUMBERS, TEMPERATURES_C)[0])),
         "blur_px": None if exposure_s is None or speed is None else exposure_s * abs(speed),
     }
 
@@ -84,7 +108,7 @@ def _condition(exposure_s: float | None, lux: float | None, speed: float | None)
 def _confidence_at(at: dict[str, Any], best: float) -> float:
     if at["clean"]:
         return best
-    return confidence(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"], best)
+    return confidence(at["exposure_s"], at, at["velocity_x_px_s"], best)
 
 
 def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float]) -> dict[str, Any]:
@@ -109,12 +133,12 @@ def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
 
 
 def _answer(
-    exposures_s: tuple[float, ...], lux: float, speed: float, best: float, interval: bool
+    exposures_s: tuple[float, ...], setting: dict[str, float], speed: float, best: float, interval: bool
 ) -> dict[str, Any]:
-    curve = [confidence(t, lux, speed, best) for t in exposures_s]
+    curve = [confidence(t, setting, speed, best) for t in exposures_s]
     windows, top = _windows(exposures_s, curve), int(np.argmax(curve))
     return {
-        "illuminance_lux": lux,
+        **setting,
         "velocity_x_px_s": speed,
         "velocity_y_px_s": 0.0,
         "n_targets": 12,
@@ -144,20 +168,34 @@ def _windows(exposures_s: tuple[float, ...], curve: list[float]) -> list[list[fl
     return [*found, [start, exposures_s[-1]]] if start is not None else found
 
 
-def _endurance(
-    exposure_s: float, lux: float, speeds: tuple[float, ...], best: float, interval: bool
+def _over_blur(
+    exposure_s: float, setting: dict[str, float], speeds: tuple[float, ...], best: float, interval: bool
 ) -> dict[str, Any]:
     lengths = sorted({abs(speed) for speed in speeds})
-    x = [exposure_s * length for length in lengths]
-    y = [confidence(exposure_s, lux, length, best) for length in lengths]
+    at = {**setting, "exposure_s": exposure_s, "velocity_x_px_s": None, "velocity_y_px_s": None}
+    y = [confidence(exposure_s, setting, length, best) for length in lengths]
+    return at | _endurance("blur_px", [exposure_s * length for length in lengths], y, interval)
+
+
+def _over_axis(
+    axis: str,
+    values: tuple[float, ...],
+    exposure_s: float,
+    setting: dict[str, float],
+    speed: float,
+    best: float,
+    interval: bool,
+) -> dict[str, Any]:
+    at = {**setting, "exposure_s": exposure_s, "velocity_x_px_s": speed, "velocity_y_px_s": 0.0, axis: None}
+    y = [confidence(exposure_s, setting | {axis: value}, speed, best) for value in values]
+    return at | _endurance(axis, list(values), y, interval)
+
+
+def _endurance(axis: str, x: list[float], y: list[float], interval: bool) -> dict[str, Any]:
     at, returned = failure_point(x, y, THRESHOLD)
     bounds = (None, None) if not interval or at is None else (0.9 * at, 1.1 * at)
     return {
-        "illuminance_lux": lux,
-        "axis": "blur_px",
-        "exposure_s": exposure_s,
-        "velocity_x_px_s": None,
-        "velocity_y_px_s": None,
+        "axis": axis,
         "x": x,
         "confidence": y,
         "auc": float(np.mean(y)),

@@ -12,11 +12,15 @@ if TYPE_CHECKING:
 
 
 def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
-    """One row per model, target and light, one column per velocity: the recommended exposure and the window."""
+    """One row per model, target and setting, one column per velocity: the recommended exposure and the window."""
     from rich.console import Console
     from rich.table import Table
 
-    velocities = list(dict.fromkeys((a["velocity_x_px_s"], a["velocity_y_px_s"]) for a in found))
+    from blurnoise_eval.grid.axes import LIGHT, velocity_of, velocity_text
+    from blurnoise_eval.report.settings import Setting, settings_of, word
+
+    settings = settings_of(found)
+    velocities = list(dict.fromkeys(map(velocity_of, found)))
     several = len({a["model"] for a in found}) > 1
     table = Table(
         title=f"Exposure to use, ms, and (range that keeps mean confidence >= {threshold:g}; < > reach the "
@@ -25,16 +29,18 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     )
     for head in (*(["model"] if several else []), "target"):
         table.add_column(head)
-    table.add_column("lux", justify="right")
-    for x, y in velocities:
-        table.add_column(f"{x:g} px/s" if y == 0 else f"({x:g}, {y:g}) px/s")
-    rows: dict[tuple[str, str, float], dict[tuple[float, float], str]] = {}
+    for axis in settings.axes:
+        table.add_column(axis.unit if axis is LIGHT else f"{word(axis)} {axis.unit}".strip(), justify="right")
+    for velocity in velocities:
+        table.add_column(velocity_text(velocity))
+    rows: dict[tuple[str, str, Setting], dict[tuple[float, float], str]] = {}
     for answer in found:
-        row = rows.setdefault((answer["model"], answer["group"], answer["illuminance_lux"]), {})
-        row[answer["velocity_x_px_s"], answer["velocity_y_px_s"]] = _answer_text(answer)
-    for (model, group, lux), row in rows.items():
+        row = rows.setdefault((answer["model"], answer["group"], settings.of(answer)), {})
+        row[velocity_of(answer)] = _answer_text(answer)
+    for (model, group, setting), row in rows.items():
         named = (model, group) if several else (group,)
-        table.add_row(*named, f"{lux:g}", *(row.get(velocity, "") for velocity in velocities))
+        numbers = (f"{axis.shown(value):g}" for axis, value in zip(settings.axes, setting, strict=True))
+        table.add_row(*named, *numbers, *(row.get(velocity, "") for velocity in velocities))
     Console().print(table)
 
 

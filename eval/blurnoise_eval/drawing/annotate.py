@@ -57,53 +57,6 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     return np.asarray(picture, np.uint8)
 
 
-def velocity_of(row: dict[str, Any]) -> tuple[float, float]:
-    """(x, y) px/s of a row of answers, cells or targets."""
-    return row["velocity_x_px_s"], row["velocity_y_px_s"]
-
-
-def velocity_text(velocity_px_s: tuple[float, float]) -> str:
-    """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
-    x, y = velocity_px_s
-    return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
-
-
-def exposure_text(exposure_s: float) -> str:
-    """The exposure in ms, three digits, never in powers of ten."""
-    return f"{np.format_float_positional(1e3 * exposure_s, 3, fractional=False, trim='-')} ms"
-
-
-def condition_text(row: dict[str, Any]) -> str:
-    """'5 ms · 100 lux · 400 px/s · blur 2 px', or 'untouched picture'."""
-    if row["clean"]:
-        return "untouched picture"
-    light, blur = f"{row['illuminance_lux']:g} lux", f"blur {row['blur_px']:.3g} px"
-    return " · ".join([exposure_text(row["exposure_s"]), light, velocity_text(velocity_of(row)), blur])
-
-
-def outcome_text(example: dict[str, Any], threshold: float) -> str:
-    """How many of the example's targets were found, and their mean confidence; or what was read in them."""
-    if example["error"] is not None:
-        return f"the model failed: {example['error']}"
-    targets = example["targets"]
-    confidences = [target["confidence"] for target in targets]
-    if not targets:
-        count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
-        return f"no target in the picture, {count} detections"
-    if any(target["text"] is not None for target in targets):
-        return "; ".join(map(_reading_text, targets))
-    found = sum(confidence >= threshold for confidence in confidences)
-    if len(confidences) == 1:
-        return f"{'found' if found else 'missed'}, confidence {confidences[0]:.2f}"
-    return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
-
-
-def _reading_text(target: dict[str, Any]) -> str:
-    right = target["confidence"] > 0
-    verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"
-    return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"
-
-
 def short_text(text: str, length: int = 34) -> str:
     """The text, printable in any encoding and at most ``length`` characters long."""
     clean = " ".join(text.encode("utf-8", "replace").decode().split())

@@ -188,3 +188,10 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
     """'400 px/s' for motion to the right, '(300, -400) px/s' for any other direction."""
     x, y = velocity_px_s
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
+
+
+EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
+SETTING_AXES: tuple[Axis, ...] = tuple(
+    each for each in AXES if each is not EXPOSURE and not each.into.startswith("velocity_px_s.")
+)
+"""All axes but exposure and velocity: what a sweep sets before it varies those two."""

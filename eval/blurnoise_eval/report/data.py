@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
+
+from blurnoise_eval.grid.axes import velocity_of
+from blurnoise_eval.report.settings import Settings, settings_of
 
 
 @dataclass(frozen=True)
@@ -16,11 +21,13 @@ class RunData:
     models: a row per model: P, mPC, rPC, areas under the curves, latency, and scores when untouched.
     scores: a row per model and condition, the untouched pictures first. groups: a row per model and target
     group. skipped: pictures left out, with the reason.
-    answers: one per model x group x light x velocity: mean confidence and its 95 % interval at every
+    answers: one per model x group x setting x velocity: mean confidence and its 95 % interval at every
     exposure, the windows in s in which confidence stays at or above the threshold (none: no exposure works),
     whether they reach an end of the tested range, and the recommended exposure.
-    endurances: one per curve over exposure or blur: area, failure point, its interval, non-monotonic or not.
+    endurances: one per curve over exposure, blur or another axis: area, failure point, its interval,
+    non-monotonic or not; None in the column of the axis that varies.
     examples: simulated pictures on disk with their detections and targets, one per model.
+    All rows but those of models and groups carry a column per axis of ``AXES``, None for untouched pictures.
     """
 
     manifest: dict[str, Any]
@@ -31,3 +38,29 @@ class RunData:
     answers: list[dict[str, Any]]
     endurances: list[dict[str, Any]]
     examples: list[dict[str, Any]]
+
+    @cached_property
+    def exposed(self) -> list[dict[str, Any]]:
+        """The rows of one setting and velocity each: answers, and scores of exposed pictures."""
+        return [*self.answers, *(row for row in self.scores if not row["clean"])]
+
+    @cached_property
+    def settings(self) -> Settings:
+        """The settings that were tested."""
+        return settings_of(self.exposed)
+
+    @cached_property
+    def velocities_px_s(self) -> list[tuple[float, float]]:
+        """The velocities that were tested, the slow ones first."""
+        return sorted({velocity_of(row) for row in self.exposed}, key=by_speed)
+
+    @cached_property
+    def exposures_s(self) -> list[float]:
+        """The exposures that were tested."""
+        scored = {row["exposure_s"] for row in self.scores if not row["clean"]}
+        return sorted(scored.union(*(answer["exposures_s"] for answer in self.answers)))
+
+
+def by_speed(velocity_px_s: tuple[float, float]) -> tuple[float, tuple[float, float]]:
+    """A sort key: slow velocities first, those of one speed in a fixed order."""
+    return math.hypot(*velocity_px_s), velocity_px_s

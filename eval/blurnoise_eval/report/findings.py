@@ -9,9 +9,10 @@ from collections.abc import Iterable
 from statistics import fmean
 from typing import Any
 
-from blurnoise_eval.drawing.annotate import exposure_text
+from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
+from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS
 
 MAX_LISTED = 8  # lines of one kind of warning
@@ -23,8 +24,8 @@ def window_text(answer: dict[str, Any]) -> str:
     if not answer["windows_s"]:
         return "no exposure works"
     if len(answer["exposures_s"]) == 1:
-        return f"{exposure_text(answer['exposures_s'][0])} (the only exposure tested)"
-    ends = [[exposure_text(low), exposure_text(high)] for low, high in answer["windows_s"]]
+        return f"{EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
+    ends = [[EXPOSURE.text(low), EXPOSURE.text(high)] for low, high in answer["windows_s"]]
     if answer["open_low"]:
         ends[0][0] = f"≤ {ends[0][0]} (shortest tested)"
     if answer["open_high"]:
@@ -70,23 +71,22 @@ def summary(data: RunData) -> list[str]:
         return ["The pictures hold no targets, so no exposure can be recommended."]
     names = model_names(data)
     if len(names) == 1:
-        return _answer_lines(data.answers, data.manifest["threshold"])
+        return _answer_lines(data)
     return [*_ranking(data), *_leaders(data)]
 
 
-def _answer_lines(answers: list[dict[str, Any]], threshold: float) -> list[str]:
+def _answer_lines(data: RunData) -> list[str]:
+    answers, threshold = data.answers, data.manifest["threshold"]
     total, working = len(answers), count_working(answers)
     if working == 0:
-        return [
-            f"No tested exposure reaches a mean confidence of {threshold:g} for any target, light or speed."
-        ]
+        return [f"No tested exposure reaches a mean confidence of {threshold:g} for any {_what(data, 'or')}."]
     lines = [
         f"An exposure that keeps the mean confidence at or above {threshold:g} exists in {working} of "
-        f"{total} combinations of target, light and speed."
+        f"{total} combinations of {_what(data)}."
     ]
     if total > 1 and (best := best_common_exposure(answers, threshold)):
         lines.append(
-            f"If the camera must use one exposure for all of them: {exposure_text(best[0])} works in "
+            f"If the camera must use one exposure for all of them: {EXPOSURE.text(best[0])} works in "
             f"{best[1]} of {total}; no other tested exposure works in more."
         )
     return lines
@@ -109,13 +109,13 @@ def _ranking(data: RunData) -> list[str]:
     counts = [f"{name} {count_working(of_model[name])} of {len(of_model[name])}" for name in order]
     listed = ", ".join(counts[:MAX_LISTED]) + (", …" if len(counts) > MAX_LISTED else "")
     lines = [
-        f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of target, light and speed in "
+        f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of {_what(data)} in "
         f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}."
     ]
     common = best_common_exposure(of_model[first[0]], threshold)
     if common and len(of_model[first[0]]) > 1:
         lines.append(
-            f"If the camera must use one exposure for all of them: with {first[0]}, {exposure_text(common[0])} "
+            f"If the camera must use one exposure for all of them: with {first[0]}, {EXPOSURE.text(common[0])} "
             f"works in {common[1]} of {len(of_model[first[0]])}."
         )
     return lines
@@ -130,6 +130,11 @@ def _leaders(data: RunData) -> list[str]:
             value, model = max(rows, key=lambda row: row[0])
             leaders.append(f"{name}: {model} ({value:.2f})")
     return [f"Ahead in {'; '.join(leaders)}."] if leaders else []
+
+
+def _what(data: RunData, last: str = "and") -> str:
+    """'target, light and speed', with what else varies."""
+    return _joined(["target", *map(word, data.settings.axes), "speed"], last)
 
 
 def count_working(answers: Iterable[dict[str, Any]]) -> int:
@@ -237,6 +242,8 @@ def run_facts(data: RunData) -> dict[str, str]:
         "target rows": manifest["n_target_rows"],
         "skipped pictures": len(data.skipped),
     }
+    if held := data.settings.held_text():
+        facts["held"] = held
     if manifest.get("wall_s") is not None:
         facts["wall time"] = f"{manifest['wall_s']:.1f} s"
     if manifest["simulate_ms"] is not None:
@@ -248,5 +255,5 @@ def _cells(count: int) -> str:
     return f"{count} cell" if count == 1 else f"{count} cells"
 
 
-def _joined(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _joined(names: list[str], last: str = "and") -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

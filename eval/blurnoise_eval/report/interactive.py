@@ -1,6 +1,7 @@
 """The numbers behind the page's interactive curves, heat maps and chart of latency: indexes, never names.
 
-Domain: confidences in [0, 1], exposures in s and ms, light in lux, speeds in px/s, blur in px, latency in ms.
+Domain: confidences in [0, 1], exposures in s and ms, speeds in px/s, blur in px, latency in ms; values of other
+axes in the units that figures have.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from blurnoise_eval.drawing.annotate import exposure_text, velocity_of, velocity_text
+from blurnoise_eval.grid.axes import EXPOSURE, SPEED, Axis, Coordinate, velocity_of, velocity_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import (
     clean_confidence,
@@ -18,91 +19,88 @@ from blurnoise_eval.report.measured import (
     one_velocity_per_speed,
     points,
 )
+from blurnoise_eval.report.scores import CHOICES, Score
+from blurnoise_eval.report.settings import axis_label, word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
 
-MEASURES = {  # columns of a score row that can be chosen: name, whether more is better
-    "ap": ("AP", True),
-    "ap50": ("AP50", True),
-    "detection_rate": ("Detection rate", True),
-    "false_positives_per_image": ("False positives per picture", False),
-    "calibration_error": ("Calibration error", False),
-    "read_confidence": ("Confidence, right or wrong", True),
-    "exact_match": ("Exact match", True),
-    "character_error_rate": ("Character error rate", False),
-}
+
+def choices(data: RunData) -> list[Score]:
+    """The scores that can be chosen on the page: those that this run has a value of."""
+    kinds = {model["kind"] for model in data.manifest["models"]}
+    return [
+        score
+        for score in CHOICES
+        if kinds & score.kinds and any(finite(row[score.name]) is not None for row in data.scores)
+    ]
 
 
-def measures(data: RunData) -> list[str]:
-    """The columns of ``MEASURES`` that this run has a value of."""
-    readers = all(model["kind"] == "reader" for model in data.manifest["models"])
-    found = [name for name in MEASURES if any(finite(row[name]) is not None for row in data.scores)]
-    return [name for name in found if not (readers and name == "detection_rate")]  # exact matches, in effect
+def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
+    """All that the page's script draws. Models, groups, settings, velocities, exposures are given by index.
 
-
-def numbers(
-    data: RunData, groups: list[str], lights: list[float], velocities: list[tuple[float, float]]
-) -> dict[str, Any]:
-    """All that the page's script draws. Models, groups, lights, velocities, exposures are given by index.
-
-    points: model, group, light, velocity, exposure, mean confidence, low, high, number of targets.
-    scores: model, light, velocity, exposure, number of pictures, then a value per measure. clean: per model,
-    the same values when untouched. clean_confidence: per model and group. failures, over blur: model, group,
-    light, exposure, px (None: never, or throughout), low, high, whether the curve had come back, last px tested.
+    axes: exposure, speed, then light and what else varies: their words, texts and colours, and the numbers of
+    those beyond speed. settings: the place of each setting on the axes beyond speed.
+    points: model, group, setting, velocity, exposure, mean confidence, low, high, number of targets.
+    scores: model, setting, velocity, exposure, number of pictures, then a value per score. clean: per model,
+    the same values when untouched. clean_confidence: per model and group. windows: model, group, setting,
+    velocity, ends in s. failures, over blur: model, group, setting, exposure, px (None: never, or throughout),
+    low, high, whether the curve had come back, last px tested.
     """
-    models = model_names(data)
+    models, settings, chosen = model_names(data), data.settings, choices(data)
     measured = [point for point in points(data) if point.group in groups]
-    chosen = measures(data)
-    exposures = sorted(
-        {point.exposure_s for point in measured}
-        | {row["exposure_s"] for row in data.scores if not row["clean"]}
-    )
-    m_of, g_of, l_of, v_of, e_of = (
+    velocities, exposures = data.velocities_px_s, data.exposures_s
+    m_of, g_of, s_of, v_of, e_of = (
         {key: place for place, key in enumerate(keys)}
-        for keys in (models, groups, lights, velocities, exposures)
+        for keys in (models, groups, settings.every, velocities, exposures)
     )
     untouched = {row["model"]: row for row in data.scores if row["clean"]}
+    values = [settings.values(axis) for axis in settings.axes]
     return {
         "threshold": data.manifest["threshold"],
-        "lights_lux": lights,
-        "velocities": [velocity_text(velocity) for velocity in velocities],
+        "axes": [
+            _axis(EXPOSURE, [EXPOSURE.text(exposure_s) for exposure_s in exposures], "plasma"),
+            _axis(SPEED, [velocity_text(velocity) for velocity in velocities], "viridis"),
+            *(
+                _axis(axis, [axis.text(value) for value in tested], "viridis")
+                | {"values": [_short(axis.shown(value)) for value in tested]}
+                | {"logarithmic": axis.logarithmic and tested[0] > 0}
+                for axis, tested in zip(settings.axes, values, strict=True)
+                if tested
+            ),
+        ],
+        "settings": [
+            [tested.index(value) for tested, value in zip(values, setting, strict=True)]
+            for setting in settings.every
+        ],
         "speeds_px_s": [math.hypot(*velocity) for velocity in velocities],
         "exposures_ms": [1e3 * exposure_s for exposure_s in exposures],
-        "exposures": [exposure_text(exposure_s) for exposure_s in exposures],
-        "velocity_colours": line_colours("viridis", len(velocities)),
-        "exposure_colours": line_colours("plasma", len(exposures)),
         "joined": one_velocity_per_speed(velocities),
-        "measures": [dict(zip(("name", "more"), MEASURES[name], strict=True)) for name in chosen],
+        "measures": [{"name": score.title, "more": score.better == "higher"} for score in chosen],
         "points": [
-            [m_of[p.model], g_of[p.group], l_of[p.illuminance_lux], v_of[p.velocity_px_s], e_of[p.exposure_s]]
+            [m_of[p.model], g_of[p.group], s_of[p.setting], v_of[p.velocity_px_s], e_of[p.exposure_s]]
             + [_short(value) for value in (p.confidence, p.low, p.high)]
             + [p.n_targets]
             for p in measured
         ],
         "scores": [
-            [
-                m_of[row["model"]],
-                l_of[row["illuminance_lux"]],
-                v_of[velocity_of(row)],
-                e_of[row["exposure_s"]],
-            ]
+            [m_of[row["model"]], s_of[settings.of(row)], v_of[velocity_of(row)], e_of[row["exposure_s"]]]
             + [row["n_images"]]
-            + [_short(row[name]) for name in chosen]
+            + [_short(row[score.name]) for score in chosen]
             for row in data.scores
             if not row["clean"]
         ],
-        "clean": [[_short(untouched.get(model, {}).get(name)) for name in chosen] for model in models],
+        "clean": [[_short(untouched.get(model, {}).get(score.name)) for score in chosen] for model in models],
         "clean_confidence": [
             [_short(clean_confidence(data, model, group)) for group in groups] for model in models
         ],
         "windows": [
-            [m_of[a["model"]], g_of[a["group"]], l_of[a["illuminance_lux"]], v_of[velocity_of(a)], low, high]
+            [m_of[a["model"]], g_of[a["group"]], s_of[settings.of(a)], v_of[velocity_of(a)], low, high]
             for a in data.answers
             if a["group"] in g_of
             for low, high in a["windows_s"]
         ],
         "failures": [
             [
-                *(m_of[c["model"]], g_of[c["group"]], l_of[c["illuminance_lux"]], e_of[c["exposure_s"]]),
+                *(m_of[c["model"]], g_of[c["group"]], s_of[settings.of(c)], e_of[c["exposure_s"]]),
                 None if c["fails_at"] == c["x"][0] else _short(c["fails_at"]),
                 *(_short(c["fails_low"]), _short(c["fails_high"]), c["non_monotonic"], _short(c["x"][-1])),
             ]
@@ -119,6 +117,12 @@ def numbers(
             }
             for measure in comparable(data)
         ],
+    }
+
+
+def _axis(axis: Axis | Coordinate, texts: list[str], colours: str) -> dict[str, Any]:
+    return {"word": word(axis), "title": axis_label(axis), "unit": axis.unit, "texts": texts} | {
+        "colours": line_colours(colours, len(texts))
     }
 
 

@@ -1,6 +1,6 @@
-"""The measured points of a run, and which of its models, targets and lights a report shows.
+"""The measured points of a run, and which of its models, targets and settings a report shows.
 
-Domain: confidences in [0, 1], exposures in s, light in lux, velocities in px/s, blur in px.
+Domain: confidences in [0, 1], exposures in s, velocities in px/s, blur in px.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, TypeVar
 import matplotlib
 import numpy as np
 
-from blurnoise_eval.drawing.annotate import velocity_of
+from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.settings import Setting
 
 T = TypeVar("T", bound=Hashable)
 
@@ -23,7 +24,7 @@ class Point(NamedTuple):
 
     model: str
     group: str
-    illuminance_lux: float
+    setting: Setting
     velocity_px_s: tuple[float, float]
     exposure_s: float
     confidence: float
@@ -49,7 +50,7 @@ def points(data: RunData) -> list[Point]:
         unknown = [None] * len(answer["exposures_s"])
         means = answer["exposures_s"], answer["confidence"]
         bounds = answer["low"] or unknown, answer["high"] or unknown
-        where = answer["model"], answer["group"], answer["illuminance_lux"], velocity_of(answer)
+        where = answer["model"], answer["group"], data.settings.of(answer), velocity_of(answer)
         for exposure_s, confidence, low, high in zip(*means, *bounds, strict=True):
             if (mean := finite(confidence)) is not None:
                 found.append(Point(*where, exposure_s, mean, finite(low), finite(high), answer["n_targets"]))
@@ -82,11 +83,6 @@ def one_velocity_per_speed(velocities_px_s: Iterable[tuple[float, float]]) -> bo
     """Whether no two velocities share a speed, so that a line over speed is one line."""
     velocities = set(velocities_px_s)
     return len(velocities) == len({math.hypot(*velocity) for velocity in velocities})
-
-
-def by_speed(velocity_px_s: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-    """A sort key: slow velocities first, those of one speed in a fixed order."""
-    return math.hypot(*velocity_px_s), velocity_px_s
 
 
 def common_windows(windows_s: Sequence[Sequence[Sequence[float]]]) -> list[tuple[float, float]]:

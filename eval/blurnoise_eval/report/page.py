@@ -1,6 +1,6 @@
 """The page of a run: one HTML file that works offline and asks the network for nothing.
 
-Domain: confidences in [0, 1], exposures in s (shown in ms), light in lux, speeds in px/s. Names of models,
+Domain: confidences in [0, 1], exposures in s (shown in ms), speeds in px/s. Names of models,
 classes, files and targets are untrusted: the template escapes all of them, and the script never receives one.
 """
 
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import base64
 import warnings
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -15,13 +17,15 @@ from urllib.parse import quote
 import cv2
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.drawing import annotate as pictures
-from blurnoise_eval.drawing.annotate import velocity_of, velocity_text
-from blurnoise_eval.report import figures, findings, interactive, tables
+from blurnoise_eval.grid.axes import BLUR, EXPOSURE, SPEED, velocity_text
+from blurnoise_eval.report import captions, figures, findings, interactive, tables
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import by_speed, largest_groups, model_names, spread_examples
+from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
+from blurnoise_eval.report.settings import word
 from blurnoise_eval.system.files import write_whole
 
 MAX_GROUPS = 12  # target groups on the page
@@ -30,14 +34,25 @@ MAX_PICTURES = 16
 PICTURE_PX = 480  # longest side of a picture on the page
 PICTURE_BYTES = 40_000  # of one picture as JPEG: 16 of them and plotly stay below 6 MB
 
-FIGURES = {
+Figures = dict[str, Callable[[RunData], Figure]]  # by file name
+FIGURES: Figures = {
     "confidence_exposure.png": figures.confidence_exposure,
     "confidence_blur.png": figures.confidence_blur,
     "confidence_speed.png": figures.confidence_speed,
     "examples.png": figures.contact_sheet,
 }
 TABLES = ("models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv", "results.json")
-COMPARISONS = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
+COMPARISONS: Figures = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
+
+
+def figures_of(data: RunData) -> Figures:
+    """The figures of this run by file name: one more for each axis that varies besides the usual."""
+    further: Figures = {
+        f"confidence_{axis.name}.png": partial(figures.confidence_axis, axis=axis)
+        for axis in data.settings.further
+        if data.answers
+    }
+    return FIGURES | further | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
 
 
 def write_report(data: RunData, folder: Path) -> Path:
@@ -46,7 +61,7 @@ def write_report(data: RunData, folder: Path) -> Path:
     Raises ``OSError`` where the folder cannot be written.
     """
     (folder / "figures").mkdir(parents=True, exist_ok=True)
-    drawn = FIGURES | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
+    drawn = figures_of(data)
     for name, draw in drawn.items():
         with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
             warnings.filterwarnings("ignore", "Glyph .* missing from font")
@@ -67,10 +82,8 @@ def write_report(data: RunData, folder: Path) -> Path:
 def _page(data: RunData, folder: Path) -> dict[str, Any]:
     manifest, camera = data.manifest, data.manifest["camera"]
     groups = largest_groups(data, MAX_GROUPS)
-    exposed = [*data.answers, *(row for row in data.scores if not row["clean"])]
-    lights = sorted({row["illuminance_lux"] for row in exposed})
-    velocities = sorted({velocity_of(row) for row in exposed}, key=by_speed)
     names = model_names(data)
+    varied = [axis for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
     return {
         "title": manifest["title"],
         "threshold": manifest["threshold"],
@@ -78,17 +91,20 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
         "camera_name": camera.get("name", "camera"),
         "groups": groups,
-        "lights": lights,
-        "velocities": [velocity_text(velocity) for velocity in velocities],
-        "answers": tables.model_answers(data, groups, lights, velocities),
+        "views": [word(EXPOSURE), word(BLUR), word(SPEED), *map(word, varied)],
+        "setting_head": "Setting" if data.settings.further else "Light",
+        "velocities": [velocity_text(velocity) for velocity in data.velocities_px_s],
+        "answers": tables.model_answers(data, groups),
         "model_rows": tables.model_rows(data),
-        "failures": tables.failures(data, groups, lights),
+        "failures": tables.failures(data, groups),
         "summary": findings.summary(data),
         "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
+        "n_settings": len(tables.shown_settings(data)),
+        "n_hidden_settings": len(data.settings.every) - len(tables.shown_settings(data)),
         "alarms": findings.alarms(data),
         "warnings": findings.warnings(data),
         "assumptions": findings.assumptions(data),
-        "numbers": interactive.numbers(data, groups, lights, velocities),
+        "numbers": interactive.numbers(data, groups),
         "examples": _examples(data, folder),
         "tables": TABLES,
         "n_examples": len(data.examples),
@@ -121,8 +137,8 @@ def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
                 "image": example["image"],
                 "model": names.index(example["model"]),
                 "jpeg": None if picture is None else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)),
-                "condition": pictures.condition_text(example),
-                "outcome": pictures.outcome_text(example, threshold),
+                "condition": data.settings.condition_text(example),
+                "outcome": captions.outcome_text(example, threshold),
                 "file": quote(path.relative_to(folder.absolute()).as_posix(), errors="surrogateescape")
                 if near
                 else None,

@@ -39,12 +39,34 @@ addEventListener("load", async () => {
     const count = selector => document.querySelectorAll(selector).length;
     seen.shots.push({name, plots: count(".plot"), drawn: drawn.length, wide,
       curves: count(".curve .scatterlayer .trace"), diamonds: count(".curve .xerror"),
-      tiles: count(".map .barlayer .point"), points: count(".trade .scatterlayer .point")});
+      lines: count(".curve .scatterlayer .js-line"),
+      marks: count(".curve .scatterlayer .point"), tiles: count(".map .barlayer .point"),
+      map: [...document.querySelectorAll(".map .xtitle, .map .ytitle")].map(each => each.textContent),
+      points: count(".trade .scatterlayer .point")});
   };
   look("start");
-  for (const view of ["blur", "speed"]) {
-    document.querySelector(`[data-view=${view}]`).click();
-    look(view);
+  for (const button of [...document.querySelectorAll("[data-view]")].slice(1)) {
+    button.click();
+    look(button.dataset.view);
+  }
+  const choose = (id, value) => {
+    byId(id).value = value;
+    byId(id).dispatchEvent(new Event("change"));
+  };
+  const shown = id => byId(id) !== null && byId(id).offsetParent !== null;
+  if (byId("f-number")) {
+    document.querySelector("[data-view=f-number]").click();
+    choose("across", "f-number");
+    choose("up", "temperature");
+    look("f-number and temperature");
+    seen.shown = ["exposure", "speed", "light", "temperature", "f-number"].filter(shown);
+    choose("up", "f-number");
+    look("changed places");
+    choose("lines", "3");
+    look("lines of temperature");
+    choose("across", "speed");
+    choose("up", "blur");
+    look("speed and blur");
   }
   for (const select of document.querySelectorAll("select")) {
     select.selectedIndex = select.options.length - 1;
@@ -54,7 +76,8 @@ addEventListener("load", async () => {
   for (const details of document.querySelectorAll("details")) details.open = true;
   document.querySelector("#legend button").click();
   look("one line off");
-  const tapped = [...document.querySelectorAll("select, .tabs button, .legend button, summary")];
+  const tapped = [...document.querySelectorAll("select, .tabs button, .legend button, summary")].filter(
+    each => each.offsetParent !== null);  // what is not shown cannot be tapped
   seen.tap = Math.min(...tapped.map(each => each.getBoundingClientRect().height));
   seen.font = Math.min(...[...document.querySelectorAll("p, td, th, small, li, button, figcaption")].map(
     each => parseFloat(getComputedStyle(each).fontSize)));
@@ -125,6 +148,32 @@ def test_one_reader_and_two_directions(tmp_path: Path, page_only: None) -> None:
         start = look["shots"][0]
         assert (start["plots"], start["drawn"]) == (2, 2)
         assert start["tiles"] == 2 * 4  # the two directions of one speed share a tile
+
+
+def test_any_two_axes_are_drawn_against_each_other(tmp_path: Path, page_only: None) -> None:
+    data = made_run(
+        tmp_path,
+        speeds=(0.0, 200.0, 600.0),
+        f_numbers=(1.4, 2.0, 2.8),
+        temperatures_c=(25.0, 85.0),
+        n_examples=1,
+    )
+    for look in looked_at(write_report(data, tmp_path), tmp_path / "profile").values():
+        _is_sound(look)
+        shots = {shot["name"]: shot for shot in look["shots"]}
+        assert all(shot["plots"] == shot["drawn"] == 2 for shot in look["shots"])
+        assert shots["start"]["tiles"] == 4 * 3
+        assert shots["start"]["map"] == ["Exposure / ms", "Motion blur / px"]
+        both = shots["f-number and temperature"]
+        assert both["lines"] == 4  # one per exposure
+        assert both["marks"] == 4 * 3  # at one speed, light and temperature
+        assert both["tiles"] == 3 * 2
+        assert both["map"] == ["f-number", "Sensor temperature / °C"]
+        assert look["shown"] == ["exposure", "speed", "light", "temperature"]  # nothing holds the f-number
+        assert shots["changed places"]["map"] == ["Sensor temperature / °C", "f-number"]
+        assert shots["lines of temperature"]["lines"] == 2
+        assert shots["speed and blur"]["tiles"] == 4 + 4 + 1  # at rest every exposure has the same blur
+        assert shots["speed and blur"]["map"] == ["Speed / (px/s)", "Motion blur / px"]
 
 
 def _is_sound(look: dict[str, Any]) -> None:

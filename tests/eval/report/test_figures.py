@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.drawing import annotate as pictures
-from blurnoise_eval.report import figures, measured
+from blurnoise_eval.grid.axes import axis
+from blurnoise_eval.report import captions, figures, measured
 from blurnoise_eval.report.tradeoff import pareto_front
 from hypothesis import given
 from hypothesis import strategies as st
@@ -79,6 +80,32 @@ def test_panels_are_capped_and_what_is_left_out_is_said(
     assert (f"of {n_lights} light levels shown" in note) == (
         len({title.split(", ")[1].split(" (")[0] for title in shown}) < n_lights
     )
+
+
+def test_a_further_axis_has_a_figure_of_its_own(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0, f_numbers=(1.4, 2.0, 2.8), temperatures_c=(25.0, 85.0))
+    figure = figures.confidence_axis(data, axis("f_number"))
+    assert figure.axes[3].get_title() == "stop sign 100 px\n200 lux · 85 °C (n = 12)"
+    own = [
+        a for a in data.answers
+        if (a["group"], a["illuminance_lux"], a["temperature_c"]) == ("stop sign 100 px", 200.0, 85.0)
+        and a["velocity_x_px_s"] == 600.0
+    ]  # fmt: skip
+    assert _lines(figure, 3)["4 ms"] == ([1.4, 2.0, 2.8], [a["confidence"][1] for a in own])
+    assert figure.axes[0].get_xscale() == "log"
+    assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
+    assert figure.get_supxlabel().splitlines()[0] == "f-number"
+    assert "At 600 px/s, one of 2 velocities." in figure.get_supxlabel()
+    warm = figures.confidence_axis(data, axis("temperature_c"))
+    assert warm.axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 (n = 12)"
+    assert "4 of 6 settings shown." in warm.get_supxlabel()
+    assert "4 of 12 settings shown." in figures.confidence_speed(data).get_supxlabel()
+
+
+def test_what_is_held_where_it_usually_is_not_is_said(tmp_path: Path) -> None:
+    assert "Held" not in figures.confidence_speed(made_run(tmp_path, n_examples=0)).get_supxlabel()
+    warm = made_run(tmp_path, n_examples=0, temperatures_c=(85.0,))
+    assert "Held: 85 °C." in figures.confidence_speed(warm).get_supxlabel()
 
 
 def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) -> None:
@@ -199,5 +226,5 @@ def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
     black = [(picture == (20, 20, 20)).all(axis=2).any(axis=0).sum() for picture in (short, long)]
     assert black[1] > 3 * black[0]
     example = {"error": None, "detections": [], "targets": [target, target | {"text": "", "confidence": 0.0}]}
-    assert pictures.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
-    assert pictures.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"
+    assert captions.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
+    assert captions.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"

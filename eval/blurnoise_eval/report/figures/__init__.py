@@ -4,7 +4,12 @@ Every function takes the run and returns a matplotlib ``Figure``; none keeps glo
 most ``MAX_PANELS`` panels and ``MAX_LINES`` lines each and say so when they leave some out.
 """
 
-from blurnoise_eval.report.figures.curves import confidence_blur, confidence_exposure, confidence_speed
+from blurnoise_eval.report.figures.curves import (
+    confidence_axis,
+    confidence_blur,
+    confidence_exposure,
+    confidence_speed,
+)
 from blurnoise_eval.report.figures.panels import MAX_LINES, MAX_PANELS
 from blurnoise_eval.report.figures.sheet import contact_sheet
 from blurnoise_eval.report.figures.tradeoff import latency_robustness
@@ -12,6 +17,7 @@ from blurnoise_eval.report.figures.tradeoff import latency_robustness
 __all__ = [
     "MAX_LINES",
     "MAX_PANELS",
+    "confidence_axis",
     "confidence_blur",
     "confidence_exposure",
     "confidence_speed",

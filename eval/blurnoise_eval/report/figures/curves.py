@@ -1,4 +1,4 @@
-"""Mean confidence against exposure (ms, logarithmic), motion blur (px) and speed (px/s)."""
+"""Mean confidence against exposure (ms, logarithmic), motion blur (px), speed (px/s) and what else varies."""
 
 from __future__ import annotations
 
@@ -10,32 +10,34 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from blurnoise_eval.drawing.annotate import exposure_text, velocity_of, velocity_text
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.figures.panels import MAX_LINES, Panels, panels
+from blurnoise_eval.grid.axes import EXPOSURE, SPEED, Axis, velocity_of, velocity_text
+from blurnoise_eval.report.data import RunData, by_speed
+from blurnoise_eval.report.figures.panels import MAX_LINES, Key, Panels, panels
 from blurnoise_eval.report.measured import (
     Point,
-    by_speed,
     common_windows,
     line_colours,
     one_velocity_per_speed,
     points,
     spread,
 )
+from blurnoise_eval.report.settings import axis_label
+
+MAX_TICKS = 8  # of an axis whose tested values are its ticks
 
 
 def confidence_exposure(data: RunData) -> Figure:
-    """Confidence against exposure on a log axis: one panel per model, group and light, one line per velocity.
+    """Confidence against exposure on a log axis: one panel per model, group and setting, one line per velocity.
 
     Bars below zero are the exposure window of each velocity, with a tick at the recommended exposure; the
     shaded range is in the window of every velocity tested there.
     """
-    grid, measured = panels(data), points(data)
+    grid, measured = panels(data, data.settings), points(data)
     velocities = sorted({point.velocity_px_s for point in measured}, key=by_speed)
     shown = spread(velocities, MAX_LINES)
     colours = line_colours("viridis", len(shown))
     for key, axes in grid:
-        answers = [a for a in data.answers if (a["model"], a["group"], a["illuminance_lux"]) == key]
+        answers = [a for a in data.answers if (a["model"], a["group"], data.settings.of(a)) == key]
         for low, high in common_windows([answer["windows_s"] for answer in answers]):
             axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
         for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
@@ -46,7 +48,7 @@ def confidence_exposure(data: RunData) -> Figure:
         axes.set_ylim(-0.07 - 0.045 * len(shown), 1.03)
         _exposure_axis(axes, [p.exposure_s for p in measured])
     return grid.finish(
-        "Exposure / ms",
+        axis_label(EXPOSURE),
         "Speed; bars: exposure window, tick: recommended",
         _left_out(shown, velocities, "velocities"),
         [Patch(color="0.5", alpha=0.2, label="window at every speed")],
@@ -54,8 +56,8 @@ def confidence_exposure(data: RunData) -> Figure:
 
 
 def confidence_blur(data: RunData) -> Figure:
-    """Confidence against motion blur in px: one panel per model, group and light, one line per exposure."""
-    grid = panels(data)
+    """Confidence against motion blur in px: one panel per model, group and setting, one line per exposure."""
+    grid = panels(data, data.settings)
     notes = [
         "Along a line only the speed changes; from one line to the next the light per picture changes too."
     ]
@@ -68,24 +70,55 @@ def confidence_blur(data: RunData) -> Figure:
 
 
 def confidence_speed(data: RunData) -> Figure:
-    """Confidence against speed in px/s: one panel per model, group and light, one line per exposure."""
-    grid = panels(data)
+    """Confidence against speed in px/s: one panel per model, group and setting, one line per exposure."""
+    grid = panels(data, data.settings)
     notes = _draw_exposure_lines(grid, points(data), lambda point: point.speed_px_s)
-    return grid.finish("Speed / (px/s)", "Exposure", notes)
+    return grid.finish(axis_label(SPEED), "Exposure", notes)
+
+
+def confidence_axis(data: RunData, axis: Axis) -> Figure:
+    """Confidence against an axis of the settings, at the middle velocity: one line per exposure.
+
+    One panel per model, group and setting of the other axes.
+    """
+    settings, place = data.settings.without(axis), data.settings.axes.index(axis)
+    grid, velocities = panels(data, settings), data.velocities_px_s
+    velocity = velocities[len(velocities) // 2]
+    notes = (
+        [f"At {velocity_text(velocity)}, one of {len(velocities)} velocities."] if len(velocities) > 1 else []
+    )
+    notes += _draw_exposure_lines(
+        grid,
+        [point for point in points(data) if point.velocity_px_s == velocity],
+        lambda point: axis.shown(point.setting[place]),
+        lambda point: (point.model, point.group, point.setting[:place] + point.setting[place + 1 :]),
+    )
+    values = [axis.shown(value) for value in data.settings.values(axis)]
+    for _, axes in grid:
+        if axis.logarithmic and values[0] > 0:
+            axes.set_xscale("log")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.set_xticks(spread(values, MAX_TICKS))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    return grid.finish(axis_label(axis), "Exposure", notes)
 
 
 def _draw_exposure_lines(
-    grid: Panels, measured: Sequence[Point], place: Callable[[Point], float]
+    grid: Panels,
+    measured: Sequence[Point],
+    place: Callable[[Point], float],
+    key_of: Callable[[Point], Key] = lambda point: point[:3],
 ) -> list[str]:
     """One line per exposure, points at ``place``; lines only where speeds share no two directions."""
     exposures = sorted({point.exposure_s for point in measured})
     shown = spread(exposures, MAX_LINES)
     joined = one_velocity_per_speed(point.velocity_px_s for point in measured)
     for key, axes in grid:
+        own = [point for point in measured if key_of(point) == key]
         for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
-            line = sorted((p for p in measured if p[:3] == key and p.exposure_s == exposure_s), key=place)
+            line = sorted((point for point in own if point.exposure_s == exposure_s), key=place)
             x = [place(point) for point in line]
-            _draw_line(axes, x, line, colour, exposure_text(exposure_s), band=False, joined=joined)
+            _draw_line(axes, x, line, colour, EXPOSURE.text(exposure_s), band=False, joined=joined)
     return _left_out(shown, exposures, "exposures")
 
 

@@ -1,4 +1,4 @@
-"""A figure's panels, one per model, target group and light, and what they share: title, legend, notes."""
+"""A figure's panels, one per model, target group and setting, and what they share: title, legend, notes."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from matplotlib.patches import Patch
 from blurnoise_eval.drawing.annotate import short_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, spread
+from blurnoise_eval.report.settings import Setting, Settings
 
 MAX_PANELS = 12
 MAX_COLUMNS = 4
 MAX_LINES = 10
-Key = tuple[str, str, float]  # model, group, lux
+Key = tuple[str, str, Setting]  # model, group, setting
 
 
 @dataclass(frozen=True)
 class Panels:
-    """A figure, its axes by (model, group, lux) and what was left out."""
+    """A figure, its axes by (model, group, setting) and what was left out."""
 
     figure: Figure
     axes: dict[Key, Axes]
@@ -48,20 +49,19 @@ class Panels:
         return self.figure
 
 
-def panels(data: RunData) -> Panels:
-    """Empty panels: a row of lights per target group, first of all groups of one model, then of the next."""
-    lights = sorted({answer["illuminance_lux"] for answer in data.answers})
+def panels(data: RunData, settings: Settings) -> Panels:
+    """Empty panels: a row of settings per target group, first of all groups of one model, then of the next."""
     models = list(dict.fromkeys(answer["model"] for answer in data.answers))
     shown_models = models[:MAX_PANELS]
     rows_left = MAX_PANELS // max(1, len(shown_models))
-    shown_lights = spread(lights, min(MAX_COLUMNS, rows_left)) if rows_left > 1 else lights[:1]
-    groups = largest_groups(data, rows_left // max(1, len(shown_lights)))
+    shown_settings = spread(settings.every, min(MAX_COLUMNS, rows_left) if rows_left > 1 else 1)
+    groups = largest_groups(data, rows_left // max(1, len(shown_settings)))
     asked = {(answer["model"], answer["group"]) for answer in data.answers}
     keys = [
-        (model, group, lux)
-        for model in shown_models for group in groups for lux in shown_lights if (model, group) in asked
+        (model, group, at)
+        for model in shown_models for group in groups for at in shown_settings if (model, group) in asked
     ]  # fmt: skip
-    columns = len(shown_lights) if len(shown_lights) > 1 else min(3, max(1, len(keys)))
+    columns = len(shown_settings) if len(shown_settings) > 1 else min(3, max(1, len(keys)))
     rows = max(1, math.ceil(len(keys) / columns))
     figure = Figure(figsize=(max(5.0, 3.5 * columns) + 0.4, 2.7 * rows + 1.5), layout="constrained")
     grid = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
@@ -72,13 +72,16 @@ def panels(data: RunData) -> Panels:
     counts = {
         "models": (len(shown_models), len(models)),
         "target groups": (len(groups), len({answer["group"] for answer in data.answers})),
-        "light levels": (len(shown_lights), len(lights)),
+        "settings" if settings.further else "light levels": (len(shown_settings), len(settings.every)),
     }
     notes = [f"{shown} of {every} {what} shown." for what, (shown, every) in counts.items() if shown < every]
+    if special := settings.special_text(data.manifest["camera"]):
+        notes.append(f"Held: {special}.")
     found = Panels(figure, dict(zip(keys, grid, strict=False)), notes)
-    for (model, group, lux), axes in found:
+    for (model, group, at), axes in found:
         n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
-        title = f"{short_text(group, 24)}, {lux:g} lux (n = {n_targets})"
+        between = "\n" if settings.further else ", "
+        title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {n_targets})"
         _dress(axes, title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
         axes.axhline(data.manifest["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
     return found

@@ -6,13 +6,8 @@ import math
 
 from matplotlib.figure import Figure
 
-from blurnoise_eval.drawing.annotate import (
-    OTHER_SCORE,
-    condition_text,
-    drawn_example,
-    outcome_text,
-    short_text,
-)
+from blurnoise_eval.drawing.annotate import OTHER_SCORE, drawn_example, short_text
+from blurnoise_eval.report.captions import outcome_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.figures.panels import MAX_COLUMNS
 from blurnoise_eval.report.measured import spread_examples
@@ -40,7 +35,7 @@ def contact_sheet(data: RunData) -> Figure:
             axes.text(0.5, 0.5, "picture file is missing", ha="center", transform=axes.transAxes)
         else:
             axes.imshow(picture, interpolation="antialiased")
-        lines = [condition_text(example), short_text(outcome_text(example, threshold), 52)]
+        lines = [data.settings.condition_text(example), short_text(outcome_text(example, threshold), 52)]
         title = "\n".join([short_text(example["model"], 52), *lines] if several else lines)
         axes.set_title(title, fontsize=8, parse_math=False)
     legend = (

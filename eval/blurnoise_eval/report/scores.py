@@ -1,0 +1,92 @@
+"""The scores that a report names: columns of a condition's row, and the rows of the table of models."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+_BOTH = frozenset({"detector", "reader"})
+_DETECTOR, _READER = frozenset({"detector"}), frozenset({"reader"})
+_CURVES = "needs targets at two or more of them"
+_UNKNOWN = "no labelled target that the model knows"
+
+
+class Score(NamedTuple):
+    """A column of scores: its title, which way is better, and the kinds of models that have it."""
+
+    name: str
+    title: str
+    better: Literal["higher", "lower"]
+    kinds: frozenset[str]
+
+
+class ModelScore(NamedTuple):
+    """A row of the table of models: its column, why a value may be missing, what it means, its title.
+
+    better: None without a best.
+    """
+
+    name: str
+    missing: str
+    meaning: str
+    title: str
+    digits: str = ".3f"
+    better: Literal["higher", "lower"] | None = "higher"
+    kinds: frozenset[str] = _BOTH
+
+
+SCORES = (
+    Score("ap", "AP", "higher", _DETECTOR),
+    Score("ap50", "AP50", "higher", _DETECTOR),
+    Score("ar100", "AR100", "higher", _DETECTOR),
+    Score("target_confidence", "Target confidence", "higher", _DETECTOR),
+    Score("detection_rate", "Detection rate", "higher", _DETECTOR),  # of a reader: exact matches, in effect
+    Score("false_positives_per_image", "False positives per picture", "lower", _DETECTOR),
+    Score("calibration_error", "Calibration error", "lower", _DETECTOR),
+    Score("read_confidence", "Confidence, right or wrong", "higher", _READER),
+    Score("exact_match", "Exact match", "higher", _READER),
+    Score("character_error_rate", "Character error rate", "lower", _READER),
+)
+CHOICES = tuple(score for score in SCORES if score.name not in ("target_confidence", "ar100"))
+"""What the page can draw besides the confidence in targets."""
+
+
+def _of_untouched(name: str, missing: str, meaning: str = "", digits: str = ".3f") -> ModelScore:
+    score = next(score for score in SCORES if score.name == name)
+    return ModelScore(name, missing, meaning, f"{score.title}, untouched", digits, score.better, score.kinds)
+
+
+MODEL_SCORES = (
+    ModelScore("p", _UNKNOWN, "AP (IoU 0.50 to 0.95) on the untouched pictures", "P", kinds=_DETECTOR),
+    ModelScore("p", "no text to read", "exact matches on the untouched pictures", "P", kinds=_READER),
+    ModelScore(
+        "mpc", "no condition scored",
+        "mean of the same over all conditions but the untouched, each weighted alike", "mPC",
+    ),
+    ModelScore("rpc", "needs mPC, and P above 0", "mPC / P", "rPC"),
+    ModelScore(
+        "auc_exposure", _CURVES,
+        "mean over all curves of the area under mean confidence, divided by the range of exposures",
+        "AUC over exposure",
+    ),
+    ModelScore(
+        "auc_blur", _CURVES, "the same over motion blur in px, at each exposure", "AUC over blur"
+    ),
+    _of_untouched("ap50", _UNKNOWN),
+    _of_untouched("ar100", _UNKNOWN, "recall with 100 detections a picture"),
+    _of_untouched("target_confidence", "no target"),
+    _of_untouched(
+        "false_positives_per_image", "not scored", "detections from 0.25 on that answer for no target"
+    ),
+    _of_untouched(
+        "calibration_error", "nothing detected",
+        "of detections from 0.25 on: |score - share of right ones|, ten bins",
+    ),
+    _of_untouched("character_error_rate", "no text to read", "edits / characters"),
+    _of_untouched("read_confidence", "no text to read", "of what was read"),
+    ModelScore(
+        "latency_ms", "not measured", "one picture in, its answer out, nothing else running",
+        "Latency, median", ".3g", "lower",
+    ),
+    ModelScore("latency_p95_ms", "not measured", "", "Latency, 95th percentile", ".3g", "lower"),
+    ModelScore("latency_threads", "not measured", "", "Threads for the latency", "d", None),
+)  # fmt: skip

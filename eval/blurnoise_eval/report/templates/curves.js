@@ -1,0 +1,127 @@
+const hidden = new Set();  // lines that the reader has switched off
+
+function rowsOf(model, {measure, group}) {
+  if (measure === null) return run.points.filter(p => p[0] === model && p[1] === group)
+    .map(([, , setting, velocity, exposure, y, low, high, n]) =>
+      ({at: placed(exposure, velocity, setting), y, low, high, count: `${n} targets`}));
+  return run.scores.filter(p => p[0] === model && p[5 + measure] !== null).map(([, setting, velocity, exposure, n, ...values]) =>
+    ({at: placed(exposure, velocity, setting), y: values[measure], low: null, high: null, count: `${n} pictures`}));
+}
+
+const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confidence[model][group] : run.clean[model][measure];
+
+// One scale for all models and settings: confidences as they are, other scores up to their largest value.
+function largest({measure}) {
+  if (measure === null) return 1;
+  const values = [...run.scores.map(p => p[5 + measure]), ...run.clean.map(row => row[measure])];
+  return values.reduce((most, value) => Math.max(most, value ?? 0), 0) || 1;
+}
+
+function hover(p, name) {
+  const interval = p.low === null || p.high === null ? "" : ` (95 %: ${p.low.toFixed(2)} to ${p.high.toFixed(2)})`;
+  const [exposure, speed, ...setting] = run.axes.map(({texts}, along) => texts[p.at[along]]);
+  return `${name} ${p.y.toFixed(3)}${interval}<br>exposure ${exposure}<br>`
+    + `speed ${speed}, blur ${short(blurOf(p))} px<br>${setting.join(" · ")}<br>${p.count}`;
+}
+
+// Failure points lie on curves over blur: of one exposure and setting, with no speed of their own.
+function failuresOf(model, {group, lines, fixed}) {
+  return standing(run.failures.filter(f => f[0] === model && f[1] === group)
+    .map(([, , setting, exposure, x, low, high, returned, last]) =>
+      ({at: placed(exposure, null, setting), x, low, high, returned, last})), fixed)
+    .map(f => ({...f, line: f.at[lines]}));
+}
+
+function failureTrace(model, now) {
+  const here = failuresOf(model, now).filter(f => f.x !== null && !hidden.has(f.line));
+  const {texts, colours} = run.axes[now.lines];
+  const end = ({x, low, high, last}) => high ?? (low === null ? x : last);
+  const text = ({line, x, low, high, returned}) => `${texts[line]}: fails at ${short(x)} px`
+    + (low === null ? "" : `<br>95 %: ${short(low)} px to ${high === null ? "beyond the range" : short(high) + " px"}`)
+    + (returned ? "<br>non-monotonic: had been below and come back" : "");
+  return {x: here.map(f => height(f.x)), y: here.map(() => run.threshold), text: here.map(text), mode: "markers",
+    hovertemplate: "%{text}<extra></extra>", marker: {size: 11, color: here.map(f => colours[f.line]),
+      symbol: here.map(f => f.returned ? "diamond-open" : "diamond"), line: {width: 1.5, color: here.map(f => f.returned ? colours[f.line] : "#fff")}},
+    error_x: {type: "data", symmetric: false, array: here.map(f => height(end(f)) - height(f.x)), arrayminus: here.map(f => height(f.x) - height(f.low ?? f.x)),
+      color: "#4a545d", thickness: 1, width: 3}};
+}
+
+// The line through the points: straight in px of blur, as failure points are read from it, hence bent on that axis.
+function between(line, view) {
+  if (view !== views.blur) return {x: line.map(view.x), y: line.map(p => p.y)};
+  const dense = line.slice(1).flatMap((p, i) => Array.from({length: 12}, (_, k) => {
+    const share = k / 12, q = line[i];
+    return [height(blurOf(q) + share * (blurOf(p) - blurOf(q))), q.y + share * (p.y - q.y)];
+  }));
+  const last = line[line.length - 1];
+  return {x: [...dense.map(at => at[0]), view.x(last)], y: [...dense.map(at => at[1]), last.y]};
+}
+
+function drawCurve(panel, now) {
+  const {view, lines, measure} = now, rows = standing(rowsOf(panel.model, now), now.fixed), traces = [], shapes = [];
+  const {texts, colours} = run.axes[lines], overExposure = view === views.exposure;
+  const level = (y, dash) => ({type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: {color: "#444", width: 1.2, dash}});
+  if (measure === null) shapes.push(level(run.threshold, "dash"));
+  const clean = cleanOf(panel.model, now);
+  if (clean !== null && clean !== undefined) shapes.push(level(clean, "dot"));
+  texts.forEach((name, index) => {
+    const line = rows.filter(p => p.at[lines] === index).sort((a, b) => view.x(a) - view.x(b));
+    if (!line.length || hidden.has(index)) return;
+    const colour = colours[index], bounded = line.filter(p => p.low !== null && p.high !== null);
+    if (overExposure && bounded.length > 1) traces.push({
+      x: [...bounded.map(view.x), ...bounded.map(view.x).reverse()],
+      y: [...bounded.map(p => p.low), ...bounded.map(p => p.high).reverse()],
+      fill: "toself", fillcolor: colour + "26", line: {width: 0}, mode: "lines", hoverinfo: "skip"});
+    if (view.joined) traces.push({...between(line, view), mode: "lines", line: {color: colour, width: 2}, hoverinfo: "skip"});
+    traces.push({x: line.map(view.x), y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now.name)}`),
+      hovertemplate: "%{text}<extra></extra>", mode: "markers", marker: {color: colour, size: 6}});
+  });
+  if (measure === null && view === views.blur) traces.push(failureTrace(panel.model, now));
+  const step = 0.035, bars = measure === null && overExposure ? texts.length : 0, most = largest(now);
+  if (bars) windowsOf(panel.model, now).filter(({line}) => !hidden.has(line)).forEach(({line, low, high}) => {
+    const y = -0.05 - step * line, colour = colours[line];
+    shapes.push({type: "rect", x0: 1e3 * low, x1: 1e3 * high, y0: y - 0.011, y1: y + 0.011, line: {width: 1, color: colour}, fillcolor: colour});
+  });
+  const xaxis = {...axis, ...view.axis, range: view.range};
+  const yaxis = {...axis, showline: false, title: {text: now.name}, range: [(-0.05 - step * bars) * most, 1.05 * most]};
+  if (measure === null) yaxis.tickvals = [0, 0.2, 0.4, 0.6, 0.8, 1];
+  Plotly.react(panel.curve, traces, {...common, xaxis, yaxis, shapes, margin: {l: 52, r: 12, t: 30, b: 44}}, config);
+  panel.remark.textContent = remark(panel.model, now);
+}
+
+function windowsOf(model, {group, lines, fixed}) {
+  return standing(run.windows.filter(w => w[0] === model && w[1] === group)
+    .map(([, , setting, velocity, low, high]) => ({at: placed(null, velocity, setting), low, high})), fixed)
+    .map(w => ({...w, line: w.at[lines]}));
+}
+
+function remark(model, now) {
+  if (now.measure !== null || now.view !== views.blur) return "";
+  const back = failuresOf(model, now).filter(f => f.returned).map(f => run.axes[now.lines].texts[f.line]);
+  return back.length ? `Non-monotonic at ${back.join(", ")}: below the threshold, and back again.` : "";
+}
+
+function layLegend({lines}) {
+  byId("legend").replaceChildren(...run.axes[lines].texts.map((name, index) => {
+    const button = document.createElement("button"), chip = document.createElement("i");
+    chip.style.background = run.axes[lines].colours[index];
+    button.type = "button";
+    button.setAttribute("aria-pressed", String(!hidden.has(index)));
+    button.append(chip, name);
+    button.addEventListener("click", () => { hidden.delete(index) || hidden.add(index); draw(); });
+    return button;
+  }));
+}
+
+// What the curves show, in words.
+function readingOf({view, lines, measure, fixed}) {
+  const confidence = measure === null, {word} = run.axes[lines], parts = [`One line per ${word}${heldText(fixed)}.`];
+  if (view !== views.blur) parts.push(view.reading);
+  else parts.push(view.reading + (lines === EXPOSURE
+    ? "; from line to line the light per picture changes too, so two lines at the same blur differ by noise." : "."));
+  parts.push("Dotted: the untouched pictures.", confidence ? "Dashed: the threshold." : "Of all targets together, without intervals.");
+  if (confidence && view === views.exposure) parts.push(`Bars below zero are the exposure window at each ${word}.`);
+  if (confidence && view === views.blur)
+    parts.push("Diamonds: where a curve falls below the threshold for good, with the 95 % interval; hollow: non-monotonic.");
+  return parts.join(" ");
+}

@@ -1,0 +1,29 @@
+"use strict";
+const byId = id => document.getElementById(id);
+const run = JSON.parse(byId("numbers").textContent);
+const models = [...document.querySelectorAll("#model option:not([value=all])")].map(option => option.textContent);
+const touch = matchMedia("(pointer: coarse)").matches, narrow = matchMedia("(max-width: 640px)").matches;
+// Only buttons that work offline: the library would otherwise offer to upload the chart.
+const config = {responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
+  modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]]};
+const common = {font: {family: "system-ui, sans-serif", size: 13, color: "#1d2329"}, paper_bgcolor: "#fff",
+  plot_bgcolor: "#fff", hoverlabel: {align: "left"}, hovermode: "closest", showlegend: false,
+  dragmode: touch ? false : "zoom"};
+const axis = {gridcolor: "#e8ecef", zeroline: false, showline: true, linecolor: "#9aa4ad", automargin: true};
+const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
+
+// The library reads a few tags in labels; names are text.
+function label(name) {
+  const cut = [...name].length > 26 ? [...name].slice(0, 25).join("") + "…" : name;
+  return cut.replace(/[&<>]/g, sign => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign]);
+}
+
+function addPanel(parent, title, kind) {
+  const figure = document.createElement("figure"), plot = document.createElement("div"), remark = document.createElement("p");
+  if (title) figure.append(Object.assign(document.createElement("h3"), {textContent: title}));
+  plot.className = `plot ${kind}`;
+  remark.className = "note";
+  figure.append(plot, remark);
+  parent.append(figure);
+  return {plot, remark};
+}

@@ -1,0 +1,145 @@
+"""Settings are told apart by what varies; words, tables and the terminal say that and nothing else."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.cli.console import print_answers
+from blurnoise_eval.grid.axes import AXES, SETTING_AXES, axis
+from blurnoise_eval.report import findings, page, tables, write_report
+from blurnoise_eval.report.settings import axis_label, settings_of, word
+from made_runs import made_run
+from read_pages import Page
+
+
+def test_the_light_alone_names_the_settings_of_a_usual_run(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    assert [axis.name for axis in data.settings.axes] == ["illuminance_lux"]
+    assert data.settings.every == ((10.0,), (200.0,))
+    assert data.settings.held_text() == "25 °C · f/1.4 · defocus 0 px · gain 0 dB"
+    row = next(row for row in data.scores if row["exposure_s"] == 0.004 and row["velocity_x_px_s"] == 600)
+    assert data.settings.condition_text(row) == "4 ms · 10 lux · 600 px/s · blur 2.4 px"
+    assert data.settings.condition_text(data.scores[0]) == "untouched picture"
+    assert "combinations of target, light and speed." in findings.summary(data)[0]
+
+
+def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
+    data = made_run(tmp_path, f_numbers=(1.4, 2.8), temperatures_c=(25.0, 85.0), n_examples=0)
+    settings = data.settings
+    assert [axis.name for axis in settings.axes] == ["illuminance_lux", "temperature_c", "f_number"]
+    assert len(settings.every) == 2 * 2 * 2
+    assert settings.text(settings.every[-1]) == "200 lux · 85 °C · f/2.8"
+    assert settings.held_text() == "defocus 0 px · gain 0 dB"
+    assert findings.run_facts(data)["held"] == settings.held_text()
+    row = data.scores[-1]
+    assert settings.condition_text(row) == "64 ms · 200 lux · 600 px/s · 85 °C · f/2.8 · blur 38.4 px"
+    assert "combinations of target, light, temperature, f-number and speed." in findings.summary(data)[0]
+    rows = tables.model_answers(data, ["stop sign 100 px"])[0]["parts"][0]["rows"]
+    assert [text for text, _ in rows] == [settings.text(at) for at in settings.every]
+    for at, (_, cells) in zip(settings.every, rows, strict=True):
+        own = [a for a in data.answers if a["group"] == "stop sign 100 px" and settings.of(a) == at]
+        assert [cell["confidence"] for cell in cells] == [a["confidence_at_recommended"] for a in own]
+    failing = tables.failures(data, ["stop sign 100 px"])[0]["rows"]
+    assert [text for text, _ in failing] == [text for text, _ in rows]
+    curve = next(c for c in data.endurances if c["axis"] == "blur_px" and settings.of(c) == settings.every[5])
+    assert failing[5][1][0]["text"] == findings.failure_text(curve)
+
+
+def test_settings_without_an_axis_are_those_of_the_others(tmp_path: Path) -> None:
+    settings = made_run(tmp_path, f_numbers=(1.4, 2.8), n_examples=0).settings
+    left = settings.without(axis("f_number"))
+    assert left.every == ((10.0,), (200.0,))
+    assert left.further == ()
+    assert settings.values(axis("f_number")) == [1.4, 2.8]
+
+
+def test_only_what_stands_elsewhere_than_usual_is_special(tmp_path: Path) -> None:
+    settings = made_run(tmp_path, f_numbers=(2.8,), temperatures_c=(85.0,), n_examples=0).settings
+    assert settings.special_text({"f_number": 2.8}) == "85 °C"
+    assert settings.special_text({"f_number": 1.4}) == "85 °C · f/2.8"
+    assert settings.special_text({}) == "85 °C"  # a camera that does not say where it stands
+
+
+def test_no_rows_have_no_settings() -> None:
+    settings = settings_of([])
+    assert (settings.every, settings.held_text()) == ((), "")
+
+
+def test_every_setting_axis_has_words_of_its_own() -> None:
+    assert len(SETTING_AXES) == len(AXES) - 3  # exposure and two velocities
+    assert len({word(axis) for axis in SETTING_AXES}) == len(SETTING_AXES)
+    assert [axis_label(axis(name)) for name in ("f_number", "velocity_x_px_s", "gain_db")] == [
+        "f-number",
+        "Motion to the right / (px/s)",
+        "Gain / dB",
+    ]
+
+
+def test_many_settings_are_capped_in_tables(tmp_path: Path) -> None:
+    f_numbers = tuple(1.4 + k / 10 for k in range(20))
+    data = made_run(tmp_path, {"sign": 0.9}, f_numbers=f_numbers, speeds=(0.0,), n_examples=0)
+    shown = tables.shown_settings(data)
+    assert len(shown) == tables.MAX_SETTINGS < len(data.settings.every) == 40
+    assert [shown[0], shown[-1]] == [data.settings.every[0], data.settings.every[-1]]
+
+
+def test_the_terminal_has_a_column_per_axis_that_varies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    print_answers(made_run(tmp_path, {"sign": 0.95}, n_examples=0).answers, 0.6)
+    usual = capsys.readouterr().out
+    assert "lux" in usual
+    assert "f-number" not in usual
+    data = made_run(tmp_path, {"sign": 0.95}, f_numbers=(1.4, 2.8), temperatures_c=(25.0, 85.0), n_examples=0)
+    print_answers(data.answers, 0.6)
+    lines = capsys.readouterr().out.splitlines()
+    heads = next(line for line in lines if "target" in line)
+    assert [part.strip() for part in heads.strip("┃ ").split("┃")] == [
+        "target", "lux", "temperature °C", "f-number", "0 px/s", "600 px/s",
+    ]  # fmt: skip
+    rows = [[part.strip() for part in line.strip("│ ").split("│")] for line in lines if "sign" in line]
+    assert len(rows) == 8
+    assert rows[0][:4] == ["sign", "10", "25", "1.4"]
+    assert rows[7][:4] == ["sign", "200", "85", "2.8"]
+    assert rows[0][4] == "64 (26.1->64)"
+
+
+def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "FIGURES", {})
+    data = made_run(tmp_path, f_numbers=(1.4, 2.8), speeds=(0.0, 200.0, 600.0), n_examples=2)
+    parsed = Page(path := write_report(data, tmp_path))
+    assert [each.name for each in (tmp_path / "figures").iterdir()] == ["confidence_f_number.png"]
+    assert "figures/confidence_f_number.png" in parsed.addresses
+    text = path.read_text(encoding="utf-8")
+    selects = re.findall(r'<select id="([a-z-]+)"', text)
+    assert selects == ["measure", "group", "exposure", "speed", "light", "f-number", "lines", "across", "up"]
+    assert re.findall(r'data-view="([a-z-]+)"', text) == ["exposure", "blur", "speed", "light", "f-number"]
+    assert "10 lux · f/2.8" in parsed.text
+    assert "held 25 °C · defocus 0 px · gain 0 dB" in parsed.text
+    numbers = parsed.numbers
+    assert [each["word"] for each in numbers["axes"]] == ["exposure", "speed", "light", "f-number"]
+    assert numbers["axes"][3] | {"colours": []} == {
+        "word": "f-number", "title": "f-number", "unit": "", "texts": ["f/1.4", "f/2.8"],
+        "values": [1.4, 2.8], "logarithmic": True, "colours": [],
+    }  # fmt: skip
+    assert numbers["settings"] == [[0, 0], [0, 1], [1, 0], [1, 1]]
+    for setting, velocity, exposure, confidence in [numbers["points"][k][2:6] for k in (0, 17, 30)]:
+        found = [
+            a["confidence"][exposure]
+            for a in data.answers
+            if data.settings.of(a) == data.settings.every[setting]
+            and a["velocity_x_px_s"] == numbers["speeds_px_s"][velocity]
+        ]
+        assert confidence == pytest.approx(found[0], abs=6e-5)
+
+
+def test_nothing_can_be_chosen_where_nothing_varies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "FIGURES", {})
+    shape: dict[str, Any] = {"exposures_s": (0.005,), "lights_lux": (50.0,), "speeds": (0.0,)}
+    text = write_report(made_run(tmp_path, **shape), tmp_path).read_text(encoding="utf-8")
+    assert 'id="light"' in text
+    assert not re.search('id="(exposure|speed|temperature|f-number|gain|defocus)"', text)
