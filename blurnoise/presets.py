@@ -91,7 +91,7 @@ def _with_black_level(
             "dark_reference_c": "assumed; without effect while the dark current is 0",
             "dark_doubling_c": "assumed; without effect while the dark current is 0",
             "defocus_radius_px": "assumed: in focus",
-            "diffraction_wavelength_um": "assumed: no diffraction",
+            "diffraction_wavelength_um": "without: a picture has been through a lens already",
             "hfov_deg": "assumed: the lens is the user's choice",
             **sources,
         },
