@@ -23,6 +23,7 @@ from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
 from blurnoise.spectra import Curve
 
+_HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _NO_FIGURES = ("name", "defocus_counts_pixel", "sources")
 T = TypeVar("T")
 _BASES = {figures["name"]: figures for figures in presets.FIGURES}
@@ -89,7 +90,10 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
 
 def write(path: Path, values: Mapping[str, object]) -> None:
     """Write a camera file, whole or not at all. Raises ``ValueError`` for another suffix, ``OSError``."""
-    text = _json(values) if _kind(path) == "JSON" else _yaml(values)
+    if _kind(path) == "JSON":
+        text = json.dumps(values, indent=1, ensure_ascii=False) + "\n"
+    else:
+        text = _HEAD + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=110)
     unfinished = path.with_name(f".{path.name}.partial")
     try:
         unfinished.write_text(text, encoding="utf-8")
@@ -133,14 +137,3 @@ def _checked(kind: type[T], stated: Mapping[str, Any]) -> T:
 def _kind(path: Path) -> str:
     suffix = one_of(f"suffix of {path}", path.suffix.lower(), (".json", ".yaml", ".yml"))
     return "JSON" if suffix == ".json" else "YAML"
-
-
-def _json(values: Mapping[str, object]) -> str:
-    return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
-
-
-def _yaml(values: Mapping[str, object]) -> str:
-    return (
-        "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
-        + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=110)
-    )

@@ -74,11 +74,6 @@ _Names = Annotated[
 ]
 
 
-def _brief(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
 class Sourced:
     """Mixin of frozen dataclasses whose fields each carry, in ``sources``, where they came from."""
 
@@ -88,7 +83,7 @@ class Sourced:
     def assumptions(self) -> list[str]:
         """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
         return [
-            f"{name} = {_brief(getattr(self, name))} is {source}; "
+            f"{name} = {shown(getattr(self, name))} is {source}; "
             f"to state it, put {name!r} into <model>.contract.json beside the model"
             for name, source in self.sources.items()
             if source.startswith("assumed")
