@@ -82,11 +82,7 @@ CIRCLES: dict[tuple[str, ...], str] = {}
 """Circles that stay, sorted, with the reason."""
 HIDDEN: dict[str, str] = {}
 """Modules whose name their package gives to something else, with the reason."""
-SQL_OUTSIDE: dict[str, str] = {
-    "blurnoise_eval.sweep.coco_export": "on its way into the store",
-    "blurnoise_eval.sweep.run_folder": "on its way into the store",
-    "blurnoise_eval.scoring.per_condition": "on its way into the store",
-}
+SQL_OUTSIDE: dict[str, str] = {}
 SQL = re.compile(
     r"\b(SELECT|INSERT INTO|INSERT OR|DELETE FROM|CREATE (TABLE|INDEX|VIEW)|ALTER TABLE|PRAGMA)\b"
 )

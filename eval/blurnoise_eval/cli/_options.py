@@ -107,7 +107,7 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
         def run(**options: Any) -> None:
             given = {axis: options.pop(axis.name) for axis in AXES}
             grid = {
-                axis.name: in_columns_unit(axis, values)
+                axis.name: tuple(map(axis.of_option, values))
                 for axis, values in given.items()
                 if values is not None
             }
@@ -127,11 +127,6 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
 def default_text(axis: Axis) -> str | None:
     """What a sweep tests if not told, as it is typed."""
     return ",".join(f"{axis.shown(value):g}" for value in axis.default) or None
-
-
-def in_columns_unit(axis: Axis, values: Iterable[float]) -> tuple[float, ...]:
-    """Divided, because 9 ms are 9 / 1000 s, and 9 * 0.001 is not the same float."""
-    return tuple(value / (1 / axis.per_option) for value in values)
 
 
 def _axis_option(axis: Axis, usual: str | None) -> Parameter:

@@ -45,11 +45,6 @@ class Axis:
     fails: bool = False
     default: tuple[float, ...] = ()
 
-    @property
-    def dest(self) -> str:
-        """The option's name among parsed ones."""
-        return self.option.removeprefix("--").replace("-", "_")
-
     def checked(self, values: Iterable[float]) -> tuple[float, ...]:
         """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
         from blurnoise._core.checks import in_range  # late: options of the command line are made from here
@@ -191,7 +186,4 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
 
 
 EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
-SETTING_AXES: tuple[Axis, ...] = tuple(
-    each for each in AXES if each is not EXPOSURE and not each.into.startswith("velocity_px_s.")
-)
-"""All axes but exposure and velocity: what a sweep sets before it varies those two."""
+SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

@@ -19,9 +19,10 @@ from blurnoise_eval.report.measured import (
     one_velocity_per_speed,
     points,
 )
-from blurnoise_eval.report.scores import CHOICES, Score
+from blurnoise_eval.report.scores import CHOICES
 from blurnoise_eval.report.settings import axis_label, word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
+from blurnoise_eval.scoring.registry import Score
 
 
 def choices(data: RunData) -> list[Score]:

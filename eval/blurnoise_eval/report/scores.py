@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-_BOTH = frozenset({"detector", "reader"})
-_DETECTOR, _READER = frozenset({"detector"}), frozenset({"reader"})
+from blurnoise_eval.scoring.registry import BOTH, DETECTOR, READER, SCORES
+
 _CURVES = "needs targets at two or more of them"
 _UNKNOWN = "no labelled target that the model knows"
-
-
-class Score(NamedTuple):
-    """A column of scores: its title, which way is better, and the kinds of models that have it."""
-
-    name: str
-    title: str
-    better: Literal["higher", "lower"]
-    kinds: frozenset[str]
 
 
 class ModelScore(NamedTuple):
@@ -31,33 +22,24 @@ class ModelScore(NamedTuple):
     title: str
     digits: str = ".3f"
     better: Literal["higher", "lower"] | None = "higher"
-    kinds: frozenset[str] = _BOTH
+    kinds: frozenset[str] = BOTH
 
 
-SCORES = (
-    Score("ap", "AP", "higher", _DETECTOR),
-    Score("ap50", "AP50", "higher", _DETECTOR),
-    Score("ar100", "AR100", "higher", _DETECTOR),
-    Score("target_confidence", "Target confidence", "higher", _DETECTOR),
-    Score("detection_rate", "Detection rate", "higher", _DETECTOR),  # of a reader: exact matches, in effect
-    Score("false_positives_per_image", "False positives per picture", "lower", _DETECTOR),
-    Score("calibration_error", "Calibration error", "lower", _DETECTOR),
-    Score("read_confidence", "Confidence, right or wrong", "higher", _READER),
-    Score("exact_match", "Exact match", "higher", _READER),
-    Score("character_error_rate", "Character error rate", "lower", _READER),
-)
-CHOICES = tuple(score for score in SCORES if score.name not in ("target_confidence", "ar100"))
+CHOICES = tuple(score for score in SCORES if score.charted)
 """What the page can draw besides the confidence in targets."""
 
 
-def _of_untouched(name: str, missing: str, meaning: str = "", digits: str = ".3f") -> ModelScore:
+def _of_untouched(
+    name: str, missing: str, meaning: str = "", kinds: frozenset[str] | None = None
+) -> ModelScore:
     score = next(score for score in SCORES if score.name == name)
-    return ModelScore(name, missing, meaning, f"{score.title}, untouched", digits, score.better, score.kinds)
+    title = f"{score.title}, untouched"
+    return ModelScore(name, missing, meaning, title, better=score.better, kinds=kinds or score.kinds)
 
 
 MODEL_SCORES = (
-    ModelScore("p", _UNKNOWN, "AP (IoU 0.50 to 0.95) on the untouched pictures", "P", kinds=_DETECTOR),
-    ModelScore("p", "no text to read", "exact matches on the untouched pictures", "P", kinds=_READER),
+    ModelScore("p", _UNKNOWN, "AP (IoU 0.50 to 0.95) on the untouched pictures", "P", kinds=DETECTOR),
+    ModelScore("p", "no text to read", "exact matches on the untouched pictures", "P", kinds=READER),
     ModelScore(
         "mpc", "no condition scored",
         "mean of the same over all conditions but the untouched, each weighted alike", "mPC",
@@ -73,7 +55,7 @@ MODEL_SCORES = (
     ),
     _of_untouched("ap50", _UNKNOWN),
     _of_untouched("ar100", _UNKNOWN, "recall with 100 detections a picture"),
-    _of_untouched("target_confidence", "no target"),
+    _of_untouched("target_confidence", "no target", kinds=DETECTOR),  # of a reader: as read
     _of_untouched(
         "false_positives_per_image", "not scored", "detections from 0.25 on that answer for no target"
     ),
