@@ -5,8 +5,11 @@ Domain: shares in [0, 1] where the scale is "share", numbers from 0 up where it 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
+
+from blurnoise_eval.scoring.judged import Judged, calibration_error
 
 DETECTOR = frozenset({"detector"})
 READER = frozenset({"reader"})
@@ -17,7 +20,8 @@ BOTH = DETECTOR | READER
 class Score:
     """A column of scores: its name there, its title, which way is better, its scale, which models it judges.
 
-    kinds: of "detector" and "reader", as a run's manifest names them. charted: whether the page draws it.
+    kinds: of "detector" and "reader", as a run's manifest names them. of: its value, None where it is undefined.
+    charted: whether the page draws it.
     """
 
     name: str
@@ -25,23 +29,73 @@ class Score:
     better: Literal["higher", "lower"]
     scale: Literal["share", "count"]
     kinds: frozenset[str]
+    of: Callable[[Judged], float | None]
     charted: bool = False
 
 
+def _mean(column: str) -> Callable[[Judged], float | None]:
+    return lambda judged: judged.means[column]
+
+
+def _coco(name: str) -> Callable[[Judged], float | None]:
+    return lambda judged: judged.coco[name]
+
+
+def _false_per_image(judged: Judged) -> float | None:
+    return None if judged.alarms is None else judged.alarms.false_per_image
+
+
+def _calibration(judged: Judged) -> float | None:
+    return None if judged.alarms is None else calibration_error(judged.alarms.scores, judged.alarms.right)
+
+
 SCORES: tuple[Score, ...] = (
-    Score("target_confidence", "Target confidence", "higher", "share", BOTH),
-    Score("detection_rate", "Detection rate", "higher", "share", DETECTOR, charted=True),
-    Score("confidence_when_found", "Confidence when found", "higher", "share", BOTH),
-    Score("ap", "AP", "higher", "share", DETECTOR, charted=True),
-    Score("ap50", "AP50", "higher", "share", DETECTOR, charted=True),
-    Score("ap75", "AP75", "higher", "share", DETECTOR),
-    Score("ap_small", "AP, small", "higher", "share", DETECTOR),
-    Score("ap_medium", "AP, medium", "higher", "share", DETECTOR),
-    Score("ap_large", "AP, large", "higher", "share", DETECTOR),
-    Score("ar100", "AR100", "higher", "share", DETECTOR),
-    Score("false_positives_per_image", "False positives per picture", "lower", "count", DETECTOR, charted=True),
-    Score("calibration_error", "Calibration error", "lower", "share", DETECTOR, charted=True),
-    Score("read_confidence", "Confidence, right or wrong", "higher", "share", READER, charted=True),
-    Score("exact_match", "Exact match", "higher", "share", READER, charted=True),
-    Score("character_error_rate", "Character error rate", "lower", "count", READER, charted=True),
-)  # fmt: skip
+    Score("target_confidence", "Target confidence", "higher", "share", BOTH, _mean("target_confidence")),
+    Score(
+        "detection_rate", "Detection rate", "higher", "share", DETECTOR, _mean("detection_rate"), charted=True
+    ),
+    Score(
+        "confidence_when_found",
+        "Confidence when found",
+        "higher",
+        "share",
+        BOTH,
+        _mean("confidence_when_found"),
+    ),
+    Score("ap", "AP", "higher", "share", DETECTOR, _coco("ap"), True),
+    Score("ap50", "AP50", "higher", "share", DETECTOR, _coco("ap50"), True),
+    Score("ap75", "AP75", "higher", "share", DETECTOR, _coco("ap75")),
+    Score("ap_small", "AP, small", "higher", "share", DETECTOR, _coco("ap_small")),
+    Score("ap_medium", "AP, medium", "higher", "share", DETECTOR, _coco("ap_medium")),
+    Score("ap_large", "AP, large", "higher", "share", DETECTOR, _coco("ap_large")),
+    Score("ar100", "AR100", "higher", "share", DETECTOR, _coco("ar100")),
+    Score(
+        "false_positives_per_image",
+        "False positives per picture",
+        "lower",
+        "count",
+        DETECTOR,
+        _false_per_image,
+        charted=True,
+    ),
+    Score("calibration_error", "Calibration error", "lower", "share", DETECTOR, _calibration, True),
+    Score(
+        "read_confidence",
+        "Confidence, right or wrong",
+        "higher",
+        "share",
+        READER,
+        _mean("read_confidence"),
+        charted=True,
+    ),
+    Score("exact_match", "Exact match", "higher", "share", READER, _mean("exact_match"), True),
+    Score(
+        "character_error_rate",
+        "Character error rate",
+        "lower",
+        "count",
+        READER,
+        _mean("character_error_rate"),
+        charted=True,
+    ),
+)

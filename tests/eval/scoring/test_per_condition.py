@@ -10,22 +10,31 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.per_condition import (
-    COCO_SCORES,
-    COLUMNS,
-    Judge,
-    Truth,
-    calibration_error,
-    coco_results,
-    performance,
-    score_rows,
-)
+from blurnoise_eval.scoring import per_condition, registry
+from blurnoise_eval.scoring.judged import COCO_SCORES, Judged, Truth, calibration_error, coco_results
+from blurnoise_eval.scoring.matching import MoveBoxes
+from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 CATEGORIES = [{"id": 13, "name": "stop sign"}, {"id": 2, "name": "bicycle"}, {"id": 90, "name": "unseen"}]
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}  # class 7 of the model is nothing that the data set labels
+
+
+class Judge:
+    """The scores of detections alone."""
+
+    def __init__(self, truth: Truth) -> None:
+        self.truth = truth
+
+    def __call__(
+        self, found: list[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
+    ) -> dict[str, float | None]:
+        judged = Judged({}, self.truth, found, move_boxes)
+        own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
+        return {score.name: score.of(judged) for score in registry.SCORES if score.name in own}
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -221,7 +230,8 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         assert moving == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]
-    assert tuple(clean) == tuple(exposed) == COLUMNS
+    shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors")
+    assert tuple(clean) == tuple(exposed) == (*shared, *(score.name for score in registry.SCORES))
     assert (clean["clean"], clean["n_images"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)
     assert (clean["ap"], clean["target_confidence"], clean["detection_rate"]) == pytest.approx((1, 0.8, 1))
     assert clean["false_positives_per_image"] == 0
@@ -250,3 +260,13 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
     assert performance(row) == 0.4
+
+
+def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made_up = registry.Score("alarms", "Alarms", "lower", "count", registry.DETECTOR, lambda judged: 7.0)
+    monkeypatch.setattr(per_condition, "SCORES", (*registry.SCORES, made_up))
+    with Store(tmp_path, create=True) as store:
+        cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
+        store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
+        (row,) = score_rows(store, ["m"], lambda model: None)
+    assert row["alarms"] == 7.0
