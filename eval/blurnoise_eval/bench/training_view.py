@@ -40,7 +40,7 @@ interval in twenty misses the truth, so a single small difference proves little.
 def chart(bench: Bench, part: str) -> Figure:
     """One set: AP50 over blur, over exposure in the darkest and the brightest light, and the differences."""
     facts = bench.sets[part]
-    lights = facts["plan"]["illuminances_lux"]
+    lights = facts["plan"]["grid"]["illuminance_lux"]
     exposure_s, lux = MOVING
     figure = Figure(figsize=(10.6, 8.0), layout="constrained")
     (moving, dark), (bright, differences) = figure.subplots(2, 2)
