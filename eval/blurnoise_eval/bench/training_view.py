@@ -222,7 +222,7 @@ def _resting(axes: Axes, bench: Bench, part: str, lux: float) -> None:
         lambda at: at.illuminance_lux == lux and at.blur_px == 0, lambda at: 1e3 * at.exposure_s,
     )  # fmt: skip
     axes.set_xscale("log")
-    tested = [1e3 * exposure_s for exposure_s in bench.sets[part]["plan"]["exposures_s"]]
+    tested = [1e3 * exposure_s for exposure_s in bench.sets[part]["plan"]["grid"]["exposure_s"]]
     axes.set_xticks(tested, [f"{exposure_ms:g}" for exposure_ms in tested])
     axes.minorticks_off()
     axes.set_xlabel("Exposure / ms", fontsize=9)
