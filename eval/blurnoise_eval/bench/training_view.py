@@ -40,7 +40,7 @@ interval in twenty misses the truth, so a single small difference proves little.
 def chart(bench: Bench, part: str) -> Figure:
     """One set: AP50 over blur, over exposure in the darkest and the brightest light, and the differences."""
     facts = bench.sets[part]
-    lights = facts["plan"]["illuminances_lux"]
+    lights = facts["plan"]["grid"]["illuminance_lux"]
     exposure_s, lux = MOVING
     figure = Figure(figsize=(10.6, 8.0), layout="constrained")
     (moving, dark), (bright, differences) = figure.subplots(2, 2)
@@ -222,7 +222,7 @@ def _resting(axes: Axes, bench: Bench, part: str, lux: float) -> None:
         lambda at: at.illuminance_lux == lux and at.blur_px == 0, lambda at: 1e3 * at.exposure_s,
     )  # fmt: skip
     axes.set_xscale("log")
-    tested = [1e3 * exposure_s for exposure_s in bench.sets[part]["plan"]["exposures_s"]]
+    tested = [1e3 * exposure_s for exposure_s in bench.sets[part]["plan"]["grid"]["exposure_s"]]
     axes.set_xticks(tested, [f"{exposure_ms:g}" for exposure_ms in tested])
     axes.minorticks_off()
     axes.set_xlabel("Exposure / ms", fontsize=9)

@@ -110,7 +110,7 @@ def test_rows_are_what_the_store_holds(judged: Judged) -> None:
                 target["confidence"]
                 for target in targets
                 if (target["exposure_s"], target["illuminance_lux"], target["velocity_x_px_s"])
-                == (row.at.exposure_s, row.at.illuminance_lux, row.at.velocity_x_px_s)
+                == (row.at.exposure_s, row.at.illuminance_lux, row.at["velocity_x_px_s"])
             ]
             assert row.confidence == pytest.approx(np.mean(held))
 
