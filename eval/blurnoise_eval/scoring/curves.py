@@ -58,8 +58,8 @@ class Endurance:
 
     axis: the name of an axis or "blur_px". at: values of all axes, None on those that vary along the curve.
     x: increasing. auc: area under the curve over the range of x, so the mean confidence over it. fails_at: where
-    the curve falls below the threshold for good, None where it does not within the range, and where more of the
-    axis is not worse (light, gain); fails_low, fails_high: its 95 % bootstrap interval, None at an end that is
+    the curve falls below the threshold for good, None where it does not within the range; fails_low,
+    fails_high: its 95 % bootstrap interval, None at an end that is
     not reached within the range, or without an interval. non_monotonic: the curve had been below and come back.
     """
 

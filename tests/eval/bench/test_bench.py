@@ -18,6 +18,7 @@ from blurnoise_eval.bench import blur, blur_view, contenders, timing, truth
 from blurnoise_eval.bench.blur import EXACT, NO_BLUR, Bench, Extent, Row
 from blurnoise_eval.bench.timing import Quartiles
 from blurnoise_eval.cli import main
+from blurnoise_eval.system.threads import limited_threads
 from scipy.optimize import brentq
 
 Output = pytest.CaptureFixture[str]
@@ -234,7 +235,7 @@ def test_threads_are_given_back() -> None:
     before = torch.get_num_threads(), cv2.getNumThreads()
 
     def interrupted() -> None:
-        with timing.limited_threads(before[0] + 1):
+        with limited_threads(before[0] + 1):
             assert torch.get_num_threads() == cv2.getNumThreads() == before[0] + 1
             raise KeyboardInterrupt
 

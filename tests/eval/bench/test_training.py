@@ -27,6 +27,7 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.cli.bench import HELD_OUT_SEED
 from blurnoise_eval.datasets import Picture, PictureSet, Target, write_picture
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import work
 from blurnoise_models import arms, matched_filter
 from onnx import helper
 from plans import plan as swept
@@ -151,7 +152,7 @@ def test_stopped_comparison_goes_on(
     judged: Judged, models: list[Model], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench, folder, part, _ = judged
-    monkeypatch.setattr(training.sweep, "compute", None)  # nothing is left to compute
+    monkeypatch.setattr(work.Worker, "compute", None)  # nothing is left to compute
     again = training.measure(models, [part], folder)
     assert again.rows == bench.rows
     assert again.verdicts() == bench.verdicts()

@@ -11,7 +11,9 @@ from typing import Annotated, Any
 import pytest
 from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
 from blurnoise_eval.cli._options import CAMERAS, FAMILIES, Grid, axis_options
+from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
+from blurnoise_eval.grid import conditions
 from blurnoise_eval.grid.axes import AXES, axis
 from typer import Option, Typer
 from typer.main import get_command
@@ -35,8 +37,8 @@ def grid(monkeypatch: pytest.MonkeyPatch, command: str, *options: str) -> dict[s
 
     monkeypatch.setattr(given, "models", lambda *_, **__: [])
     monkeypatch.setattr(given, "read", lambda models: False)
-    monkeypatch.setattr(given, "single", lambda grid, name: None)
-    monkeypatch.setattr(given, "plan", ask)
+    monkeypatch.setattr(given, "pictures", lambda **_: PictureSet("folder", "none", ()))
+    monkeypatch.setattr(conditions, "SweepPlan", ask)
     with pytest.raises(Asked) as caught:
         main([command, "-o", "run", *options])
     return dict(caught.value.args[0])

@@ -236,19 +236,12 @@ def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
 
 
 @pytest.mark.parametrize("axis", ["illuminance_lux", "gain_db"])
-def test_where_more_is_not_worse_a_curve_has_an_area_and_no_failure(axis: str) -> None:
-    (curve,) = across({1.0: lambda _: 0.9, 3.0: lambda _: 0.1}, axis)
-    assert (curve.axis, curve.x, curve.auc) == (axis, (1.0, 3.0), pytest.approx(0.5))
-    assert (curve.fails_at, curve.fails_low, curve.fails_high, curve.non_monotonic) == (
-        None,
-        None,
-        None,
-        False,
-    )
+def test_where_more_is_not_worse_there_is_no_failing(axis: str) -> None:
+    assert across({1.0: lambda _: 0.9, 3.0: lambda _: 0.1}, axis) == []
 
 
 def test_curves_over_an_axis_keep_everything_else_apart() -> None:
-    """2 f-numbers x 2 lights x 2 exposures x 2 velocities: 8 curves over each of the two further axes."""
+    """2 f-numbers x 2 lights x 2 exposures x 2 velocities: 8 curves over the f-number, none over light."""
     table = [
         row
         for n in (2.0, 4.0)
@@ -259,8 +252,8 @@ def test_curves_over_an_axis_keep_everything_else_apart() -> None:
         )
     ]  # fmt: skip
     found = list(endurances_across(list(surfaces(table)), 0.6, generator()))
-    assert [sum(each.axis == name for each in found) for name in ("f_number", "illuminance_lux")] == [8, 8]
-    for each in (each for each in found if each.axis == "f_number"):
+    assert [each.axis for each in found] == ["f_number"] * 8
+    for each in found:
         lux, t, v = (each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
         assert each.confidence == pytest.approx([1 / (n + lux + t + v) for n in (2.0, 4.0)])
 

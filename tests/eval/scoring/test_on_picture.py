@@ -62,7 +62,7 @@ def test_a_detector_is_held_against_moved_targets(detector: Detector, labelled: 
 class Asked:
     """A reader that notes where it is asked to read."""
 
-    name, sha256, non_finite_values, contract, path = "reader", "0" * 64, 0, None, Path("reader.onnx")
+    name, sha256, non_finite_values_here, contract, path = "reader", "0" * 64, 0, None, Path("reader.onnx")
 
     def __init__(self) -> None:
         self.boxes: list[Any] = []

@@ -94,7 +94,7 @@ def timeless(results: list[CellResult]) -> list[Any]:
 def test_rows_depend_neither_on_threads_nor_on_order(
     detector: Detector, pictures: PictureSet, threads: int
 ) -> None:
-    work = Work((detector,), CAMERA, PLAN.temperature_c)
+    work = Work((detector,), CAMERA)
     whole = replace(pictures, pictures=pictures.pictures[:2])
     todo = list(blocks(whole, PLAN))
     expected = {block: timeless(work.open(1).compute(block)) for block in todo}
@@ -140,7 +140,7 @@ def test_blocks_are_taken_as_needed(detector: Detector, pictures: PictureSet, wo
             yield block
 
     answered = 0
-    for _ in ThreadEngine(workers).map(Work((detector,), CAMERA, 25.0), counted()):
+    for _ in ThreadEngine(workers).map(Work((detector,), CAMERA), counted()):
         assert taken - answered <= 2 * workers
         answered += 1
     assert answered == taken > 6
@@ -225,7 +225,7 @@ def of_group(group: int) -> list[str]:
 
 def test_what_does_not_pickle_is_named(detector: Detector, pictures: PictureSet) -> None:
     lambdas = replace(pictures.pictures[0], name="made up", load=lambda: np.zeros((9, 9, 3), np.uint8))
-    work = Work((detector,), CAMERA, 25.0)
+    work = Work((detector,), CAMERA)
     with pytest.raises(ValueError, match=r"picture 'made up' cannot be sent .*use 'threads'"):
         list(ProcessEngine(1).map(work, [Block(lambdas, ())]))
     with pytest.raises(ValueError, match="models cannot be sent"):
@@ -282,9 +282,9 @@ def test_work_and_blocks_of_every_kind_of_pictures_travel(
 ) -> None:
     shown = labelled(kind, tmp_path)
     plan = swept((0.01,), (50.0,))
-    work = Work((detector,), CAMERA, plan.temperature_c)
+    work = Work((detector,), CAMERA)
     sent, copies = pickle.loads(pickle.dumps((work, list(blocks(shown, plan)))))
-    assert (sent.camera, sent.temperature_c) == (CAMERA, plan.temperature_c)
+    assert sent.camera == CAMERA
     for block, copy in zip(blocks(shown, plan), copies, strict=True):
         ours, theirs = block.picture, copy.picture
         assert (copy.cells, copy.examples) == (block.cells, block.examples)
