@@ -44,7 +44,7 @@ class Choice:
     reason: str
     error: float | None = None
     cost_ns: float | None = None
-    plan: fourier.Plan | None = None
+    plan: fourier.TransformPlan | None = None
 
 
 def motion_blur(

@@ -57,7 +57,7 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Plan:
+class TransformPlan:
     """How a picture is cut; ``cost_ns`` per value of the picture, predicted for one core."""
 
     y: Axis
@@ -72,7 +72,9 @@ class Plan:
         return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
 
-def plan(size: tuple[int, int], reach_px: tuple[float, float], border: Border, *, tiled: bool) -> Plan:
+def plan(
+    size: tuple[int, int], reach_px: tuple[float, float], border: Border, *, tiled: bool
+) -> TransformPlan:
     """The fastest plan for pictures (H, W) = ``size`` and a blur that reaches ``reach_px`` (down, across).
 
     A reach of 0 leaves its axis alone. Without ``tiled``, one transform; otherwise the best of several cuts.
@@ -82,7 +84,7 @@ def plan(size: tuple[int, int], reach_px: tuple[float, float], border: Border, *
 
 
 @lru_cache(maxsize=1024)
-def _fastest(size: tuple[int, int], margins: tuple[int, int], border: Border, tiled: bool) -> Plan:
+def _fastest(size: tuple[int, int], margins: tuple[int, int], border: Border, tiled: bool) -> TransformPlan:
     plans = []
     for counts in product(_CUTS, _CUTS) if tiled else [(1, 1)]:
         y, x = (_axis(*each, border) for each in zip(size, margins, counts, strict=True))
@@ -91,7 +93,7 @@ def _fastest(size: tuple[int, int], margins: tuple[int, int], border: Border, ti
         values, tiles = y.length * x.length, len(y.starts) * len(x.starts)
         cost = tiles * (values * _ns_per_value(values) * len(dims) / 2 + 20_000)
         cost += 1.4 * values if len(dims) == 2 else 0.0  # the transfer function, the same for all tiles
-        plans.append(Plan(y, x, dims, cost / math.prod(size)))
+        plans.append(TransformPlan(y, x, dims, cost / math.prod(size)))
     return min(plans, key=lambda each: each.cost_ns)
 
 
@@ -137,7 +139,7 @@ def multiply(
     image: Tensor,
     displacement_px: Tensor,
     optics: Optics,
-    plan: Plan,
+    plan: TransformPlan,
     border: Border,
     out: Tensor | None = None,
     threads: int = 1,
@@ -177,7 +179,7 @@ def _multiply_planes(
     picture: Tensor,
     motion_px: tuple[float, float],
     optics: Optics,
-    plan: Plan,
+    plan: TransformPlan,
     border: Border,
     out: Tensor,
     threads: int,
@@ -243,7 +245,7 @@ def _row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Pl
     return factors
 
 
-def _response(displacement_px: Tensor, optics: Optics, plan: Plan) -> Tensor:
+def _response(displacement_px: Tensor, optics: Optics, plan: TransformPlan) -> Tensor:
     """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
     lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
     fy, fx = (torch.from_numpy(f).to(displacement_px) for f in _frequencies(lengths))

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from statistics import fmean
 from typing import Any
 
-from blurnoise_eval.grid.axes import EXPOSURE
+from blurnoise_eval.grid.axes import AXES, EXPOSURE
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
 from blurnoise_eval.report.settings import word
@@ -196,13 +196,23 @@ def warnings(data: RunData) -> list[str]:
 
 
 def assumptions(data: RunData) -> list[str]:
-    """What nobody stated: the fields of contracts and camera whose source says that they were assumed."""
+    """What nobody stated: the fields of contracts and camera whose source says that they were assumed.
+
+    A figure of the camera that the sweep set otherwise is not among them.
+    """
+    camera = data.manifest["camera"]
+    set_to = [(axis, row[axis.name]) for axis in AXES for row in data.scores if not row["clean"]]
+    stated = {
+        axis.into.removeprefix("camera.")
+        for axis, value in set_to
+        if axis.into.startswith("camera.") and value != camera.get(axis.into.removeprefix("camera."), value)
+    }
     parts = [(f"{model['name']}: contract", model["contract"]) for model in data.manifest["models"]]
     return [
         f"{part}: {name} = {value}; {source}"
-        for part, fields in [*parts, ("camera", data.manifest["camera"])]
+        for part, fields in [*parts, ("camera", camera)]
         for name, value, source, assumed in sourced(fields)
-        if assumed
+        if assumed and not (part == "camera" and name in stated)
     ]
 
 

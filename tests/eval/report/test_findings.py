@@ -67,3 +67,15 @@ def test_best_common_exposure_counts_answers_then_compares_means() -> None:
     answers = [{"exposures_s": [0.001, 0.002, 0.003], "confidence": curve} for curve in curves]
     assert findings.best_common_exposure(answers, 0.6) == (0.002, 2)
     assert findings.best_common_exposure([], 0.6) is None
+
+
+def test_what_the_sweep_sets_is_no_assumption(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0, f_numbers=(1.4, 2.8))
+    camera = {"f_number": 1.4, "transmission": 1.0}
+    sources = {"sources": dict.fromkeys(camera, "assumed: the lens is the user's choice")}
+    told = findings.assumptions(replace(data, manifest=data.manifest | {"camera": camera | sources}))
+    assert [line.split(" = ")[0] for line in told if line.startswith("camera")] == ["camera: transmission"]
+    still = made_run(tmp_path, n_examples=0)
+    own = camera | {"f_number": next(row["f_number"] for row in still.scores if not row["clean"])}
+    told = findings.assumptions(replace(still, manifest=still.manifest | {"camera": own | sources}))
+    assert any("f_number" in line for line in told)
