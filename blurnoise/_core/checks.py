@@ -35,7 +35,7 @@ def integer(name: str, value: int, low: int, high: int) -> int:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} = {shown(value)}: must be an integer")
     if not low <= value <= high:
-        raise ValueError(f"{name} = {shown(value)}: must be an integer >= {low} and <= {high}")
+        raise ValueError(f"{name} = {shown(value)}: must be >= {low} and <= {high}")
     return int(value)
 
 

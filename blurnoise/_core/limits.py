@@ -36,7 +36,7 @@ LIMITS: Mapping[str, Limit] = {
     "temperature_c": Limit(ABSOLUTE_ZERO_C, 300.0),
     "gain_db": Limit(-120.0, 120.0),
     "tolerance_dn": Limit(0.0, 65536.0, above=True),
-    "white_e": Limit(0.0, 1e24),  # electrons of white, or per photon
+    "white_e": Limit(0.0, 1e32),  # electrons of white, or per photon
     # cameras
     "pixel_pitch_um": Limit(0.1, 1000.0),
     "f_number": Limit(0.5, 256.0),  # in air no lens is below 0.5
