@@ -33,8 +33,7 @@ from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
-from blurnoise.spectra import Curve
-from blurnoise.spectra import illuminant as named_illuminant
+from blurnoise.spectra import Curve, check_illuminant
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
@@ -105,7 +104,7 @@ class ExposedScene:
         self.light = image_batch("light", light)
         self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
         one_of("border", border, BORDERS)
-        named_illuminant(illuminant)
+        check_illuminant(illuminant)
         integer("pattern_seed", pattern_seed, 0, rng.LAST_SEED)
         limited("tolerance_dn", tolerance_dn)
         self._border, self._illuminant, self._pattern_seed = border, illuminant, pattern_seed

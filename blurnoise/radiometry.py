@@ -12,10 +12,10 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, in_range
+from blurnoise._core.checks import an_instance, in_range, real_tensor, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
-from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
+from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, check_illuminant, photons_per_lux_s_um2
 
 Number = TypeVar("Number", float, Tensor)
 _MOST_DOUBLINGS, _MOST_E = (
@@ -42,8 +42,14 @@ def photoelectrons(
     """
     an_instance("camera", camera, Camera)
     lux, exposure = limited("illuminance_lux", illuminance_lux), limited("exposure_s", exposure_s)
+    check_illuminant(illuminant)
     if not isinstance(ir_cut, Curve):
-        in_range("ir_cut", ir_cut, 0.0, 1.0)
+        ir_cut = in_range("ir_cut", ir_cut, 0.0, 1.0)
+    ends = real_tensor("band_nm", band_nm)
+    if ends.shape != (2,):
+        raise ValueError(f"band_nm = {shown(band_nm)}: must be two increasing wavelengths in nm")
+    low_nm, high_nm = ends.tolist()
+    band_nm = (low_nm, high_nm)
     return lux * exposure * electrons_per_lux_s(camera, illuminant, ir_cut, band_nm)
 
 

@@ -143,8 +143,7 @@ def illuminant(name: str | Curve) -> Curve:
     """An illuminant by name: "D50", "D55", "D65", "D75", or "planck:KELVIN"; a curve is passed through."""
     if isinstance(name, Curve):
         return name
-    if not isinstance(name, str):
-        raise TypeError(f"illuminant = {shown(name)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve")
+    check_illuminant(name)
     if name.upper() in {"D50", "D55", "D65", "D75"}:
         return daylight(int(name[1:]) * 100 * 1.4388 / 1.4380)
     if name.lower().startswith("planck:"):
@@ -153,6 +152,14 @@ def illuminant(name: str | Curve) -> Curve:
         except ValueError as error:
             raise ValueError(f"illuminant = {shown(name)}: {error}") from None
     raise ValueError(f"illuminant = {shown(name)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve")
+
+
+def check_illuminant(illuminant: object) -> None:
+    """Raise ``TypeError`` for what is neither a name nor a curve."""
+    if not isinstance(illuminant, (str, Curve)):
+        raise TypeError(
+            f"illuminant = {shown(illuminant)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve"
+        )
 
 
 @lru_cache(maxsize=64)

@@ -39,10 +39,23 @@ def integer(name: str, value: int, low: int, high: int) -> int:
     return int(value)
 
 
+def rectangle(name: str, value: object) -> tuple[int, int, int, int]:
+    """Return ``value``, four integers (left, top, width, height), px. Raises ``TypeError``."""
+    if (
+        not isinstance(value, (tuple, list))
+        or len(value) != 4
+        or not all(type(side) is int for side in value)
+    ):
+        raise TypeError(f"{name} = {shown(value)}: must be four integers (x, y, width, height)")
+    left, top, width, height = value
+    return left, top, width, height
+
+
 def an_instance(name: str, value: object, kind: type) -> None:
     """Raise ``TypeError`` unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} = {shown(value)}: must be a {kind.__module__.split('.')[0]}.{kind.__name__}")
+        must = f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+        raise TypeError(f"{name}: must be a {must}, got {type(value).__name__}")
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
@@ -120,6 +133,8 @@ def real_tensor(name: str, value: object) -> Tensor:
     """``value``, a tensor of real numbers as it is, anything else as float64. Raises ``TypeError``."""
     try:
         tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
+    except OverflowError:  # an integer beyond 1e308
+        raise ValueError(f"{name} = {shown(value)}: must be finite") from None
     except (TypeError, ValueError, RuntimeError):
         raise TypeError(f"{name} = {shown(value)}: must be numbers") from None
     if tensor.is_complex() or tensor.dtype == torch.bool:

@@ -60,11 +60,15 @@ LIMITS: Mapping[str, Limit] = {
     "target_width_m": Limit(1e-6, 1e9),
     "width_px": Limit(1.0, 1 << 20),
     "hfov_deg": Limit(1e-3, 360.0),
-    # charts
-    "size_px": Limit(0.0, 1 << 14, above=True),
+    # charts and their measurement
+    "size_px": Limit(0.01, 1 << 14),
     "height_px": Limit(1, 1 << 14),
     "cycles": Limit(1, 1 << 14),
     "supersample": Limit(1, 64),
+    "contrast": Limit(0.0, 1e6, above=True),
+    "data_range": Limit(0.0, 1e30, above=True),
+    "target_px": Limit(1, 128),
+    "bootstrap": Limit(0, 100_000),
     "angle_deg": Limit(-1e6, 1e6),
     "centre_px": Limit(-1e6, 1e6),
     # spectra

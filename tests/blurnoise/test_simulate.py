@@ -151,7 +151,10 @@ def test_fixed_pattern_belongs_to_the_camera() -> None:
         ({"illuminance_lux": [1.0, 2.0, 3.0]}, "illuminance_lux"),
         ({"illuminance_lux": math.inf}, "illuminance_lux"),
         ({"velocity_px_s": (math.nan, 0.0)}, "velocity_px_s"),
-        ({"velocity_px_s": [(1.0, 0.0)] * 3}, r"velocity_px_s: shape must be \(2,\) or \(1, 2\), got \(3, 2\)"),
+        (
+            {"velocity_px_s": [(1.0, 0.0)] * 3},
+            r"velocity_px_s: shape must be \(2,\) or \(1, 2\), got \(3, 2\)",
+        ),
         ({"velocity_px_s": (1e17, 0.0)}, r"velocity_px_s.*<= 1e\+07"),
         ({"velocity_px_s": (9e6, 0.0), "exposure_s": 1.0}, r"displacement_px.*<= 100000"),
         ({"illuminance_lux": 1e300}, r"illuminance_lux = 1e\+300: must be finite and >= 0 and <= 1e\+09"),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from blurnoise._core.limits import LIMITS
 from blurnoise_eval.grid.axes import AXES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import SweepPlan
+
+from blurnoise._core.limits import LIMITS
 
 
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
