@@ -35,7 +35,7 @@ def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
     """Return ``value`` as float64 on ``like``'s device. Raises ``TypeError``, ``ValueError`` for shapes."""
     tensor = real_tensor(name, value).to(like.device, torch.float64)
     try:
-        torch.broadcast_shapes(tensor.shape, like.shape)
+        torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
     except RuntimeError:
         raise ValueError(f"{name}: shape {tuple(tensor.shape)} does not fit {tuple(like.shape)}") from None
     return tensor
