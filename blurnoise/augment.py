@@ -10,7 +10,6 @@ its centroid, so what moves is swept half the displacement to either side of its
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +21,9 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, per_image
+from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, shown
+from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited, limited_per_image
+from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.light import effects
@@ -38,6 +39,7 @@ Cameras = Camera | str | Sequence[Camera | str]
 Params = dict[str, Tensor]
 
 
+@uncompiled
 def expose_pictures(
     image: Tensor,
     camera: Cameras,
@@ -64,11 +66,11 @@ def expose_pictures(
     cameras, batch = _cameras(camera), len(scene)
     if len(cameras) not in (1, batch):
         raise ValueError(f"camera: got {len(cameras)}; must be one, or {batch}, one for each picture")
-    exposure = per_image("exposure_s", exposure_s, batch, scene, low=0.0)
-    lux = per_image("illuminance_lux", illuminance_lux, batch, scene, low=0.0)
-    temperature = per_image("temperature_c", temperature_c, batch, scene)
-    speed = per_image("speed_px_s", speed_px_s, batch, scene, low=0.0)
-    velocity = velocity_px_s(speed, per_image("direction_deg", direction_deg, batch, scene))
+    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
+    lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
+    temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
+    speed = limited_per_image("speed_px_s", speed_px_s, batch, scene)
+    velocity = velocity_px_s(speed, limited_per_image("direction_deg", direction_deg, batch, scene))
     seeds = rng.item_seeds(generator, batch)
 
     def pictures(camera: Camera, of: list[int]) -> Tensor:
@@ -103,9 +105,9 @@ class ExposureRanges:
     """What conditions are drawn from; each range a number or (low, high).
 
     camera: one or several, presets by name, each as likely as the others; kept as a tuple. exposure_s and
-    illuminance_lux > 0 are log-uniform: they multiply the light, so that each doubling is as likely as the
-    next, where a uniform draw would hardly ever be dark. speed_px_s >= 0, direction_deg and temperature_c
-    (-273.15 to 300) are uniform.
+    illuminance_lux, from 1e-9 s and 1e-6 lux on, are log-uniform: they multiply the light, so that each doubling
+    is as likely as the next, where a uniform draw would hardly ever be dark. speed_px_s >= 0, direction_deg and
+    temperature_c (-273.15 to 300) are uniform. The longest exposure at the highest speed moves 1e5 px at most.
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed.
     """
@@ -119,8 +121,17 @@ class ExposureRanges:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", _cameras(self.camera))
-        for name, (low, high) in _LIMITS.items():
-            object.__setattr__(self, name, _bounds(name, getattr(self, name), low, high))
+        for name in _DRAWN:
+            object.__setattr__(self, name, _bounds(name, getattr(self, name)))
+        (_, longest), (_, fastest) = (
+            _bounds("exposure_s", self.exposure_s),
+            _bounds("speed_px_s", self.speed_px_s),
+        )
+        if longest * fastest > LIMITS["displacement_px"].high:
+            raise ValueError(
+                f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most: their product, the motion during the "
+                f"exposure, must be <= {LIMITS['displacement_px'].high:g} px"
+            )
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -131,16 +142,16 @@ class ExposureRanges:
         """The conditions at ``uniform`` (B, 6), values in [0, 1): (B,) each, and ``camera_index``, int64."""
         *shares, camera_share = uniform.unbind(-1)
         drawn = {}
-        for name, share in zip(_LIMITS, shares, strict=True):
+        for name, share in zip(_DRAWN, shares, strict=True):
             low, high = getattr(self, name)
-            value = low * (high / low) ** share if name in _LOG_UNIFORM else low + (high - low) * share
+            value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
         index = (camera_share * len(self.cameras)).long()
         return {**drawn, "camera_index": index.clamp_max(len(self.cameras) - 1)}
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
-        return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in _LIMITS)])
+        return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in _DRAWN)])
 
 
 class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
@@ -166,7 +177,7 @@ class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is
         """Parameters for a batch of shape (B, C, H, W)."""
         batch = batch_shape[0]
         count = min(batch, 1) if same_on_batch else batch
-        drawn = self.ranges.conditions(self.unit.rsample((count, len(_LIMITS) + 1)))
+        drawn = self.ranges.conditions(self.unit.rsample((count, len(_DRAWN) + 1)))
         drawn["noise_seed"] = torch.randint(2**63 - 1, (count,), device=self.device)
         return {name: value.expand(batch).clone() for name, value in drawn.items()}
 
@@ -227,7 +238,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         exposed = expose_pictures(
             input[of],
             [cameras[index] for index in params["camera_index"][of].tolist()],
-            **{name: params[name][of] for name in _LIMITS},
+            **{name: params[name][of] for name in _DRAWN},
             generator=params["noise_seed"][of].tolist(),
             encoding=flags["encoding"],
             fidelity=flags["fidelity"],
@@ -306,31 +317,28 @@ def within_picture(corners: Tensor, by: Tensor, last: tuple[float, float]) -> Te
     return torch.minimum(moved, torch.maximum(corners, corners.new_tensor(last)))
 
 
-_LIMITS = {
-    "exposure_s": (0.0, math.inf),
-    "illuminance_lux": (0.0, math.inf),
-    "speed_px_s": (0.0, math.inf),
-    "direction_deg": (-math.inf, math.inf),
-    "temperature_c": (-273.15, 300.0),
-}
-_LOG_UNIFORM = ("exposure_s", "illuminance_lux")
+_DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 _CORNERS = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
-def _bounds(name: str, value: Range, low: float, high: float) -> tuple[float, float]:
+def _bounds(name: str, value: Range) -> tuple[float, float]:
     if isinstance(value, (int, float)):
         value = (value, value)
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
-        raise TypeError(f"{name} = {value!r}: must be a number or (low, high)")
-    first, last = (in_range(name, each, low, high) for each in value)
+        raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
+    first, last = (limited(name, each) for each in value)
     if first > last:
-        raise ValueError(f"{name} = {value!r}: must be (low, high), low <= high")
-    if name in _LOG_UNIFORM and first == 0:
-        raise ValueError(f"{name} = {value!r}: must be > 0, as it is drawn log-uniformly")
+        raise ValueError(f"{name} = {shown(value)}: must be (low, high), low <= high")
+    least = DRAWN_FROM.get(name, first)
+    if first < least:
+        above = "> 0" if first == 0 else f">= {least:g}"
+        raise ValueError(f"{name} = {shown(value)}: must be {above}, as it is drawn log-uniformly")
     return first, last
 
 
 def _cameras(camera: Cameras) -> tuple[Camera, ...]:
+    if not isinstance(camera, (Camera, str, Sequence)):
+        raise TypeError(f"camera: must be cameras or names of presets, got {type(camera).__name__}")
     given = [camera] if isinstance(camera, (Camera, str)) else list(camera)
     if not given:
         raise ValueError("camera = []: must be at least one camera")

@@ -20,13 +20,16 @@ from torch import Tensor
 
 from blurnoise import fourier, psf, transfer
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import image_batch, non_negative, one_of
+from blurnoise._core.checks import an_instance, image_batch, one_of, real_tensor, shown
+from blurnoise._core.limits import LIMITS, limited, limited_motion
 from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.uncompiled import uncompiled
 from blurnoise.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kernel", "kornia")
 _FOURIER: tuple[Method, ...] = ("transfer", "tiles")
+_LONGEST_KERNEL_PX = 2000  # whose cost in time and memory grows as its square
 NEGLIGIBLE = 1e-5
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
 
@@ -47,6 +50,7 @@ class Choice:
     plan: fourier.TransformPlan | None = None
 
 
+@uncompiled
 def motion_blur(
     image: Tensor,
     displacement_px: Tensor | Iterable[float],
@@ -91,18 +95,19 @@ def exposure_blur(
     ``method`` "kernel" and "kornia" know motion only and raise ``ValueError`` for a lens that blurs.
     """
     image_batch("image", image)
-    motions = displacements(displacement_px, image)
+    an_instance("optics", optics, Optics)
+    moved = displacements(displacement_px, image)
     at_once = 1 if image.device.type == "cpu" or method == "kornia" else len(image)
-    groups = list(zip(torch.split(image, at_once), torch.split(motions, at_once), strict=True))
+    groups = list(zip(torch.split(image, at_once), torch.split(moved, at_once), strict=True))
     size = (image.shape[-2], image.shape[-1])
-    moving = _differentiable(motions)  # then a blur too short to be seen still has its gradient
+    moving = _differentiable(moved)  # then a blur too short to be seen still has its gradient
     choices = []
     for _, group in groups:
         dx, dy = group.detach().abs().amax(0).tolist()
         choices.append(_choose(dx, dy, size, optics, method, border, moving=moving))
     if all(choice.method == "none" for choice in choices):
         return image
-    if _differentiable(image, motions):
+    if _differentiable(image, moved):
         parts = zip(groups, choices, strict=True)
         return torch.cat([_blurred(*group, choice, optics, border) for group, choice in parts])
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
@@ -119,6 +124,7 @@ def exposure_blur(
     return out
 
 
+@uncompiled
 def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
     """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
 
@@ -127,7 +133,7 @@ def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> T
     """
     image_batch("image", image)
     one_of("border", border, BORDERS)
-    kernel = psf.disc(non_negative("radius_px", radius_px))
+    kernel = psf.disc(limited("radius_px", radius_px))
     if kernel.size == 1:
         return image
     return _correlate(image, torch.from_numpy(kernel).to(image)[None], border)
@@ -146,8 +152,11 @@ def choose(
     "auto" leaves out a blur whose error stays below ``NEGLIGIBLE``, else takes the transfer function, which
     has no error of its own, whole or in tiles, whichever is predicted to be faster.
     """
-    motions = torch.as_tensor(displacement_px).detach().tolist()
-    return [_choose(x, y, size, optics, method, border) for x, y in motions]
+    moved = real_tensor("displacement_px", displacement_px).detach()
+    if moved.ndim != 2 or moved.shape[1] != 2:
+        raise ValueError(f"displacement_px: shape must be (B, 2), got {tuple(moved.shape)}")
+    limited_motion("displacement_px", moved)
+    return [_choose(x, y, size, optics, method, border) for x, y in moved.tolist()]
 
 
 def _choose(
@@ -167,6 +176,10 @@ def _choose(
             raise ValueError(
                 f"method = {method!r}: knows motion only; use 'transfer' or 'auto' with {optics}"
             )
+        if math.hypot(dx, dy) > _LONGEST_KERNEL_PX:
+            raise ValueError(
+                f"displacement_px = {(dx, dy)}: method {method!r} takes at most {_LONGEST_KERNEL_PX} px"
+            )
         return Choice(method, "asked for")
     left_out = transfer.motion_error(math.hypot(dx, dy)) + optics.error
     reach = fourier.reach((dx, dy), optics, every_axis=moving)
@@ -180,16 +193,20 @@ def _choose(
 
 
 def displacements(value: Tensor | Iterable[float], image: Tensor) -> Tensor:
-    """Motions (B, 2), px, for the pictures of ``image``; raises ``ValueError`` for another shape or no number."""
-    displacement = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
-    displacement = displacement.to(device=image.device, dtype=image.dtype)
-    if displacement.shape not in {(2,), (1, 2), (len(image), 2)}:
-        raise ValueError(
-            f"displacement_px: shape must be (2,) or ({len(image)}, 2), got {tuple(displacement.shape)}"
-        )
-    if not bool(torch.isfinite(displacement.detach()).all()):
-        raise ValueError(f"displacement_px = {displacement.tolist()}: must be finite")
-    return displacement.expand(len(image), 2)
+    """Motions (B, 2), px, for the pictures of ``image``; raises as :func:`motions` does."""
+    return motions("displacement_px", value, image)
+
+
+def motions(name: str, value: object, image: Tensor) -> Tensor:
+    """Vectors (B, 2) for the pictures of ``image``, as it is. Raises ``TypeError`` or ``ValueError``."""
+    vectors = real_tensor(name, value)
+    if vectors.shape not in {(2,), (1, 2), (len(image), 2)}:
+        raise ValueError(f"{name}: shape must be (2,) or ({len(image)}, 2), got {tuple(vectors.shape)}")
+    low, high, _ = LIMITS[name]
+    seen = vectors.detach()
+    if not bool(torch.isfinite(seen).all()) or bool((seen.abs() > high * (1 + 1e-6)).any()):
+        raise ValueError(f"{name} = {shown(vectors)}: must be finite and >= {low:g} and <= {high:g}")
+    return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 
 def _differentiable(*tensors: Tensor) -> bool:

@@ -18,12 +18,12 @@ from torch import Tensor
 
 from blurnoise import camera_files, presets
 from blurnoise._core import rng
-from blurnoise._core.checks import in_range, known
-from blurnoise._core.validation import Figure, Positive, Text, check_fields
+from blurnoise._core.checks import in_range, integer, known, shown
+from blurnoise._core.limits import within
+from blurnoise._core.validation import Figure, Text, check_fields
 from blurnoise.spectra import Curve
 from blurnoise.transfer import Optics
 
-_NonNegative = Annotated[Figure, Ge(0)]
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
 
 
@@ -43,30 +43,31 @@ class Camera:
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
     sources: field name -> where its figure comes from.
 
-    Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed.
+    Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
+    (:data:`blurnoise._core.limits.LIMITS`).
     """
 
     name: Text
-    pixel_pitch_um: Positive
-    f_number: Positive
+    pixel_pitch_um: Annotated[Figure, within("pixel_pitch_um")]
+    f_number: Annotated[Figure, within("f_number")]
     transmission: Annotated[Figure, Ge(0), Le(1)]
     quantum_efficiency: Figure | Curve
-    full_well_e: Positive
-    system_gain_dn_per_e: Positive
-    read_noise_e: _NonNegative
-    dark_current_e_s: _NonNegative = 0.0
-    dark_reference_c: Annotated[Figure, Ge(-273.15), Le(300)] = 20.0
-    dark_doubling_c: Positive = 8.0
-    prnu: _NonNegative = 0.0
-    dsnu_e: _NonNegative = 0.0
+    full_well_e: Annotated[Figure, within("full_well_e")]
+    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
+    read_noise_e: Annotated[Figure, within("read_noise_e")]
+    dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
+    dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
+    dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
+    prnu: Annotated[Figure, within("prnu")] = 0.0
+    dsnu_e: Annotated[Figure, within("dsnu_e")] = 0.0
     black_level_dn: Figure = 0.0
     bit_depth: Annotated[int, Ge(1), Le(16)] = 12
-    defocus_radius_px: _NonNegative = 0.0
+    defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
     defocus_counts_pixel: bool = False
-    diffraction_wavelength_um: _NonNegative = 0.0
+    diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
     width_px: _Side = 1920
     height_px: _Side = 1080
-    hfov_deg: Annotated[Figure, Ge(1e-3), Le(360)] = 60.0
+    hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -77,6 +78,7 @@ class Camera:
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
+        _ = self.optics  # whose figures have limits of their own
 
     @property
     def full_scale_dn(self) -> int:
@@ -108,9 +110,13 @@ class Camera:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
 
         gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). The same
-        camera, shape and seed give the same pattern in every frame.
+        camera, shape and seed give the same pattern in every frame. Raises ``TypeError`` or ``ValueError`` for a
+        seed that is no integer in [0, 2**63), or a shape of anything but three sides of 1 or more.
         """
-        return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), seed)
+        if len(shape) != 3:
+            raise ValueError(f"shape = {shown(shape)}: must be (C, H, W)")
+        sides = tuple(integer("shape", side, 1, 1 << 20) for side in shape)
+        return _fixed_pattern(self.prnu, self.dsnu_e, sides, integer("seed", seed, 0, rng.LAST_SEED))
 
     def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
         """Temporal variance without light, DN^2: K^2 (read^2 + dark_e) + 1/12 (rounding)."""
@@ -189,8 +195,9 @@ class Camera:
 
 
 @lru_cache(maxsize=4)
+@torch.inference_mode(False)  # it is kept, and must serve derivatives whoever asked first
 def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
-    like = torch.empty(1, *shape)
+    like = torch.empty(1, *shape, dtype=torch.float32, device="cpu")
     gain = 1.0 + prnu * rng.standard_normal([seed], like, "prnu")[0]
     offset_e = dsnu_e * rng.standard_normal([seed], like, "dsnu")[0]
     return gain, offset_e

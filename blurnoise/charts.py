@@ -15,13 +15,14 @@ Convention: x points right and y down. The picture spans [0, W] x [0, H], pixel 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise._core import checks
+from blurnoise._core.limits import counted, limited
 
 # US stop sign R1-1, 30 in size (FHWA, Standard Highway Signs). All lengths in inches.
 _SIGN_IN = 30.0  # flat to flat
@@ -42,10 +43,10 @@ _POINTS_PER_BLOCK = 1 << 18  # sample points in flight: bounds the memory, and s
 def flat_patch(height_px: int, width_px: int, *, reflectance: float = 0.18) -> Tensor:
     """Uniform grey patch, (1, 1, H, W), linear reflectance.
 
-    Raises ``TypeError`` or ``ValueError`` for sizes that are not positive integers or a reflectance outside
+    Raises ``TypeError`` or ``ValueError`` for sizes that are no integers from 1 to 16384 or a reflectance outside
     [0, 1].
     """
-    shape = (1, 1, _count("height_px", height_px), _count("width_px", width_px))
+    shape = (1, 1, counted("height_px", height_px, "height_px"), counted("width_px", width_px, "height_px"))
     return torch.full(shape, checks.in_range("reflectance", reflectance, 0.0, 1.0))
 
 
@@ -59,11 +60,11 @@ def slanted_edge(
     on the normal is a trapezoid, whose integral is that area: 1/2 + d/a for 0 <= d <= (a - b)/2, then
     1 - ((a + b)/2 - d)²/(2ab) up to d = (a + b)/2, then 1; odd about 1/2 for negative d.
 
-    Raises ``TypeError`` or ``ValueError`` for sizes that are not positive integers, an angle that is not
-    finite, or reflectances that break 0 <= dark <= bright <= 1.
+    Raises ``TypeError`` or ``ValueError`` for sizes that are no integers from 1 to 16384, an angle
+    beyond 1e6 degrees, or reflectances that break 0 <= dark <= bright <= 1.
     """
-    _count("height_px", height_px)
-    _count("width_px", width_px)
+    counted("height_px", height_px, "height_px")
+    counted("width_px", width_px, "height_px")
     checks.in_range("bright", bright, 0.0, 1.0)
     checks.in_range("dark", dark, 0.0, bright)
     cos, sin = math.cos(_radians(angle_deg)), math.sin(_radians(angle_deg))
@@ -95,15 +96,15 @@ def siemens_star(
     than two sample points (radius < cycles/(π supersample) px), it is m. At radius r the local frequency is
     cycles/(2πr) cycles/px. The picture is as large as the star if ``height_px`` and ``width_px`` are None.
 
-    Raises ``TypeError`` or ``ValueError`` for counts that are not positive integers, a diameter that is not
-    positive, an angle that is not finite, or reflectances that break 0 <= dark <= bright <= 1.
+    Raises ``TypeError`` or ``ValueError`` for counts that are no positive integers within limits, a diameter or an
+    angle beyond them, or reflectances that break 0 <= dark <= bright <= 1.
     """
-    radius = checks.positive("size_px", size_px) / 2
+    radius = limited("size_px", size_px) / 2
     height, width = (
-        math.ceil(size_px) if value is None else _count(name, value)
+        math.ceil(size_px) if value is None else counted(name, value, "height_px")
         for name, value in (("height_px", height_px), ("width_px", width_px))
     )
-    hub = _count("cycles", cycles) / (math.pi * _count("supersample", supersample))
+    hub = counted("cycles", cycles) / (math.pi * counted("supersample", supersample))
     checks.in_range("bright", bright, 0.0, 1.0)
     checks.in_range("dark", dark, 0.0, bright)
     turn = _radians(angle_deg)
@@ -136,15 +137,15 @@ def stop_sign(
     (x, y), by default the picture's; the picture is twice the sign's size if ``height_px`` and ``width_px``
     are None. :func:`stop_sign_box` gives the sign's bounding box for the same arguments.
 
-    Raises ``TypeError`` or ``ValueError`` for counts that are not positive integers, a size that is not
-    positive, an angle or centre that is not finite, a background outside [0, 1], or a sign that does not lie
+    Raises ``TypeError`` or ``ValueError`` for counts that are no positive integers within limits, a size, an angle
+    or a centre beyond them, a background outside [0, 1], or a sign that does not lie
     wholly inside the picture.
     """
     box = stop_sign_box(
         size_px, height_px=height_px, width_px=width_px, angle_deg=angle_deg, centre_px=centre_px
     )
     checks.in_range("background", background, 0.0, 1.0)
-    _count("supersample", supersample)
+    counted("supersample", supersample)
     height, width, centre = _sign_frame(size_px, height_px, width_px, centre_px)
     cos, sin = math.cos(_radians(angle_deg)), math.sin(_radians(angle_deg))
     scale = _SIGN_IN / size_px
@@ -207,14 +208,14 @@ def _sign_frame(
     size_px: float, height_px: int | None, width_px: int | None, centre_px: tuple[float, float] | None
 ) -> tuple[int, int, tuple[float, float]]:
     """Return picture height, width and the sign's centre (x, y), with the defaults filled in."""
-    side = 2 * math.ceil(checks.positive("size_px", size_px))
-    height = side if height_px is None else _count("height_px", height_px)
-    width = side if width_px is None else _count("width_px", width_px)
+    side = 2 * math.ceil(limited("size_px", size_px))
+    height = side if height_px is None else counted("height_px", height_px, "height_px")
+    width = side if width_px is None else counted("width_px", width_px, "height_px")
     if centre_px is None:
         return height, width, (width / 2, height / 2)
-    if len(centre_px) != 2:
-        raise ValueError(f"centre_px = {centre_px!r}: must be two numbers (x, y)")
-    x, y = (checks.in_range("centre_px", value, -math.inf, math.inf) for value in centre_px)
+    if not isinstance(centre_px, Sequence) or len(centre_px) != 2:
+        raise ValueError(f"centre_px = {checks.shown(centre_px)}: must be two numbers (x, y)")
+    x, y = (limited("centre_px", value) for value in centre_px)
     return height, width, (x, y)
 
 
@@ -289,12 +290,4 @@ def _area_mean(
 
 
 def _radians(angle_deg: float) -> float:
-    return math.radians(math.remainder(checks.in_range("angle_deg", angle_deg, -math.inf, math.inf), 360.0))
-
-
-def _count(name: str, value: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: must be an integer")
-    if value < 1:
-        raise ValueError(f"{name} = {value!r}: must be >= 1")
-    return value
+    return math.radians(math.remainder(limited("angle_deg", angle_deg), 360.0))

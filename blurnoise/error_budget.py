@@ -10,12 +10,13 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from blurnoise._core.checks import in_range, non_negative, positive
+from blurnoise._core.checks import real_tensor, shown
+from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 from blurnoise.spectra import Curve
@@ -73,11 +74,14 @@ def plan(
     in :func:`blurnoise.simulate`, for one picture.
     Raises ``ValueError`` that names the argument.
     """
-    positive("tolerance_dn", tolerance_dn)
-    exposure, lux = non_negative("exposure_s", exposure_s), non_negative("illuminance_lux", illuminance_lux)
-    temperature = in_range("temperature_c", temperature_c, -273.15, 300.0)
-    white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-    at = OperatingPoint(camera, exposure, temperature, white_e, displacement_px, illuminant)
+    limited("tolerance_dn", tolerance_dn)
+    temperature = limited("temperature_c", temperature_c)
+    white_e = photoelectrons(camera, illuminance_lux, exposure_s, illuminant)
+    moved = real_tensor("displacement_px", displacement_px)
+    if moved.shape != (2,):
+        raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
+    x, y = (limited("displacement_px", along) for along in moved.tolist())
+    at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant)
     return plan_at(at, tolerance_dn)
 
 

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.borders import Border
-from blurnoise._core.checks import Numbers, image_batch, one_of
+from blurnoise._core.borders import BORDERS, Border
+from blurnoise._core.checks import Numbers, an_instance, image_batch, integer, one_of, shown
+from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
@@ -32,7 +33,7 @@ from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
-from blurnoise.spectra import Curve
+from blurnoise.spectra import Curve, check_illuminant
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
@@ -42,7 +43,8 @@ _FIELDS = 2  # noise fields that a scene keeps
 class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, and its noise's seed.
 
-    gain_db: digital, after the converter. seed: of the noise, see :mod:`blurnoise._core.rng`.
+    gain_db: digital, after the converter. seed: of the noise, see :mod:`blurnoise._core.rng`. Raises ``TypeError``
+    or ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -52,6 +54,20 @@ class Exposure:
     temperature_c: float = 25.0
     gain_db: float = 0.0
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        an_instance("camera", self.camera, Camera)
+        for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
+            limited(name, getattr(self, name))
+        if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
+            raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
+        for speed in self.velocity_px_s:
+            limited(
+                "displacement_px: velocity times exposure",
+                limited("velocity_px_s", speed) * self.exposure_s,
+                "displacement_px",
+            )
+        integer("seed", self.seed, 0, rng.LAST_SEED)
 
     def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
         """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
@@ -71,7 +87,8 @@ class Frame(NamedTuple):
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), in [0, 1], before cameras. Any number of threads may use it.
 
-    border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them.
+    border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
+    ``TypeError`` or ``ValueError`` naming the argument.
     """
 
     def __init__(
@@ -84,8 +101,12 @@ class ExposedScene:
         fidelity: Fidelity = "auto",
         tolerance_dn: float = TOLERANCE_DN,
     ) -> None:
-        self.light = light
+        self.light = image_batch("light", light)
         self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
+        one_of("border", border, BORDERS)
+        check_illuminant(illuminant)
+        integer("pattern_seed", pattern_seed, 0, rng.LAST_SEED)
+        limited("tolerance_dn", tolerance_dn)
         self._border, self._illuminant, self._pattern_seed = border, illuminant, pattern_seed
         self._tolerance_dn = tolerance_dn
         self._fields: OrderedDict[tuple[int, str], Tensor] = OrderedDict()

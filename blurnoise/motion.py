@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from blurnoise._core.checks import non_negative, one_of, positive
+from blurnoise._core.checks import one_of
+from blurnoise._core.limits import limited
 
 Lens = Literal["f-theta", "rectilinear"]
 
@@ -33,15 +34,11 @@ def velocity_px_s(
 
     Raises ``ValueError`` for values outside these ranges (a rectilinear lens needs hfov_deg < 180).
     """
-    speed = non_negative("speed_m_s", speed_m_s)
-    distance = positive("distance_m", distance_m)
-    target = positive("target_width_m", target_width_m)
-    width = positive("width_px", width_px)
-    hfov = positive("hfov_deg", hfov_deg)
+    speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
+    target, width = limited("target_width_m", target_width_m), limited("width_px", width_px)
+    hfov = limited("hfov_deg", hfov_deg)
     one_of("lens", lens, ("f-theta", "rectilinear"))
     if lens == "f-theta":
-        if hfov > 360:
-            raise ValueError(f"hfov_deg = {hfov_deg!r}: must be <= 360")
         size_px = math.degrees(2 * math.atan(target / (2 * distance))) * width / hfov
     else:
         if hfov >= 180:
@@ -61,7 +58,7 @@ def blur_pixels(
     lens: Lens = "f-theta",
 ) -> float:
     """Length of the motion blur in px: ``velocity_px_s`` times the exposure in s (>= 0)."""
-    exposure = non_negative("exposure_s", exposure_s)
+    exposure = limited("exposure_s", exposure_s)
     return exposure * velocity_px_s(
         speed_m_s,
         distance_m,

@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from blurnoise import blur
-from blurnoise._core.checks import Numbers, per_image
+from blurnoise._core.checks import Numbers, an_instance
+from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
@@ -56,12 +57,14 @@ def operating_points(
 
     Every number is one for all or (B,); velocity_px_s (2,) or (B, 2). Raises ``ValueError`` naming the argument.
     """
+    an_instance("camera", camera, Camera)
     batch = len(image)
-    exposure = per_image("exposure_s", exposure_s, batch, image, low=0.0)
-    lux = per_image("illuminance_lux", illuminance_lux, batch, image, low=0.0)
-    temperature = per_image("temperature_c", temperature_c, batch, image, low=-273.15, high=300.0)
-    velocity = torch.as_tensor(velocity_px_s).to(image)
-    displacement = blur.displacements(velocity * exposure[:, None] if velocity.ndim < 3 else velocity, image)
+    exposure = limited_per_image("exposure_s", exposure_s, batch, image)
+    lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
+    temperature = limited_per_image("temperature_c", temperature_c, batch, image)
+    velocity = blur.motions("velocity_px_s", velocity_px_s, image)
+    displacement = velocity * exposure[:, None]
+    limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
     return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
 

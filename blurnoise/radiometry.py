@@ -12,11 +12,16 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import non_negative
+from blurnoise._core.checks import an_instance, in_range, real_tensor, shown
+from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
-from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, photons_per_lux_s_um2
+from blurnoise.spectra import VISIBLE_NM, Curve, Spectrum, check_illuminant, photons_per_lux_s_um2
 
 Number = TypeVar("Number", float, Tensor)
+_MOST_DOUBLINGS, _MOST_E = (
+    100.0,
+    1e15,
+)  # single precision holds their products; no well holds that many electrons
 
 
 def photoelectrons(
@@ -35,8 +40,16 @@ def photoelectrons(
     illuminant: a name or a curve (see :func:`blurnoise.spectra.illuminant`); ir_cut: a transmission or a
     curve; band_nm: the wavelengths that count. Raises ``ValueError`` for values outside these ranges.
     """
-    lux = non_negative("illuminance_lux", illuminance_lux)
-    exposure = non_negative("exposure_s", exposure_s)
+    an_instance("camera", camera, Camera)
+    lux, exposure = limited("illuminance_lux", illuminance_lux), limited("exposure_s", exposure_s)
+    check_illuminant(illuminant)
+    if not isinstance(ir_cut, Curve):
+        ir_cut = in_range("ir_cut", ir_cut, 0.0, 1.0)
+    ends = real_tensor("band_nm", band_nm)
+    if ends.shape != (2,):
+        raise ValueError(f"band_nm = {shown(band_nm)}: must be two increasing wavelengths in nm")
+    low_nm, high_nm = ends.tolist()
+    band_nm = (low_nm, high_nm)
     return lux * exposure * electrons_per_lux_s(camera, illuminant, ir_cut, band_nm)
 
 
@@ -65,5 +78,7 @@ def mean_quantum_efficiency(camera: Camera, illuminant: str | Curve = "D55") -> 
 def dark_electrons(camera: Camera, exposure_s: Number, temperature_c: Number) -> Number:
     """Mean (and variance) of the dark charge: mu_I(ref) 2^((temp - ref)/doubling) T, EMVA 1288 eq. 14."""
     doublings = (temperature_c - camera.dark_reference_c) / camera.dark_doubling_c
-    factor = torch.exp2(doublings) if isinstance(doublings, Tensor) else math.exp2(doublings)
-    return camera.dark_current_e_s * factor * exposure_s
+    if isinstance(doublings, Tensor):
+        factor = torch.exp2(doublings.clamp(max=_MOST_DOUBLINGS))
+        return (camera.dark_current_e_s * factor * exposure_s).clamp(max=_MOST_E)
+    return min(camera.dark_current_e_s * math.exp2(min(doublings, _MOST_DOUBLINGS)) * exposure_s, _MOST_E)

@@ -9,6 +9,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers
+from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.error_budget import TOLERANCE_DN
@@ -17,6 +18,7 @@ from blurnoise.sensor.readout import Fidelity
 from blurnoise.spectra import Curve
 
 
+@uncompiled
 def simulate(
     image: Tensor,
     camera: Camera,
@@ -50,7 +52,9 @@ def simulate(
     fidelity: "full" models everything, "auto" what :func:`blurnoise.plan` keeps of it for each image
     within ``tolerance_dn`` (DN RMS). noise: without it, the mean frame. quantised: without it, before rounding.
     Gradients reach image, exposure, illuminance, velocity and temperature; with them, everything is modelled.
-    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+    ``torch.compile`` breaks its graph here and runs it uncompiled, with the same result.
+    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed: at most 3600 s,
+    1e9 lux, 1e7 px/s, and 1e5 px of motion during the exposure.
     """
     scene = ExposedScene(
         scene_reflectance(image, encoding),

@@ -18,6 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise._core.checks import shown
+from blurnoise._core.limits import limited
+
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
 BOLTZMANN_J_K = 1.380649e-23
@@ -39,13 +42,22 @@ class Curve:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        nm, values = np.asarray(self.wavelengths_nm, float), np.asarray(self.values, float)
+        try:
+            nm, values = np.asarray(self.wavelengths_nm, float), np.asarray(self.values, float)
+        except (TypeError, ValueError, OverflowError):
+            raise TypeError("curve: wavelengths and values must be numbers") from None
         if nm.ndim != 1 or nm.shape != values.shape or len(nm) < 2:
             raise ValueError(
                 f"curve: {nm.shape} wavelengths, {values.shape} values; must be equal, at least 2"
             )
         if not (np.isfinite(nm).all() and np.isfinite(values).all() and (np.diff(nm) > 0).all()):
             raise ValueError("curve: wavelengths and values must be finite, wavelengths increasing")
+        for name, value in (
+            ("wavelength_nm", nm[0]),
+            ("wavelength_nm", nm[-1]),
+            ("value", np.abs(values).max()),
+        ):
+            limited(f"curve: {name}", float(value), name)
         object.__setattr__(self, "wavelengths_nm", tuple(map(float, nm)))
         object.__setattr__(self, "values", tuple(map(float, values)))
 
@@ -95,8 +107,7 @@ def photopic() -> Curve:
 
 def planck(kelvin: float) -> Curve:
     """Relative radiance of a black body per wavelength, 300-1100 nm, 1 at 560 nm. Temperature in K."""
-    if not (math.isfinite(kelvin) and kelvin > 0):
-        raise ValueError(f"kelvin = {kelvin!r}: must be finite and > 0")
+    limited("kelvin", kelvin)
     nm = np.arange(300.0, 1101.0)
 
     def radiance(at_nm: Floats) -> Floats:
@@ -132,14 +143,23 @@ def illuminant(name: str | Curve) -> Curve:
     """An illuminant by name: "D50", "D55", "D65", "D75", or "planck:KELVIN"; a curve is passed through."""
     if isinstance(name, Curve):
         return name
+    check_illuminant(name)
     if name.upper() in {"D50", "D55", "D65", "D75"}:
         return daylight(int(name[1:]) * 100 * 1.4388 / 1.4380)
     if name.lower().startswith("planck:"):
         try:
             return planck(float(name.split(":", 1)[1]))
         except ValueError as error:
-            raise ValueError(f"illuminant = {name!r}: {error}") from None
-    raise ValueError(f"illuminant = {name!r}: must be D50, D55, D65, D75, planck:KELVIN or a Curve")
+            raise ValueError(f"illuminant = {shown(name)}: {error}") from None
+    raise ValueError(f"illuminant = {shown(name)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve")
+
+
+def check_illuminant(illuminant: object) -> None:
+    """Raise ``TypeError`` for what is neither a name nor a curve."""
+    if not isinstance(illuminant, (str, Curve)):
+        raise TypeError(
+            f"illuminant = {shown(illuminant)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve"
+        )
 
 
 @lru_cache(maxsize=64)

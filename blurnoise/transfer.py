@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import non_negative
+from blurnoise._core.limits import limited
 
 
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ class Optics:
     """What the lens does to a sharp picture, in px; 0 leaves a cause out.
 
     defocus_radius_px: of the disc of confusion. gaussian_sigma_px: aberrations and other small spreads.
-    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. Raises ``ValueError`` below 0.
+    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. Raises ``ValueError`` below 0 or above 1000.
     """
 
     defocus_radius_px: float = 0.0
@@ -81,7 +81,7 @@ class Optics:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            non_negative(field.name, getattr(self, field.name))
+            limited(field.name, getattr(self, field.name))
 
     @property
     def reach_px(self) -> float:

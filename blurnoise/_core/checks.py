@@ -25,15 +25,43 @@ def non_negative(name: str, value: float) -> float:
     return _number(name, value, low=0.0)
 
 
-def in_range(name: str, value: float, low: float, high: float) -> float:
-    """Return ``value`` as a float. Raises ``ValueError`` unless ``low <= value <= high``."""
-    return _number(name, value, low=low, high=high)
+def in_range(name: str, value: float, low: float, high: float, *, above: bool = False) -> float:
+    """Return ``value`` as a float. Raises ``ValueError`` unless ``low <= value <= high``; above: low is not."""
+    return _number(name, value, low=low, high=high, strict=above)
+
+
+def integer(name: str, value: int, low: int, high: int) -> int:
+    """Return ``value`` as an int; NumPy's count. Raises ``TypeError`` for no integer, ``ValueError`` outside."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name} = {shown(value)}: must be an integer")
+    if not low <= value <= high:
+        raise ValueError(f"{name} = {shown(value)}: must be >= {low} and <= {high}")
+    return int(value)
+
+
+def rectangle(name: str, value: object) -> tuple[int, int, int, int]:
+    """Return ``value``, four integers (left, top, width, height), px. Raises ``TypeError``."""
+    if (
+        not isinstance(value, (tuple, list))
+        or len(value) != 4
+        or not all(type(side) is int for side in value)
+    ):
+        raise TypeError(f"{name} = {shown(value)}: must be four integers (x, y, width, height)")
+    left, top, width, height = value
+    return left, top, width, height
+
+
+def an_instance(name: str, value: object, kind: type) -> None:
+    """Raise ``TypeError`` unless ``value`` is a ``kind``."""
+    if not isinstance(value, kind):
+        must = f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+        raise TypeError(f"{name}: must be a {must}, got {type(value).__name__}")
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
     """Return ``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
     choices = list(allowed)
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise ValueError(f"{name} = {shown(value)}: must be one of {', '.join(map(repr, choices))}")
     return value
 
@@ -60,6 +88,11 @@ def image_batch(name: str, value: Tensor) -> Tensor:
         )
     if value.ndim != 4 or 0 in value.shape:
         raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
+    return finite(name, value)
+
+
+def finite(name: str, value: Tensor) -> Tensor:
+    """Return ``value``, a float32 or float64 tensor. Raises ``ValueError`` where it holds NaN or Inf."""
     # A sum is finite where all its values are: one pass without a mask. A sum may also overflow, hence the
     # second look. NumPy's sum wakes no threads, which would then spin beside the work that follows.
     seen = value.detach()
@@ -87,20 +120,36 @@ def per_image(
     if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
         number = _number(name, value, low=low, high=high)
         return torch.full((batch,), number, dtype=like.dtype, device=like.device)
-    tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
-    tensor = tensor.to(device=like.device, dtype=like.dtype)
+    tensor = real_tensor(name, value)
     if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):
         raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
     seen = tensor.detach()
     if not bool(torch.isfinite(seen).all()) or bool((seen < low).any()) or bool((seen > high).any()):
         raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high)}")
-    return tensor.expand(batch)
+    return tensor.to(device=like.device, dtype=like.dtype).expand(batch)
+
+
+def real_tensor(name: str, value: object) -> Tensor:
+    """``value``, a tensor of real numbers as it is, anything else as float64. Raises ``TypeError``."""
+    try:
+        tensor = value if isinstance(value, Tensor) else torch.as_tensor(value, dtype=torch.float64)
+    except OverflowError:  # an integer beyond 1e308
+        raise ValueError(f"{name} = {shown(value)}: must be finite") from None
+    except (TypeError, ValueError, RuntimeError):
+        raise TypeError(f"{name} = {shown(value)}: must be numbers") from None
+    if tensor.is_complex() or tensor.dtype == torch.bool:
+        raise TypeError(f"{name}: must be real numbers, got {tensor.dtype}")
+    return tensor
 
 
 def _number(name: str, value: float, *, low: float, high: float = math.inf, strict: bool = False) -> float:
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         number = float(value)
-    except (TypeError, ValueError):
+    except OverflowError:  # an integer beyond 1e308
+        number = math.inf
+    except (TypeError, ValueError, RuntimeError):
         raise TypeError(f"{name} = {shown(value)}: must be a number") from None
     if not math.isfinite(number) or number < low or number > high or (strict and number == low):
         raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high, strict)}")

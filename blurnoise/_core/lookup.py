@@ -10,14 +10,22 @@ from blurnoise._core.threads import in_pieces
 
 
 def look_up(table: Tensor, dn: Tensor) -> Tensor:
-    """``table``'s value for each digital number, clipped to the table; the table's dtype, dn's shape."""
+    """``table``'s value for each digital number, clipped to the table; the table's dtype, dn's shape.
+
+    dn: integers or floats without NaN, which no integer stands for.
+    """
+    last = len(table) - 1
     if dn.device.type != "cpu":
-        return table[dn.detach().clamp(0, len(table) - 1).int()]
+        wide = dn.detach() if dn.is_floating_point() else dn.detach().long()
+        return table[wide.clamp(0, last).int()]
     numbers, values = dn.detach().reshape(-1).numpy(), table.numpy()
     out = np.empty(len(numbers), values.dtype)
 
     def look_up(piece: slice) -> None:
-        np.take(values, numbers[piece].astype(np.int32), mode="clip", out=out[piece])
+        inside = np.minimum(
+            np.maximum(numbers[piece], 0), last
+        )  # before integers, which large floats would overflow
+        np.take(values, inside.astype(np.int32), mode="clip", out=out[piece])
 
     in_pieces(look_up, len(numbers), torch.get_num_threads())
     return torch.from_numpy(out).view(dn.shape)

@@ -9,10 +9,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from blurnoise._core.checks import shown
 from blurnoise._core.threads import WORTH_IT, side_by_side
 
 Randomness = torch.Generator | Sequence[int] | int | None
@@ -24,7 +27,8 @@ _LARGEST_COUNT = 64  # of a mean below 10: beyond, the chance is below 1e-28
 _CELLS = 32  # to one, of the mean and of z: a power of two, so that finding the cell rounds nothing
 _TAIL = 6  # of z: further out the sum itself is short of digits
 _UNKNOWN = 255
-_SEED_LIMIT = 2**63 - 1
+LAST_SEED = 2**63 - 1
+_MOST_COUNTS = 1e15  # beyond any well; the sampler counts in 64 bits
 
 
 def item_seeds(randomness: Randomness, batch: int) -> list[int]:
@@ -35,14 +39,22 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
     """
     if randomness is None or isinstance(randomness, torch.Generator):
         device = "cpu" if randomness is None else randomness.device
-        drawn = torch.randint(_SEED_LIMIT, (batch,), generator=randomness, device=device)
+        drawn = torch.randint(LAST_SEED, (batch,), generator=randomness, device=device)
         return [int(seed) for seed in drawn.tolist()]
-    seeds = [randomness] if isinstance(randomness, int) else list(randomness)
-    if not all(isinstance(seed, int) and 0 <= seed <= _SEED_LIMIT for seed in seeds):
-        raise TypeError(f"generator = {randomness!r}: must be a torch.Generator or integers in [0, 2**63)")
+    if isinstance(randomness, (int, np.integer)):
+        seeds: list[Any] = [randomness]
+    else:
+        try:
+            seeds = randomness.tolist() if isinstance(randomness, Tensor) else list(randomness)
+        except TypeError:
+            seeds = [None]
+    if not all(_is_seed(seed) for seed in seeds):
+        raise TypeError(
+            f"generator = {shown(randomness)}: must be a torch.Generator or integers in [0, 2**63)"
+        )
     if len(seeds) != batch:
         raise ValueError(f"generator: got {len(seeds)} seeds for a batch of {batch}; must be one per item")
-    return seeds
+    return [int(seed) for seed in seeds]
 
 
 def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -> Tensor:
@@ -64,7 +76,7 @@ def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -
 
 def poisson(mean: Tensor, seeds: Sequence[int], stream: str = "counts") -> Tensor:
     """Exact Poisson counts of the given mean (B, ...), item i drawn from seeds[i]. No gradient passes."""
-    mean = mean.detach()
+    mean = mean.detach().clamp(max=_MOST_COUNTS)
     return torch.stack(
         [
             torch.poisson(item, generator=_generator(seed, stream, mean.device))
@@ -106,6 +118,7 @@ def _inverted(mean: Tensor, normal: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=8)
+@torch.inference_mode(False)
 def _known_counts(device: torch.device) -> Tensor:
     """The k of every cell of mean and z, both cut in ``_CELLS`` to one, flat; ``_UNKNOWN`` where it holds several."""
     means = torch.arange(int(INVERSION_BELOW) * _CELLS + 1, dtype=torch.float64) / _CELLS
@@ -128,6 +141,11 @@ def _summed(mean: Tensor, normal: Tensor) -> Tensor:
         counts.add_(beyond)
         reached.add_(chance.mul_(mean).div_(k))
     return counts
+
+
+def _is_seed(value: object) -> bool:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return whole and 0 <= int(value) <= LAST_SEED  # type: ignore[call-overload]
 
 
 def _generator(seed: int, stream: str, device: torch.device) -> torch.Generator:

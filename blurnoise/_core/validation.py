@@ -94,7 +94,7 @@ def _complaint(error: ValidationError, stated: Mapping[str, object], kind: Any) 
             f"{sign} {getattr(limit, key):g}"
             for limit in about
             for key, sign in _SIGNS.items()
-            if hasattr(limit, key)
+            if getattr(limit, key, None) is not None
         ]
         must = f"must be finite{' and '.join(['', *limits]) if limits else ''}"
     if isinstance(stated[name], Mapping):

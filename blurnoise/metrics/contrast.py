@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
+from blurnoise._core.limits import LIMITS, limited
 from blurnoise.metrics import values
 from blurnoise.metrics.noise import normal_quantile
 
@@ -74,7 +75,8 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
 
 def michelson(bright: Tensor, dark: Tensor) -> Tensor:
     """Michelson contrast (bright - dark)/(bright + dark) of two signals, A. A. Michelson 1927; NaN for 0 and 0."""
-    bright, dark = values.real("bright", bright), values.real("dark", dark)
+    bright = values.real("bright", bright)
+    dark = values.beside("dark", values.real("dark", dark), bright)
     return (bright - dark) / (bright + dark)
 
 
@@ -102,9 +104,11 @@ def gaussian_detection_probability(
     0, another kind, or a tolerance or contrast without bounds.
     """
     low, high = _ratio_bounds(nominal, tolerance, kind)
-    mean_a, mean_b = values.real("mean_a", mean_a), values.real("mean_b", mean_b)
-    var_a = values.not_negative("variance_a", variance_a, mean_a)
-    var_b = values.not_negative("variance_b", variance_b, mean_b)
+    mean_a = values.real("mean_a", mean_a)
+    mean_b = values.beside("mean_b", values.real("mean_b", mean_b), mean_a)
+    means = mean_a + mean_b
+    var_a = values.not_negative("variance_a", variance_a, means)
+    var_b = values.not_negative("variance_b", variance_b, means + var_a)
 
     def above(ratio: float) -> Tensor:
         """Probability that A is larger than ``ratio`` times B; 1/2 at the very bound without noise."""
@@ -182,8 +186,8 @@ def _share_between(own: Tensor, other: Tensor, low: float, high: float) -> Tenso
 
 def _ratio_bounds(nominal: float, tolerance: float, kind: str) -> tuple[float, float]:
     checks.one_of("kind", kind, KINDS)
-    checks.positive("tolerance", tolerance)
-    centre = checks.in_range("nominal", nominal, -1.0, math.inf if kind == "weber" else 1.0)
+    limited("tolerance", tolerance, "contrast")
+    centre = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high if kind == "weber" else 1.0)
     low, high = sorted((centre * (1 - tolerance), centre * (1 + tolerance)))
     most = math.inf if kind == "weber" else 1.0
     if low == high or low <= -1 or high >= most:

@@ -19,6 +19,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from blurnoise._core import checks
+from blurnoise._core.limits import counted
 from blurnoise.metrics import information
 from blurnoise.metrics.edge.flags import words
 from blurnoise.metrics.edge.measurement import SlantedEdge
@@ -39,7 +41,7 @@ def capacity_radial(edge: SlantedEdge) -> Estimate:
             told.frequencies, power=told.power.clamp_min(0), signal_pp=told.step, noise_variance=told.noise
         )
 
-    return _estimate(bits, edge, most=10_000)
+    return _estimate(bits, most=10_000, edge=edge)
 
 
 def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
@@ -53,11 +55,12 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
             _GRID, _GRID, power=_plane(edges, _GRID).clamp_min(0), signal_pp=step, noise_variance=noise
         )
 
-    return _estimate(bits, across_x, across_y)
+    return _estimate(bits, across_x=across_x, across_y=across_y)
 
 
 def neq_0(edge: SlantedEdge) -> Estimate:
     """Noise-equivalent quanta of the bright side at frequency 0: its squared ratio of mean to noise."""
+    checks.an_instance("edge", edge, SlantedEdge)
     if math.isnan(edge.bright) or edge.resamples is None:
         return Estimate(math.nan)
     if edge.noise_variance_bright <= 0:
@@ -77,11 +80,12 @@ def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
         density = information.neq(_plane(edges, _GRID), mean_signal=bright, noise_power_spectrum=noise)
         return information.square_integral(_GRID, _GRID, density)
 
-    return _estimate(quanta, across_x, across_y)
+    return _estimate(quanta, across_x=across_x, across_y=across_y)
 
 
 def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Estimate:
     """Ideal observer's SNR (SNRI, a ratio) for a square of ``side_px`` as bright as one side, on the other."""
+    counted("side_px", side_px, "target_px")
     target = torch.zeros(_CANVAS_PX, _CANVAS_PX, dtype=torch.float64)
     target[:side_px, :side_px] = 1
     frequency = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
@@ -94,7 +98,7 @@ def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) ->
         snr: Tensor = ideal * step / noise.sqrt()
         return snr
 
-    return _estimate(ratio, across_x, across_y)
+    return _estimate(ratio, across_x=across_x, across_y=across_y)
 
 
 class EdgeInformation(NamedTuple):
@@ -121,7 +125,10 @@ def information_of(
     square, as bright as the bright side on the dark one, that SNRI is told for. Raises ``ValueError`` for an edge
     measured without bootstrap.
     """
-    both = edge, across or edge
+    checks.an_instance("edge", edge, SlantedEdge)
+    both = edge, edge if across is None else across
+    checks.an_instance("across", both[1], SlantedEdge)
+    counted("target_px", target_px)
     density = information.neq(
         edge.power, mean_signal=edge.bright, noise_power_spectrum=edge.noise_variance_bright
     )
@@ -152,8 +159,11 @@ def _plane(edges: list[_Told], frequency: Tensor) -> Tensor:
 
 
 def _estimate(
-    number: Callable[[list[_Told]], Tensor], *edges: SlantedEdge, most: int = _RESAMPLES_2D
+    number: Callable[[list[_Told]], Tensor], most: int = _RESAMPLES_2D, **named: SlantedEdge
 ) -> Estimate:
+    for name, edge in named.items():
+        checks.an_instance(name, edge, SlantedEdge)
+    edges = tuple(named.values())
     flags = words(flag for edge in edges for flag in edge.flags)
     if any(math.isnan(edge.bright) for edge in edges):
         return Estimate(math.nan, flags=flags)

@@ -23,6 +23,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from blurnoise._core import checks
 from blurnoise.metrics import values
 
 NYQUIST = 0.5
@@ -78,9 +79,9 @@ def neq(power: Tensor, *, mean_signal: float | Tensor, noise_power_spectrum: flo
     ``square_integral(fx, fy, neq(...))``. Not clipped where ``power`` is below 0: sums stay unbiased. Infinite
     without noise. Source: ICRU report 54; Lin et al., eq. 8, as printed there with N for NPS/mean, gives 1/K.
     """
-    signal = torch.as_tensor(mean_signal, dtype=torch.float64, device=power.device) ** 2
-    noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, power)
-    return _ratio(signal * values.real("power", power), noise)
+    power = values.real("power", power)
+    signal = values.beside("mean_signal", mean_signal, power) ** 2 * power
+    return _ratio(signal, values.not_negative("noise_power_spectrum", noise_power_spectrum, signal))
 
 
 def ideal_observer_snr(
@@ -96,8 +97,8 @@ def ideal_observer_snr(
     """
     target = values.real("difference", difference, dims=2)
     density = torch.fft.fft2(target).abs() ** 2
-    kept = torch.as_tensor(power, dtype=torch.float64, device=target.device)
-    noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, target)
+    kept = checks.real_tensor("power", power).to(target.device, torch.float64)
+    noise = checks.real_tensor("noise_power_spectrum", noise_power_spectrum).to(target.device, torch.float64)
     for name, spectrum in (("power", kept), ("noise_power_spectrum", noise)):
         if spectrum.ndim >= 2 and any(
             n not in (1, m) for n, m in zip(spectrum.shape[-2:], target.shape[-2:], strict=True)
@@ -105,6 +106,8 @@ def ideal_observer_snr(
             raise ValueError(
                 f"{name}: must be a number or end in {tuple(target.shape[-2:])}, got {tuple(spectrum.shape)}"
             )
+    kept = values.beside("power", kept, density)
+    noise = values.not_negative("noise_power_spectrum", noise, density * kept)
     return _ratio(density * kept, noise).mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
 
 
@@ -150,9 +153,9 @@ def at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
 
 
 def _bits(power: Tensor, signal_pp: float | Tensor, noise_variance: float | Tensor) -> Tensor:
-    noise = values.not_negative("noise_variance", noise_variance, power)
-    signal = torch.as_tensor(signal_pp, dtype=torch.float64, device=power.device) ** 2 / 12
-    return torch.log2(1 + _ratio(signal * power, noise).clamp(min=_LEAST))
+    signal = values.beside("signal_pp", signal_pp, power) ** 2 / 12 * power
+    noise = values.not_negative("noise_variance", noise_variance, signal)
+    return torch.log2(1 + _ratio(signal, noise).clamp(min=_LEAST))
 
 
 def _ratio(signal: Tensor, noise: Tensor) -> Tensor:

@@ -190,12 +190,14 @@ def _region(image: Tensor, roi: tuple[int, int, int, int] | float) -> Tensor:
         share = checks.in_range("roi", checks.positive("roi", roi), 0.0, 1.0)
         w, h = max(1, round(width * share)), max(1, round(height * share))
         x, y = (width - w) // 2, (height - h) // 2
-    elif len(roi) == 4 and all(type(number) is int for number in roi):
-        x, y, w, h = roi
+    elif not isinstance(roi, (tuple, list)):
+        raise TypeError(
+            f"roi = {checks.shown(roi)}: must be four integers (x, y, width, height) or a share of each side"
+        )
     else:
-        raise TypeError(f"roi = {roi!r}: must be four integers (x, y, width, height) or a share of each side")
+        x, y, w, h = checks.rectangle("roi", roi)
     if x < 0 or y < 0 or w < 1 or h < 1 or x + w > width or y + h > height:
-        raise ValueError(f"roi = {roi!r}: must lie inside the picture, {width} x {height} px")
+        raise ValueError(f"roi = {checks.shown(roi)}: must lie inside the picture, {width} x {height} px")
     return image[..., y : y + h, x : x + w]
 
 
@@ -211,9 +213,10 @@ def _trend(patch: Tensor) -> tuple[Tensor, int]:
 def _clipped(patch: Tensor, limits_dn: tuple[float, float] | None) -> Tensor:
     if limits_dn is None:
         return torch.zeros(patch.shape[:-2], dtype=torch.bool, device=patch.device)
-    low, high = limits_dn
-    if not low < high:
-        raise ValueError(f"limits_dn = {limits_dn!r}: must be two numbers, the lower first")
+    ends = checks.real_tensor("limits_dn", limits_dn)
+    if ends.shape != (2,) or not ends[0] < ends[1]:
+        raise ValueError(f"limits_dn = {checks.shown(limits_dn)}: must be two numbers, the lower first")
+    low, high = ends.tolist()
     return ((patch <= low) | (patch >= high)).double().mean((-2, -1)) > CLIPPED_SHARE
 
 

@@ -76,9 +76,9 @@ def _batch(image: Tensor) -> Tensor:
 
 def _cut(pixels: Tensor, roi: Roi | None) -> Tensor:
     height, width = pixels.shape[-2:]
-    left, top, wide, high = (0, 0, width, height) if roi is None else roi
+    left, top, wide, high = (0, 0, width, height) if roi is None else checks.rectangle("roi", roi)
     if min(left, top) < 0 or left + wide > width or top + high > height:
-        raise ValueError(f"roi = {roi!r}: must lie inside the picture, {width} x {height} px")
+        raise ValueError(f"roi = {checks.shown(roi)}: must lie inside the picture, {width} x {height} px")
     if min(wide, high) < SMALLEST_PX:
         raise ValueError(
             f"image: the region is {wide} x {high} px; must be at least {SMALLEST_PX} x {SMALLEST_PX}"

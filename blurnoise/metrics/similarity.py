@@ -12,7 +12,7 @@ from kornia.metrics import psnr as kornia_psnr
 from kornia.metrics import ssim as kornia_ssim
 from torch import Tensor
 
-from blurnoise._core import checks
+from blurnoise._core.limits import limited
 from blurnoise.metrics import values
 
 SSIM_WINDOW_PX = 11
@@ -61,7 +61,7 @@ def _pair(picture: Tensor, reference: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _range(data_range: float, *pictures: Tensor) -> float:
-    peak = checks.positive("data_range", data_range)
+    peak = limited("data_range", data_range)
     for picture in pictures:
         seen = picture.detach()
         seen = seen[torch.isfinite(seen)]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from blurnoise._core.checks import real_tensor
+
 
 def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
     """Return ``value`` as float64, gradients kept; 8- and 16-bit integers come with their numbers as they are.
@@ -22,8 +24,18 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
 
 
 def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
-    """Return ``value`` as float64 beside ``like``. Raises ``ValueError`` where it is below 0; NaN passes."""
-    tensor = torch.as_tensor(value, dtype=torch.float64, device=like.device)
+    """:func:`beside`. Raises ``ValueError`` where it is below 0; NaN passes."""
+    tensor = beside(name, value, like)
     if bool((tensor.detach() < 0).any()):
         raise ValueError(f"{name}: must be >= 0, the least is {float(tensor.detach().nan_to_num().min()):g}")
+    return tensor
+
+
+def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
+    """Return ``value`` as float64 on ``like``'s device. Raises ``TypeError``, ``ValueError`` for shapes."""
+    tensor = real_tensor(name, value).to(like.device, torch.float64)
+    try:
+        torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
+    except RuntimeError:
+        raise ValueError(f"{name}: shape {tuple(tensor.shape)} does not fit {tuple(like.shape)}") from None
     return tensor

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Numbers, image_batch, one_of, per_image
+from blurnoise._core.checks import Numbers, image_batch, one_of
+from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.camera import Camera
@@ -99,11 +100,12 @@ def read_out(
     it may be ``scene``. Gradients leave it unused.
     """
     batch = len(scene)
+    image_batch("scene", scene[:1] if scene.stride(0) == 0 else scene)
     one_of("fidelity", fidelity, ("auto", "full"))
     camera = stages.reduced(camera, without)
-    exposure = per_image("exposure_s", exposure_s, batch, scene, low=0.0)
-    temperature = per_image("temperature_c", temperature_c, batch, scene, low=-273.15, high=300.0)
-    white = per_image("white_e", white_e, batch, scene, low=0.0)
+    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
+    temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
+    white = limited_per_image("white_e", white_e, batch, scene)
     dark = dark_electrons(camera, exposure, temperature)
     seeds = rng.item_seeds(generator, batch)
     gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)

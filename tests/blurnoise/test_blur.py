@@ -363,4 +363,8 @@ def test_bad_border_and_radius() -> None:
     with pytest.raises(ValueError, match="knows motion only"):
         exposure_blur(torch.zeros(1, 1, 4, 4), (1.0, 0.0), Optics(1.0), method="kernel")
     with pytest.raises(ValueError, match=r"displacement_px.*plane of"):
-        motion_blur(torch.zeros(1, 1, 4, 4), (1e8, 1e5), border="replicate")
+        motion_blur(torch.zeros(1, 1, 4, 4), (1e5, 1e5), border="replicate")
+    with pytest.raises(ValueError, match=r"displacement_px.*<= 100000"):
+        motion_blur(torch.zeros(1, 1, 4, 4), (1e17, 0.0))
+    with pytest.raises(ValueError, match=r"displacement_px.*at most 2000 px"):
+        motion_blur(torch.zeros(1, 1, 4, 4), (1e4, 0.0), method="kernel")

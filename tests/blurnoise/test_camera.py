@@ -118,7 +118,7 @@ def test_quantum_efficiency_from_csv(tmp_path: Path, column: int | None, values:
         ({"full_well_e": "1e4"}, TypeError, "full_well_e = '1e4': must be a number, not text (YAML"),
         ({"full_well_e": [1]}, TypeError, "full_well_e = [1]: must be a number"),
         ({"full_well_e": 10**400}, ValueError, "full_well_e: must be finite"),
-        ({"full_well_e": float("nan")}, ValueError, "full_well_e = nan: must be finite and > 0"),
+        ({"full_well_e": float("nan")}, ValueError, "full_well_e = nan: must be finite and >= 1 and <= 1e+12"),
         ({"bit_depth": 12.0}, TypeError, "bit_depth = 12.0: must be an integer"),
         ({"bit_depth": True}, TypeError, "bit_depth = True: must be an integer"),
         ({"bit_depth": 17}, ValueError, "bit_depth = 17: must be finite and >= 1 and <= 16"),

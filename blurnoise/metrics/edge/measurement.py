@@ -14,6 +14,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
+from blurnoise._core.limits import counted
+from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics import regions
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
@@ -117,7 +119,8 @@ def slanted_edge(
     outside the picture or below 8 x 8 px, and numbers outside their range.
     """
     checks.one_of("mode", mode, ("exact", "iso"))
-    checks.non_negative("bootstrap", bootstrap)
+    counted("bootstrap", bootstrap)
+    checks.integer("seed", seed, 0, LAST_SEED)
     read = regions.read(image, full_scale=full_scale, black_level=black_level, roi=roi)
     edges = [
         SlantedEdge(mode, frozenset({Flag.CLIPPED if finite else Flag.NOT_FINITE}))

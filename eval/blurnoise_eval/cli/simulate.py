@@ -54,13 +54,16 @@ def simulate(
     import torch
 
     from blurnoise import plan
-    from blurnoise._core.checks import non_negative
+    from blurnoise._core.checks import integer
+    from blurnoise._core.limits import limited
+    from blurnoise._core.rng import LAST_SEED
     from blurnoise.picture.develop import develop_8bit
     from blurnoise.radiometry import photoelectrons
     from blurnoise.simulation import simulate
     from blurnoise_eval.datasets import decode, write_picture
 
-    non_negative("seed", seed)
+    integer("seed", seed, 0, LAST_SEED)
+    limited("gain_db", gain_db)
     exposure_s = exposure_ms / 1e3
     picture = decode(image)
     scene = torch.from_numpy(picture.astype("float32") / float(2 ** (8 * picture.itemsize) - 1))

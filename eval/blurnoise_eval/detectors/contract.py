@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from annotated_types import Ge, Gt, Le, Len
+from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
 from blurnoise._core.checks import shown
@@ -55,10 +55,14 @@ def _square(value: object) -> object:
 
 
 Colour = Literal["rgb", "bgr"]
-PerChannel = Annotated[tuple[float, float, float] | None, "must be three numbers, one per channel"]
-_Positive = Annotated[float, Gt(0)]
+_Mean = Annotated[float, Ge(-1e6), Le(1e6)]
+PerChannel = Annotated[
+    tuple[_Mean, _Mean, _Mean] | None, "must be three numbers, one per channel, within 1e6 of 0"
+]
+_Deviation = Annotated[float, Ge(1e-6), Le(1e6)]
 Spread = Annotated[
-    tuple[_Positive, _Positive, _Positive] | None, "must be > 0, three numbers, one per channel"
+    tuple[_Deviation, _Deviation, _Deviation] | None,
+    "must be > 0, three numbers, one per channel, from 1e-6 to 1e6",
 ]
 _Side = Annotated[int, Ge(1), Le(1 << 16)]
 _Size = Annotated[

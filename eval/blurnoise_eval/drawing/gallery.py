@@ -18,7 +18,8 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range
+from blurnoise._core import rng
+from blurnoise._core.checks import integer
 from blurnoise.augment import ExposureRanges, expose_pictures
 from blurnoise.camera import Camera
 from blurnoise.radiometry import photoelectrons
@@ -85,8 +86,8 @@ def tiles(coded: NDArray[np.float32], ranges: ExposureRanges, count: int, seed: 
     coded: sRGB-coded, (H, W) or (H, W, 3). The same seed gives the same tiles.
     Raises ``ValueError`` naming count or seed.
     """
-    in_range("count", count, 1, MAX_TILES)
-    in_range("seed", seed, 0, 2**63 - 1)
+    integer("count", count, 1, MAX_TILES)
+    integer("seed", seed, 0, rng.LAST_SEED)
     generator = torch.Generator().manual_seed(seed)
     drawn = ranges.conditions(torch.rand(count, 6, generator=generator))
     cameras = [ranges.cameras[index] for index in drawn["camera_index"].tolist()]

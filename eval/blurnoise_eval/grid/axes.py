@@ -126,7 +126,7 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
-        "Gain", "dB", 1.0, -60.0, 60.0,
+        "Gain", "dB", 1.0, -120.0, 120.0,
         own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:g}dB",
     ),
 )  # fmt: skip

@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from blurnoise._core import rng
+from blurnoise._core.checks import integer
+from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.exposure import Exposure
 from blurnoise_eval.grid.axes import (
@@ -31,6 +34,7 @@ from blurnoise_eval.grid.axes import (
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
+MOST_REPEATS = 1_000_000
 _LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
 
 
@@ -162,8 +166,12 @@ class SweepPlan:
         stated = rest | dict(self.grid)
         checked = {each.name: each.checked(stated[each.name]) for each in AXES if each.name in stated}
         object.__setattr__(self, "grid", checked)
-        if self.repeats < 1 or self.seed < 0:
-            raise ValueError(f"repeats = {self.repeats}, seed = {self.seed}: must be >= 1 and >= 0")
+        integer("repeats", self.repeats, 1, MOST_REPEATS)
+        integer("seed", self.seed, 0, rng.LAST_SEED)
+        longest = checked["exposure_s"][-1]
+        for name in VELOCITY:  # here, before anything is computed
+            fastest = max(map(abs, checked[name]))
+            limited(f"{name}: {fastest:g} times exposure_s", fastest * longest, "displacement_px")
 
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera's own stands."""

@@ -1,0 +1,200 @@
+"""Every public function under arguments of every wrong kind: a documented error of one line, or a finite result."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+import blurnoise
+from blurnoise import Camera, charts, metrics
+from blurnoise.augment import expose_pictures
+from blurnoise.metrics import (
+    contrast,
+    edge_information,
+    information,
+    noise,
+    similarity,
+    slanted_edge,
+    target_frequencies,
+)
+
+CAMERA = Camera.preset("imx250")
+PICTURES = torch.rand(2, 3, 24, 31, generator=torch.Generator().manual_seed(1))
+PATCH = PICTURES[0, 0].double()
+AXIS = torch.linspace(0, 0.5, 9, dtype=torch.float64)
+EDGE = charts.slanted_edge(40, 40)[0, 0] + 0.01 * torch.rand(
+    40, 40, generator=torch.Generator().manual_seed(2)
+)
+MEASURED = slanted_edge(EDGE, bootstrap=3)
+LIT = {"camera": CAMERA, "exposure_s": 0.01, "illuminance_lux": 10.0}
+ROAD = {"speed_m_s": 10.0, "distance_m": 10.0, "target_width_m": 1.0, "width_px": 1000.0, "hfov_deg": 60.0}
+NATURE = {"temperature_c": 25.0, "illuminant": "D55", "tolerance_dn": 0.1}
+CDP = {"nominal": 0.5, "tolerance": 0.2, "kind": "weber"}
+DIRECTED = {
+    "speed_px_s": 0.0,
+    "direction_deg": 0.0,
+    "temperature_c": 25.0,
+    "encoding": "srgb",
+    "fidelity": "auto",
+}
+SCENE = {"border": "reflect", "illuminant": "D55", "pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
+FIGURES = {
+    name: value for name, value in CAMERA.to_dict().items() if name not in ("sources", "quantum_efficiency")
+}
+
+CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
+    (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
+    (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),
+    (
+        blurnoise.Optics,
+        {"defocus_radius_px": 1.0, "gaussian_sigma_px": 1.0, "diffraction_lambda_n_px": 1.0},
+    ),
+    (blurnoise.RandomExposure, {**LIT, **DIRECTED, "p": 0.5}),
+    (blurnoise.ExposedScene, {"light": PICTURES, **SCENE}),
+    (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
+    (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
+    (blurnoise.defocus, {"image": PICTURES, "radius_px": 1.0, "border": "reflect"}),
+    (blurnoise.develop, {"dn": 4000 * PICTURES, "camera": CAMERA, "encoding": "srgb", "gain_db": 0.0}),
+    (
+        blurnoise.motion_blur,
+        {"image": PICTURES, "displacement_px": (3.0, 1.0), "method": "auto", "border": "reflect"},
+    ),
+    (
+        blurnoise.photoelectrons,
+        {**LIT, "illuminant": "D55", "ir_cut": 1.0, "band_nm": (400.0, 700.0)},
+    ),
+    (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0)}),
+    (
+        blurnoise.simulate,
+        {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0.0, 0.0), "generator": [1, 2]},
+    ),
+    (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),
+    (
+        slanted_edge,
+        {"image": EDGE, "mode": "exact", "full_scale": 1.0, "black_level": 0.0, "roi": (0, 0, 30, 30), "bootstrap": 2,
+         "seed": 0},
+    ),
+    (charts.flat_patch, {"height_px": 5, "width_px": 5, "reflectance": 0.2}),
+    (charts.slanted_edge, {"height_px": 5, "width_px": 5, "angle_deg": 5.0, "dark": 0.1, "bright": 0.8}),
+    (
+        charts.siemens_star,
+        {"size_px": 9.0, "height_px": 9, "width_px": 9, "cycles": 5, "angle_deg": 0.0, "dark": 0.1, "bright": 0.8,
+         "supersample": 2},
+    ),
+    (
+        charts.stop_sign,
+        {"size_px": 9.0, "height_px": 20, "width_px": 20, "angle_deg": 0.0, "centre_px": (10.0, 10.0),
+         "background": 0.2, "supersample": 2},
+    ),
+    (contrast.patch_contrast, {"bright": PATCH + 1, "dark": PATCH, "level": 0.95}),
+    (contrast.michelson, {"bright": PATCH, "dark": PATCH}),
+    (
+        contrast.gaussian_detection_probability,
+        {"mean_a": PATCH + 2, "variance_a": PATCH, "mean_b": PATCH, "variance_b": PATCH, **CDP},
+    ),
+    (contrast.detection_probability, {"patch_a": PATCH + 1, "patch_b": PATCH, **CDP, "level": 0.95}),
+    (edge_information.capacity_radial, {"edge": MEASURED}),
+    (edge_information.capacity_square, {"across_x": MEASURED, "across_y": MEASURED}),
+    (edge_information.neq_0, {"edge": MEASURED}),
+    (edge_information.neq_integral, {"across_x": MEASURED, "across_y": MEASURED}),
+    (edge_information.square_snr, {"across_x": MEASURED, "across_y": MEASURED, "side_px": 5}),
+    (edge_information.information_of, {"edge": MEASURED, "across": MEASURED, "target_px": 5}),
+    (
+        information.shannon_capacity_radial,
+        {"frequency": AXIS, "power": AXIS, "signal_pp": 1.0, "noise_variance": 0.1},
+    ),
+    (
+        information.shannon_capacity_square,
+        {"frequency_x": AXIS, "frequency_y": AXIS, "power": AXIS[:, None] * AXIS, "signal_pp": 1.0,
+         "noise_variance": 0.1},
+    ),
+    (information.neq, {"power": AXIS, "mean_signal": 1.0, "noise_power_spectrum": 0.1}),
+    (information.ideal_observer_snr, {"difference": PATCH, "power": 1.0, "noise_power_spectrum": 1.0}),
+    (
+        information.square_integral,
+        {"frequency_x": AXIS, "frequency_y": AXIS, "density": AXIS[:, None] * AXIS},
+    ),
+    (information.separable, {"power_x": AXIS, "power_y": AXIS}),
+    (information.at, {"frequency": AXIS, "power": AXIS, "wanted": AXIS}),
+    (noise.patch_snr, {"image": PATCH, "roi": 0.5, "limits_dn": (0.0, 1.0), "level": 0.95}),
+    (noise.noise_power_spectrum, {"flat_fields": PICTURES[0], "level": 0.95}),
+    (noise.normal_quantile, {"level": 0.9}),
+    (similarity.mse, {"picture": PICTURES, "reference": PICTURES}),
+    (similarity.psnr, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
+    (similarity.ssim, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
+    (
+        target_frequencies.target_frequencies,
+        {"image": PATCH, "across": "x", "threshold": 0.2, "noise_std": 0.0},
+    ),
+]  # fmt: skip
+METRICS = (contrast, edge_information, information, noise, similarity, target_frequencies)
+HOSTILE: Mapping[str, Any] = {
+    "None": None,
+    "text": "abc",
+    "NaN": math.nan,
+    "Inf": math.inf,
+    "-1e300": -1e300,
+    "1e300": 1e300,
+    "1e-300": 1e-300,
+    "10**400": 10**400,
+    "complex": 1j,
+    "object": object(),
+    "three": [1, 2, 3],
+    "none": [],
+    "mapping": {},
+    "array": np.zeros((2, 3, 24, 31), np.float32),
+    "NaN pictures": torch.full((2, 3, 24, 31), math.nan),
+    "empty batch": torch.zeros(0, 3, 24, 31),
+    "integer pictures": torch.zeros(2, 3, 24, 31, dtype=torch.int64),
+    "half pictures": torch.zeros(2, 3, 24, 31, dtype=torch.float16),
+    "complex pictures": torch.zeros(2, 3, 24, 31, dtype=torch.complex64),
+    "masks": torch.zeros(2, 3, 24, 31, dtype=torch.bool),
+    "five axes": torch.zeros(1, 1, 1, 2, 2),
+}
+
+
+def test_every_public_function_is_here() -> None:
+    called = {function for function, _ in CALLS}
+    assert {getattr(blurnoise, name) for name in blurnoise.__all__} <= called
+    assert {getattr(metrics, name) for name in metrics.__all__} - {
+        metrics.Flag,
+        metrics.SlantedEdge,
+    } <= called
+    for module in METRICS:
+        own = [
+            each
+            for _, each in inspect.getmembers(module, inspect.isfunction)
+            if each.__module__ == module.__name__
+        ]
+        assert {each for each in own if not each.__name__.startswith("_")} <= called, module.__name__
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("function", "good"),
+    CALLS,
+    ids=[f"{each.__module__.split('.')[-1]}.{each.__name__}" for each, _ in CALLS],
+)
+def test_wrong_arguments_are_named_in_a_line(function: Callable[..., Any], good: Mapping[str, Any]) -> None:
+    function(**good)
+    for argument in good:
+        for kind, bad in HOSTILE.items():
+            try:
+                found = function(**{**good, argument: bad})
+            except (TypeError, ValueError) as error:
+                text = str(error)
+                named = [*good, "camera", "wavelengths"]  # an argument may be wrong beside another
+                assert any(name in text for name in named), (argument, kind, text)
+                assert len(text.splitlines()) == 1, (argument, kind, text)
+                assert len(text) < 400, (argument, kind, text)
+            else:
+                if isinstance(found, Tensor) and function.__module__.partition(".metrics")[1] == "":
+                    assert bool(torch.isfinite(found).all()), (argument, kind)
