@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -39,6 +44,29 @@ def test_train_writes_a_detector_that_says_how_it_was_made(
     told = pandas.read_csv(tmp_path / "training.csv")
     assert told.pictures.tolist() == list(range(16, 321, 16))
     assert told.loss.iloc[-1] == pytest.approx(facts["loss"], rel=1e-5)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGINT])
+def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: signal.Signals) -> None:
+    """SIGINT goes to the terminal's group, the others to the first process alone."""
+    started = [sys.executable, "-m", "blurnoise_eval.cli", "train", "-o", str(tmp_path), "--scenes", "16000"]
+    process = subprocess.Popen(started, stderr=subprocess.PIPE, start_new_session=True, text=True)
+    deadline = time.monotonic() + 120
+    pictures = tmp_path / "pool" / "pictures-16000x320.npy"
+    while not pictures.is_file() or pictures.stat().st_blocks < 9_000:  # 64 scenes have 36 864
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)
+    _, told = process.communicate(timeout=60)  # workers hold the pipe's other end
+    assert "Traceback" not in told
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert told == "blurnoise: interrupted; what was finished is kept\n"
+    else:
+        assert process.returncode == -how
+    assert not (tmp_path / "pool" / "boxes-16000x320.npy").exists()
 
 
 @pytest.mark.parametrize(
