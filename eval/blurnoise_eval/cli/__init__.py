@@ -26,6 +26,7 @@ from blurnoise_eval.cli import (
     train,
 )
 from blurnoise_eval.cli._help import Command, Program
+from blurnoise_eval.system.machine import is_out_of_memory
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
@@ -70,6 +71,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
         say(f"blurnoise: error: {error}", error=True)
+        return 2
+    except (MemoryError, RuntimeError) as error:
+        if not is_out_of_memory(error):
+            raise
+        say("blurnoise: error: out of memory: smaller pictures, or fewer of --threads, need less", error=True)
         return 2
     if code == 130:
         say("blurnoise: interrupted; what was finished is kept", error=True)

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import probe
 from blurnoise_models import matched_filter
 
@@ -41,16 +42,22 @@ def test_a_sweep_tells_names_as_they_stand(
     pictures: Path, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
-    models = [tmp_path / f"yolo[{kind}].onnx" for kind in ("int8", "fp16")]
-    for size, model in enumerate(models):
-        matched_filter.build(model, sizes_px=(24 + size,), input_px=64)
+    models = [tmp_path / f"yolo[{number}].onnx" for number in range(len(NAMES))]
+    for model, name in zip(models, NAMES, strict=True):
+        matched_filter.build(model, sizes_px=(24, 16, 10), input_px=64)
+        stated = {**Detector(model).contract.to_dict(), "classes": [name]}
+        model.with_suffix(".contract.json").write_text(json.dumps(stated))
     named = [word for model in models for word in ("--model", str(model))]
-    coco = ["--coco", str(pictures / "instances.json")]
+    coco = [
+        "--coco",
+        str(pictures / "instances.json"),
+        *(word for name in NAMES for word in ("--target", name)),
+    ]
     with pytest.MonkeyPatch.context() as patched:
         patched.chdir(tmp_path)
         assert main(["sweep", *named, *coco, *FEW, "-o", "run"]) == 0
     told, warned = capsys.readouterr()
-    for name in (*NAMES, "yolo[int8]", "yolo[fp16]"):
+    for name in (*NAMES, *(model.stem for model in models)):
         assert name.replace("\x1b", "?") in told, name
     assert "b?[31m[b].png" in warned or r"b\x1b[31m[b].png" in warned
     assert "\x1b" not in told + warned

@@ -11,12 +11,15 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 import pandas
 import pytest
 from blurnoise_eval.bench import steps
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import coco
 from blurnoise_eval.detectors.detector import Detector
+
+from blurnoise import charts
 
 
 def test_scenes_are_coco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,3 +114,15 @@ def test_wrong_scenes_leave_earlier_ones_alone(
     assert earlier.read_text() == "{}"
     assert main(["scenes", "-o", str(tmp_path / "new"), *wrong]) == 2
     assert not (tmp_path / "new").exists()
+
+
+def test_a_picture_too_large_for_the_memory_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def allocate(*_: object, **__: object) -> object:
+        return np.empty((1 << 28, 1 << 28))
+
+    monkeypatch.setattr(charts, "flat_patch", allocate)
+    assert main(["chart", "flat-patch", "-o", str(tmp_path / "flat.png")]) == 2
+    assert capsys.readouterr().err.startswith("blurnoise: error: out of memory")
+    assert not list(tmp_path.iterdir())
