@@ -195,6 +195,24 @@ def speaks_sql(source: str) -> bool:
     )
 
 
+def test_all_that_is_printed_goes_through_the_terminal_room() -> None:
+    """There, names that files give become plain text."""
+    printing = {
+        name
+        for name, path in SOURCES.items()
+        if name != "blurnoise_eval.system.terminal" and prints(path.read_text(encoding="utf-8"))
+    }
+    assert not printing
+
+
+def prints(source: str) -> bool:
+    """Whether the source prints, or makes a console of rich, itself."""
+    return any(
+        isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("print", "Console")
+        for node in ast.walk(ast.parse(source))
+    )
+
+
 def test_no_file_is_too_long() -> None:
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in SOURCES.items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}
@@ -270,6 +288,12 @@ def test_what_hides_a_module_is_seen(tmp_path: Path) -> None:
         "from p.a import a\nfrom p import b\nfrom .x import y as c\ndef d(): ...\nfrom p.a import e"
     )
     assert set(hiding("p", door)) == {"a", "c", "d"}
+
+
+def test_what_prints_is_seen() -> None:
+    assert prints("def f(): print(1)")
+    assert prints("rich.console.Console().width")
+    assert not prints("say(1)\n# print(1)\n'print(1)'")
 
 
 def test_a_query_is_seen() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any
 
 import onnx
 
+from blurnoise._core.orphans import end_with_parent, interrupts_held
 from blurnoise_models.export import write_onnx
 from blurnoise_models.training import ARMS, FEWEST_PICTURES, Arm, Step, pool, train
 
@@ -87,7 +87,8 @@ def train_all(
                 recipe = waiting.pop(0)
                 recipe.path.parent.mkdir(parents=True, exist_ok=True)
                 running[recipe] = context.Process(target=_train, args=(recipe, scenes, told), daemon=True)
-                running[recipe].start()
+                with interrupts_held():
+                    running[recipe].start()
             with suppress(Empty):
                 progress(told.get(timeout=0.2))
             for recipe, process in list(running.items()):
@@ -105,7 +106,7 @@ def train_all(
 
 
 def _train(recipe: Recipe, scenes: Path, told: Queue[int]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one ends it
+    end_with_parent()
     seen = 0
 
     def tell(step: Step) -> None:

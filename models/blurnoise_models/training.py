@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -24,6 +25,7 @@ from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
 from blurnoise._core import checks
+from blurnoise._core.orphans import end_with_parent, interrupts_held
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 
@@ -65,7 +67,8 @@ def pool(
     """The first ``count`` training scenes of ``size_px``, drawn on all cores into ``folder``, once.
 
     Takes 3 size_px² bytes per scene on disk (0.3 MB at 320 px). ``progress`` is told how many scenes are
-    ready. Raises ``ValueError`` for a count or size that is not positive or a size no multiple of 32 px.
+    ready. Raises ``ValueError`` for a count or size that is not positive or a size no multiple of 32 px,
+    ``ChildProcessError`` where a process that draws dies.
     """
     _whole("count", count)
     if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
@@ -78,18 +81,29 @@ def pool(
     drawn = np.lib.format.open_memmap(pictures, mode="w+", dtype=np.uint8, shape=(count, size_px, size_px, 3))
     found: list[Tensor] = []
     starts = range(0, count, _CHUNK)
-    with ProcessPoolExecutor(None, get_context("spawn"), cv2.setNumThreads, (1,)) as workers:
-        drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
+    workers = ProcessPoolExecutor(None, get_context("spawn"), _begin_drawing)
+    try:
+        with interrupts_held():
+            drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
         for start, (part, of_part) in zip(starts, drawing, strict=True):
             drawn[start : start + len(part)] = part
             found += [torch.from_numpy(each) for each in of_part]
             progress(len(part))
+    except BrokenProcessPool:
+        raise ChildProcessError("a process that drew scenes died (killed, or out of memory)") from None
+    finally:
+        workers.shutdown(wait=True, cancel_futures=True)
     drawn.flush()
     partial_file = boxes.with_suffix(".part.npy")
     padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
     np.save(partial_file, padded.numpy())
     partial_file.replace(boxes)
     return pool(folder, count, size_px=size_px)
+
+
+def _begin_drawing() -> None:
+    end_with_parent()
+    cv2.setNumThreads(1)
 
 
 def _draw(start: int, *, count: int, size_px: int) -> tuple[NDArray[np.uint8], list[NDArray[np.float32]]]:

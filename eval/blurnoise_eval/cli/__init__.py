@@ -26,6 +26,8 @@ from blurnoise_eval.cli import (
     train,
 )
 from blurnoise_eval.cli._help import Command, Program
+from blurnoise_eval.system.machine import is_out_of_memory
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
@@ -59,16 +61,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
     words = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
+    accept_all_text()
     try:
-        code = _program(words).main(args=words, prog_name="blurnoise", standalone_mode=False)
+        with plain_warnings():
+            code = _program(words).main(args=words, prog_name="blurnoise", standalone_mode=False)
+            sys.stdout.flush()
     except typer.TyperException as error:
-        print(_told(error) if words else error.format_message(), file=sys.stderr)
+        say(*[_told(error)] if words else error.format_message().splitlines(), error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        print(f"blurnoise: error: {error}", file=sys.stderr)
+        say(f"blurnoise: error: {error}", error=True)
+        return 2
+    except (MemoryError, RuntimeError) as error:
+        if not is_out_of_memory(error):
+            raise
+        say("blurnoise: error: out of memory: smaller pictures, or fewer of --threads, need less", error=True)
         return 2
     if code == 130:
-        print("blurnoise: interrupted; what was finished is kept", file=sys.stderr)
+        say("blurnoise: interrupted; what was finished is kept", error=True)
     return code or 0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +12,7 @@ from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, Json, Threads, one_of
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import say, say_json, show
 
 What = Literal["simulate", "sweep", "blur", "noise", "metrics", "augment", "training"]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
@@ -145,8 +145,6 @@ def _sweep(
 
 def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) -> None:
     """One room of methods side by side: tables, JSON, charts."""
-    from rich.console import Console
-
     from blurnoise_eval.bench import (
         blur,
         blur_view,
@@ -174,14 +172,12 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
     room.write(bench, folder)
     view.write(bench, folder)
     if as_json:
-        print(json.dumps(bench.document()))
+        say_json(bench.document())
         return
-    console = Console()
-    for table in view.tables(bench):
-        console.print(table)
+    show(*view.tables(bench))
     for line in bench.losses():
-        print(line)
-    print(f"open {folder / f'{what}.png'}")
+        say(line)
+    say(f"open {folder / f'{what}.png'}")
 
 
 def _augment(threads: int, *, quick: bool, as_json: bool) -> None:
@@ -226,7 +222,6 @@ def _train(
     from blurnoise_models import arms
     from blurnoise_models.scenes import write_coco
     from blurnoise_models.training import pool
-    from rich.console import Console
 
     from blurnoise_eval import datasets
     from blurnoise_eval.bench import training, training_view
@@ -256,10 +251,9 @@ def _train(
     training.write(bench, folder)
     charts = training_view.write(bench, folder)
     if as_json:
-        print(json.dumps(bench.document()))
+        say_json(bench.document())
         return
-    for table in training_view.tables(bench):
-        Console().print(table)
+    show(*training_view.tables(bench))
     for verdict in bench.verdicts():
-        print(verdict)
-    print(f"open {folder / 'training.md'} and {', '.join(map(str, charts))}")
+        say(verdict)
+    say(f"open {folder / 'training.md'} and {', '.join(map(str, charts))}")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import CAMERAS, Json, one_of
+from blurnoise_eval.system.terminal import say, say_json, show
 
 
 def cameras(
@@ -34,8 +34,6 @@ def cameras(
 
     A file may hold 'base: imx250' and only the fields that differ.
     """
-    from rich.console import Console
-
     from blurnoise.camera import PRESETS
     from blurnoise_eval.drawing import photon_transfer
 
@@ -44,9 +42,9 @@ def cameras(
             raise ValueError("save, plot: need a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
         presets = list(PRESETS.values())
         if as_json:
-            print(json.dumps([photon_transfer.facts(preset) for preset in presets]))
+            say_json([photon_transfer.facts(preset) for preset in presets])
         else:
-            Console().print(photon_transfer.overview(presets))
+            show(photon_transfer.overview(presets))
         return
     found = photon_transfer.find(camera)
     if plot:
@@ -56,9 +54,9 @@ def cameras(
     if plot:
         photon_transfer.write(found, plot)
     if as_json:
-        print(json.dumps(photon_transfer.facts(found)))
+        say_json(photon_transfer.facts(found))
         return
-    Console().print(photon_transfer.figures(found))
+    show(photon_transfer.figures(found))
     for path in (save, plot):
         if path:
-            print(path)
+            say(path)

@@ -7,6 +7,8 @@ from typing import Annotated, Literal, get_args
 
 from typer import Argument, Option
 
+from blurnoise_eval.system.terminal import say
+
 Kind = Literal["slanted-edge", "siemens-star", "stop-sign", "flat-patch"]
 CHARTS: tuple[str, ...] = get_args(Kind)
 
@@ -49,4 +51,4 @@ def chart(
         srgb_from_linear(linear.double()).mul(full_scale).round()[0].permute(1, 2, 0).numpy().astype(dtype)
     )
     write_picture(output, coded[..., 0] if coded.shape[2] == 1 else coded)
-    print(output)
+    say(output)

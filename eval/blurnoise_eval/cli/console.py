@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
     from blurnoise.error_budget import Plan
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     """One row per model, target and setting, one column per velocity: the recommended exposure and the window."""
-    from rich.console import Console
     from rich.table import Table
 
     from blurnoise_eval.grid.axes import LIGHT, velocity_of, velocity_text
@@ -41,12 +40,11 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
         named = (model, group) if several else (group,)
         numbers = (f"{axis.shown(value):g}" for axis, value in zip(settings.axes, setting, strict=True))
         table.add_row(*named, *numbers, *(row.get(velocity, "") for velocity in velocities))
-    Console().print(table)
+    show(table)
 
 
 def print_models(rows: list[dict[str, Any]]) -> None:
     """One row per model: how well it does when all is clean, how much of that it keeps, how long it takes."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(
@@ -63,7 +61,7 @@ def print_models(rows: list[dict[str, Any]]) -> None:
         if row["latency_ms"] is not None:
             took = f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f}), {row['latency_threads']}"
         table.add_row(row["model"], *values, took)
-    Console().print(table)
+    show(table)
 
 
 _MODEL_NUMBERS = ("p", "mpc", "rpc", "auc_exposure", "auc_blur")
@@ -87,18 +85,18 @@ def print_assumptions(contract: Any, model: Path | None) -> None:
     values = {name: stated[name] for name in assumed}
     if "classes" in values:
         values["classes"] = f"the {len(contract.classes)} of COCO"
-    print(
+    say(
         f"assumed, since nothing in {model.name} says it: "
         + ", ".join(f"{name} {values[name]}" for name in assumed)
-        + f".\nState these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
+        + ".",
+        f"State these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
         f"--contract {stated.get('family', 'ppocr')}.",
-        file=sys.stderr,
+        error=True,
     )
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:
     """A scene's plan: a row per stage."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table("stage", "DN RMS", "modelled", "how", title_justify="left")
@@ -107,23 +105,22 @@ def print_stages(needs: Plan, fidelity: str) -> None:
         kept = stage.kept or (fidelity == "full" and stage.contribution_dn > 0)
         how = stage.how if stage.kept or not kept else "asked for by --fidelity full"
         table.add_row(stage.name, f"{stage.contribution_dn:.3g}", "yes" if kept else "no", how)
-    console = Console()
-    console.print(table)
+    show(table)
     if fidelity == "auto":
-        console.print(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
+        say(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
 
 
 def print_facts(facts: dict[str, Any], as_json: bool) -> None:
     """Names and values, a line each, or one line of JSON."""
     if as_json:
-        print(json.dumps(facts))
+        say_json(facts)
         return
     width = max(map(len, facts))
     for name, value in facts.items():
         if isinstance(value, dict):
             value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
         for line in value if isinstance(value, list) else [value]:
-            print(f"{name:{width}s}  {_number(line)}")
+            say(f"{name:{width}s}  {_number(line)}")
             name = ""
 
 

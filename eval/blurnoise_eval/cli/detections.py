@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import say, say_json
 
 
 def detections(
@@ -41,6 +41,6 @@ def detections(
         with ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance:
             written = write_detections(store, folder, advance)
     if as_json:
-        print(json.dumps([str(path) for path in written]))
+        say_json([str(path) for path in written])
     else:
-        print(f"{len(written)} files in {folder}, each to compare with the instances.json beside it")
+        say(f"{len(written)} files in {folder}, each to compare with the instances.json beside it")

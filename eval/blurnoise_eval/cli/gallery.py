@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, Range, bounds
+from blurnoise_eval.system.terminal import say, say_json
 
 _EXPOSURE_MS, _LUX, _SPEED_PX_S = Range(1, 60), Range(5, 500), Range(0, 1000)
 
@@ -65,6 +65,6 @@ def gallery(
     tiles = gallery.tiles(scene, ranges, count, seed)
     gallery.write(gallery.draw(scene, tiles), output)
     if as_json:
-        print(json.dumps({"output": str(output), "tiles": [tile.facts() for tile in tiles]}))
+        say_json({"output": str(output), "tiles": [tile.facts() for tile in tiles]})
     else:
-        print(output)
+        say(output)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import FAMILIES, Json, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
+from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,7 +82,7 @@ def inspect(
     if as_json:
         stated = {"contract": read_by.to_dict(), "sources": dict(read_by.sources)}
         probed = {"probe": found} if found else {}
-        print(json.dumps({**facts, **stated, "assumed": read_by.assumptions, **probed}))
+        say_json({**facts, **stated, "assumed": read_by.assumptions, **probed})
         return
     _print_all(facts, read_by, probe or "a drawn picture")
     if found:
@@ -169,37 +169,34 @@ def _probed(
 
 def _print_all(facts: dict[str, Any], contract: Any, looked_at: object) -> None:
     """Every fact, then every field of the contract with its source."""
-    texts = {name: [_plain(line) for line in facts[name]] for name in ("inputs", "outputs", "warnings")}
     metadata = {_short(key): _short(value) for key, value in facts["metadata"].items()}
     shown = {
         **facts,
-        **texts,
         "metadata": metadata or "none",
-        "recognised": _plain(facts["recognised"]),
         "unknown": facts["unknown"] or "nothing beyond what is assumed",
-        "warnings": texts["warnings"] or f"none on {looked_at}",
+        "warnings": facts["warnings"] or f"none on {looked_at}",
     }
     print_facts(shown, False)
-    print("contract")
+    say("contract")
     for name, source in contract.sources.items():
         value = getattr(contract, name)
         if name == "classes":
             names = ", ".join(map(_short, value[:4]))
             value = f"{len(value)}: {names}{', ...' if len(value) > 4 else ''}"
         if name != "family":  # told above
-            print(f"  {name:15s} {value!s:28s} {source}")
+            say(f"  {name:15s} {value!s:28s} {source}")
 
 
 def _print_probe(found: dict[str, Any]) -> None:
     if "text" in found:
-        print(f"read in {found['image']}\n  {found['text']!r} {found['score']:.3f}")
+        say(f"read in {found['image']}", f"  {found['text']!r} {found['score']:.3f}")
         return
-    print(f"detections in {found['image']}")
+    say(f"detections in {found['image']}")
     for row in found["detections"]:
-        print(f"  {_detection(row)}")
+        say(f"  {_detection(row)}")
     best = f", the best: {_detection(found['best_weaker'])}" if found["best_weaker"] else ""
-    print(f"  {found['weaker']} below {DRAWN_SCORE}{best}")
-    print(found["output"])
+    say(f"  {found['weaker']} below {DRAWN_SCORE}{best}")
+    say(found["output"])
 
 
 def _detection(row: dict[str, Any]) -> str:
@@ -208,10 +205,5 @@ def _detection(row: dict[str, Any]) -> str:
 
 
 def _short(text: str) -> str:
-    line = _plain(text)
+    line = " ".join(text.split())
     return line if len(line) <= _VALUE_LENGTH else f"{line[: _VALUE_LENGTH - 3]}..."
-
-
-def _plain(text: str) -> str:
-    """The text in one line, without what would steer a terminal: names in files are anybody's."""
-    return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))

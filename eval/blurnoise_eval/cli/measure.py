@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, Region, region
+from blurnoise_eval.system.terminal import plain_console, say, say_json, show
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from blurnoise.metrics.estimate import Estimate
     from blurnoise_eval.quality.picture import Measured
 
@@ -112,25 +109,23 @@ def measure(
             "notes": notes,
             "regions": rows,
         }
-        print(json.dumps(facts, allow_nan=False))
+        say_json(facts)
         return
-    from rich.console import Console
-
-    _print(Console(), measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
+    _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
     for note in notes:
-        print(note, file=sys.stderr)
+        say(note, error=True)
     for path in (table, plot):
         if path:
-            print(path)
+            say(path)
 
 
-def _print(console: Console, measured: list[Measured], target: str) -> None:
+def _print(measured: list[Measured], target: str) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
     from blurnoise_eval.quality.picture import TITLES
 
-    side_by_side = max(1, (console.width - _LABEL_WIDTH) // _REGION_WIDTH)
+    side_by_side = max(1, (plain_console().width - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):
         shown = measured[start : start + side_by_side]
         table = Table("region", *(str(region.number) for region in shown))
@@ -140,10 +135,10 @@ def _print(console: Console, measured: list[Measured], target: str) -> None:
             label = f"{title} {target}" if name == "snri" else title
             table.add_row(label, *(reading_text(region.estimates[name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
-        console.print(table)
+        show(table)
     for each in measured:
         if each.doubts:
-            console.print(f"{each.number}: {'; '.join(each.doubts)}", highlight=False, markup=False)
+            say(f"{each.number}: {'; '.join(each.doubts)}")
 
 
 def reading_text(reading: Estimate) -> str:

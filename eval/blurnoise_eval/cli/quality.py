@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import say, say_json, show
 
 
 @axis_options(
@@ -54,9 +54,7 @@ def quality(
     best = quality_table.most_information(rows)
     if as_json:
         told = {"rows": len(rows), "figures": [str(path) for path in figures], "most_information": best}
-        print(json.dumps({"output": str(output), **told}))
+        say_json({"output": str(output), **told})
         return
-    from rich.console import Console
-
-    Console().print(quality_figures.table(best))
-    print(f"open {', '.join(map(str, figures))}")
+    show(quality_figures.table(best))
+    say(f"open {', '.join(map(str, figures))}")

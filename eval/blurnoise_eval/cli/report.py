@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json
 from blurnoise_eval.cli.console import print_answers, print_models
+from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from blurnoise_eval.sweep.evaluation import Evaluation
@@ -39,12 +38,12 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     """Write a run's tables, figures and page; the answer in the terminal."""
     page = done.report()
     for entry in done.skipped:
-        print(f"skipped: {entry['reason']}", file=sys.stderr)
+        say(f"skipped: {entry['reason']}", error=True)
     if as_json:
-        print(json.dumps(done.summary))
+        say_json(done.summary)
         return
     print_answers(done.answers, done.threshold)
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
-    print(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
-    print(f"open {page}")
+    say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
+    say(f"open {page}")

@@ -8,6 +8,7 @@ from typing import Annotated
 from typer import Option
 
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import say
 
 
 def scenes(
@@ -27,4 +28,4 @@ def scenes(
     from blurnoise_models.scenes import write_coco
 
     with ProgressBar("draw scenes", count) as advance:
-        print(write_coco(output, seed, count, size_px=size, progress=advance))
+        say(write_coco(output, seed, count, size_px=size, progress=advance))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.scoring.matching import MATCH_IOU, iou
+from blurnoise_eval.system.terminal import plain
 
 OTHER_SCORE = 0.3  # detections that belong to no target are drawn from this score on
 
@@ -59,7 +60,7 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
 
 def short_text(text: str, length: int = 34) -> str:
     """The text, printable in any encoding and at most ``length`` characters long."""
-    clean = " ".join(text.encode("utf-8", "replace").decode().split())
+    clean = plain(" ".join(text.split()))
     return clean if len(clean) <= length else clean[: length - 1] + "…"
 
 
@@ -80,9 +81,9 @@ def _draw_box(
         stops = np.linspace(start, end, steps + 1).round().astype(int)
         for a, b in list(pairwise(stops))[:: 2 if dashed else 1]:
             cv2.line(picture, tuple(map(int, a)), tuple(map(int, b)), colour, width, cv2.LINE_AA)
-    plain = short_text(text, 24).encode("ascii", "replace").decode()
-    (text_width, text_height), _ = cv2.getTextSize(plain, cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, 1)
+    shown = short_text(text, 24).encode("ascii", "replace").decode()
+    (text_width, text_height), _ = cv2.getTextSize(shown, cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, 1)
     x = max(0, min(left, picture.shape[1] - text_width - 4))
     y = top - 3 if top > text_height + 6 else min(bottom + text_height + 4, picture.shape[0] - 3)
     cv2.rectangle(picture, (x, y - text_height - 3), (x + text_width + 3, y + 3), (20, 20, 20), cv2.FILLED)
-    cv2.putText(picture, plain, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, shown, (x + 2, y), cv2.FONT_HERSHEY_SIMPLEX, FONT_SCALE, colour, 1, cv2.LINE_AA)

@@ -25,6 +25,7 @@ from blurnoise.camera import Camera
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.terminal import plain
 
 MAX_TILES = 60
 _DPI = 100
@@ -65,7 +66,7 @@ class Tile:
         """Two lines: '12 ms · 50 lux · imx250' and '400 px/s · blur 4.8 px · white 2010 e-'."""
         lux, blur = f"{self.illuminance_lux:.3g} lux", f"blur {self.blur_px:.3g} px"
         return (
-            f"{EXPOSURE.text(self.exposure_s)} · {lux} · {self.camera.name}\n"
+            f"{EXPOSURE.text(self.exposure_s)} · {lux} · {plain(self.camera.name)}\n"
             f"{self.speed_px_s:.0f} px/s · {blur} · white {self.white_electrons:.0f} e⁻"
         )
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import one_of
 from blurnoise.camera import PRESETS, Camera
 from blurnoise.spectra import Curve
+from blurnoise_eval.system.terminal import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -213,7 +214,7 @@ def draw(camera: Camera) -> Figure:
     for axes in (left, right):
         axes.legend(loc="upper left", fontsize=8.5, frameon=False)
     figure.suptitle(
-        f"{camera.name}: photon transfer, from pairs of simulated flat fields at {LEVELS} levels",
+        f"{plain(camera.name)}: photon transfer, from pairs of simulated flat fields at {LEVELS} levels",
         fontsize=11, parse_math=False,
     )  # fmt: skip
     return figure

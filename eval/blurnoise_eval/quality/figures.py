@@ -25,6 +25,7 @@ from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
 from blurnoise_eval.report.figures import MAX_LINES
 from blurnoise_eval.report.measured import line_colours, spread
 from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.terminal import plain
 
 L = TypeVar("L", bound=Hashable)
 _LOGARITHMIC = {
@@ -52,7 +53,7 @@ def against_exposure(rows: Sequence[Row], camera: str, named: Sequence[str] = ("
         place=lambda row: 1e3 * row.at["exposure_s"],
         label=velocity_text,
         dress=_exposure_axis,
-        title=f"{camera}, {_texts(rows[0], named)}: image quality against exposure",
+        title=f"{plain(camera)}, {_texts(rows[0], named)}: image quality against exposure",
         x_label="Exposure / ms",
         failure=_failure,
     )
@@ -71,7 +72,7 @@ def against_blur(rows: Sequence[Row], camera: str, named: Sequence[str] = ("illu
             axis("exposure_s").text(exposure_s) + (" (saturated)" if exposure_s in clipped else "")
         ),
         dress=_blur_axis,
-        title=f"{camera}, {_texts(rows[0], named)}: image quality against motion blur",
+        title=f"{plain(camera)}, {_texts(rows[0], named)}: image quality against motion blur",
         x_label="Motion blur / px (linear below 1 px, logarithmic above)",
         failure=lambda row: None if row.estimate.told or _clipped(row) else _FAILED,
     )
@@ -187,10 +188,11 @@ def _figure(
         Line2D([], [], color="0.3", marker="o", mfc="white", ls="", ms=4.5, label="told, with a flag"),
         Patch(color="0.3", alpha=0.18, label="95 % interval"),
     ]
-    figure.legend(
+    legend = figure.legend(
         handles=handles, title=title, loc="outside upper center", ncols=min(len(handles), 8), fontsize=8.5,
         title_fontsize=11, frameon=False,
     )  # fmt: skip
+    legend.get_title().set_parse_math(False)
     return figure
 
 

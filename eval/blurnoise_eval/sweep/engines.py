@@ -19,10 +19,11 @@ from typing import Protocol, TypeVar
 import torch
 
 from blurnoise._core.checks import one_of
+from blurnoise._core.orphans import interrupts_held
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.work import Work
-from blurnoise_eval.sweep.worker_process import Told, begin, compute, interrupts_held
+from blurnoise_eval.sweep.worker_process import Told, begin, compute
 from blurnoise_eval.system.threads import limited_threads
 
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]

@@ -5,19 +5,14 @@ It ends with the process that began it, however that ended, and leaves interrupt
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import pickle
-import signal
-import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 
 import cv2
 import torch
 
+from blurnoise._core.orphans import end_with_parent
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.work import Work, Worker
 
@@ -26,25 +21,11 @@ _PICTURES_HELD = 3
 _work = b""  # pickled; each process has its own
 
 
-@contextmanager
-def interrupts_held() -> Iterator[None]:
-    """An interrupt comes afterwards, here; processes begun inside do not hear of it before :func:`begin`."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def begin(work: bytes) -> None:
     """Take the pickled ``work``. It is opened by the first block, so that what fails then is told as its error."""
     global _work
     _work = work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
 
@@ -60,10 +41,3 @@ def compute(block: bytes) -> Told:
 def _worker() -> Worker:
     work: Work = pickle.loads(_work)
     return work.open(_PICTURES_HELD)
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

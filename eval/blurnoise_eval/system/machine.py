@@ -25,6 +25,11 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether memory ran out: Python and NumPy raise ``MemoryError``, PyTorch a ``RuntimeError`` like any other."""
+    return isinstance(error, MemoryError) or "can't allocate memory" in str(error)
+
+
 def _processor() -> str:
     info = Path("/proc/cpuinfo")
     if info.is_file():

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 import pandas
 import pytest
 from blurnoise_eval.bench import steps
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import coco
 from blurnoise_eval.detectors.detector import Detector
+
+from blurnoise import charts
 
 
 def test_scenes_are_coco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -39,6 +47,29 @@ def test_train_writes_a_detector_that_says_how_it_was_made(
     told = pandas.read_csv(tmp_path / "training.csv")
     assert told.pictures.tolist() == list(range(16, 321, 16))
     assert told.loss.iloc[-1] == pytest.approx(facts["loss"], rel=1e-5)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGINT])
+def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: signal.Signals) -> None:
+    """SIGINT goes to the terminal's group, the others to the first process alone."""
+    started = [sys.executable, "-m", "blurnoise_eval.cli", "train", "-o", str(tmp_path), "--scenes", "16000"]
+    process = subprocess.Popen(started, stderr=subprocess.PIPE, start_new_session=True, text=True)
+    deadline = time.monotonic() + 120
+    pictures = tmp_path / "pool" / "pictures-16000x320.npy"
+    while not pictures.is_file() or pictures.stat().st_blocks < 9_000:  # 64 scenes have 36 864
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)
+    _, told = process.communicate(timeout=60)  # workers hold the pipe's other end
+    assert "Traceback" not in told
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert told == "blurnoise: interrupted; what was finished is kept\n"
+    else:
+        assert process.returncode == -how
+    assert not (tmp_path / "pool" / "boxes-16000x320.npy").exists()
 
 
 @pytest.mark.parametrize(
@@ -83,3 +114,15 @@ def test_wrong_scenes_leave_earlier_ones_alone(
     assert earlier.read_text() == "{}"
     assert main(["scenes", "-o", str(tmp_path / "new"), *wrong]) == 2
     assert not (tmp_path / "new").exists()
+
+
+def test_a_picture_too_large_for_the_memory_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def allocate(*_: object, **__: object) -> object:
+        return np.empty((1 << 28, 1 << 28))
+
+    monkeypatch.setattr(charts, "flat_patch", allocate)
+    assert main(["chart", "flat-patch", "-o", str(tmp_path / "flat.png")]) == 2
+    assert capsys.readouterr().err.startswith("blurnoise: error: out of memory")
+    assert not list(tmp_path.iterdir())

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
-from blurnoise_eval.system.machine import hardware, usable_cores
+import torch
+from blurnoise_eval.system.machine import hardware, is_out_of_memory, usable_cores
 
 
 def test_the_machine_in_words() -> None:
@@ -22,3 +24,11 @@ def test_only_cores_that_may_be_used_count() -> None:
         assert usable_cores() == 1
     finally:
         os.sched_setaffinity(0, allowed)
+
+
+def test_who_lacks_memory_is_understood() -> None:
+    for allocate in (torch.empty, np.empty):
+        with pytest.raises((MemoryError, RuntimeError)) as raised:
+            allocate((1 << 28, 1 << 28))
+        assert is_out_of_memory(raised.value)
+    assert not is_out_of_memory(RuntimeError("some other fault"))

@@ -1,0 +1,82 @@
+"""The terminal: all that commands print goes through here, because names in files are anybody's.
+
+Text is shown as it stands: square brackets and colons are no markup, and what would steer a terminal is a "?".
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+
+def plain(text: object) -> str:
+    """The text in one line: spaces for line breaks, "?" for control and format characters and lone surrogates."""
+    return "".join(
+        letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in str(text)
+    )
+
+
+def say(*lines: object, error: bool = False) -> None:
+    """Print each of these as one plain line, on standard output or standard error."""
+    for line in lines:
+        print(plain(line), file=sys.stderr if error else sys.stdout)
+
+
+def say_json(value: Any) -> None:
+    """Print one line of JSON, in ASCII. Raises ``ValueError`` for what JSON has no word for."""
+    print(json.dumps(value, allow_nan=False))
+
+
+def show(*tables: RenderableType) -> None:
+    """Print tables of rich, their text plain."""
+    console = plain_console()
+    for table in tables:
+        console.print(table)
+
+
+def plain_console(*, error: bool = False) -> Console:
+    """A console of rich that takes every text in what it prints, table or line, as it stands."""
+    return _plain_console_class()(stderr=error, markup=False, emoji=False)
+
+
+@cache
+def _plain_console_class() -> type[Console]:
+    from rich.console import Console
+    from rich.text import Text
+
+    class PlainConsole(Console):
+        """All that rich prints of text becomes a ``Text`` here."""
+
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str("\n".join(map(plain, text.split("\n"))), **options)
+
+    return PlainConsole
+
+
+def accept_all_text() -> None:
+    """Standard output and error show a letter that their encoding does not have as "?"."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Warnings are a plain line each meanwhile; that a font lacks a letter of somebody's name is none."""
+    before = warnings.formatwarning
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .*missing from", UserWarning)
+        warnings.formatwarning = lambda message, *_, **__: f"blurnoise: warning: {plain(message)}\n"
+        try:
+            yield
+        finally:
+            warnings.formatwarning = before

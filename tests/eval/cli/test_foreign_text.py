@@ -1,0 +1,115 @@
+"""Names that files bring, of classes, models, cameras and pictures, are printed and drawn as they stand."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import write_picture
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.formats import probe
+from blurnoise_models import matched_filter
+
+Output = pytest.CaptureFixture[str]
+FEW = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0", "--repeats", "1", "--threads", "1")
+NAMES = ("[/]", "sign [occluded]", r"$\frac{1}{", "止まれ", "red \x1b[31m", ":cat:")
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A picture with a target of each of ``NAMES``, and one of 0 bytes whose name steers a terminal."""
+    folder = tmp_path_factory.mktemp("pictures")
+    write_picture(folder / "a.png", probe.picture()[:96, :128])
+    (folder / "b\x1b[31m[b].png").write_bytes(b"")
+    data = {
+        "images": [{"id": 0, "file_name": "a.png"}, {"id": 1, "file_name": "b\x1b[31m[b].png"}],
+        "categories": [{"id": number, "name": name} for number, name in enumerate(NAMES)],
+        "annotations": [
+            {"image_id": image, "category_id": number, "bbox": [2, 2, 40, 40]}
+            for number in range(len(NAMES)) for image in (0, 1)
+        ],
+    }  # fmt: skip
+    (folder / "instances.json").write_text(json.dumps(data))
+    return folder
+
+
+def test_a_sweep_tells_names_as_they_stand(
+    pictures: Path, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    models = [tmp_path / f"yolo[{number}].onnx" for number in range(len(NAMES))]
+    for model, name in zip(models, NAMES, strict=True):
+        matched_filter.build(model, sizes_px=(24, 16, 10), input_px=64)
+        stated = {**Detector(model).contract.to_dict(), "classes": [name]}
+        model.with_suffix(".contract.json").write_text(json.dumps(stated))
+    named = [word for model in models for word in ("--model", str(model))]
+    coco = [
+        "--coco",
+        str(pictures / "instances.json"),
+        *(word for name in NAMES for word in ("--target", name)),
+    ]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(tmp_path)
+        assert main(["sweep", *named, *coco, *FEW, "-o", "run"]) == 0
+    told, warned = capsys.readouterr()
+    for name in (*NAMES, *(model.stem for model in models)):
+        assert name.replace("\x1b", "?") in told, name
+    assert "b?[31m[b].png" in warned or r"b\x1b[31m[b].png" in warned
+    assert "\x1b" not in told + warned
+    assert "Glyph" not in warned
+    assert "Warning" not in warned
+
+
+@pytest.fixture
+def camera(tmp_path: Path) -> Path:
+    path = tmp_path / "camera[b].yaml"
+    text = {"base": "imx250", "name": "cam[/]\x1b[31m$\\frac{1}{", "sources": {"full_well_e": "see [/1]"}}
+    path.write_text(yaml.safe_dump(text))
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_a_camera_tells_its_sources_as_they_stand(camera: Path, capsys: Output, suffix: str) -> None:
+    plot = camera.with_name(f"[b].{suffix}")
+    assert main(["cameras", str(camera), "--plot", str(plot)]) == 0
+    told = capsys.readouterr().out
+    assert "see [/1]" in told
+    assert "cam[/]?[31m" in told
+    assert f"[b].{suffix}" in told
+    assert plot.stat().st_size > 10_000
+
+
+def test_quality_and_gallery_draw_a_camera_by_its_name(camera: Path, pictures: Path, capsys: Output) -> None:
+    folder = camera.parent
+    drawn = [str(pictures / "a.png"), "-o", str(folder / "g.png"), "--count", "2", "--size", "64"]
+    assert main(["gallery", *drawn, "--camera", str(camera)]) == 0
+    few = ["--exposure-ms", "10", "--lux", "50", "--dx", "0", "--repeats", "1", "--threads", "1"]
+    assert main(["quality", "-o", str(folder / "quality"), "--camera", str(camera), *few]) == 0
+    assert "\x1b" not in capsys.readouterr().out
+
+
+def test_an_error_is_one_plain_line(tmp_path: Path, capsys: Output) -> None:
+    assert main(["measure", str(tmp_path / "a\x1b[31m\nblurnoise: all is well\u202e.png")]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert not {"\x1b", "\u202e"} & set(told)
+    with pytest.raises(SystemExit):
+        main(["sweep", "--lu\x1b[31m\nx"])
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "\x1b" not in told
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
+def test_any_encoding_of_the_terminal_will_do(encoding: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "blurnoise_eval.cli", "cameras"],
+        env={"PYTHONPATH": ":".join(sys.path), "PYTHONIOENCODING": encoding}, capture_output=True, check=True,
+    )  # fmt: skip
+    assert b"imx250" in done.stdout
+    assert not done.stderr

@@ -1,0 +1,93 @@
+"""What is printed: text of any origin as it stands, whatever a terminal or rich would make of it."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import warnings
+
+import pytest
+from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import accept_all_text, plain, plain_warnings, say, say_json, show
+from rich.table import Table
+
+MARKUP = (
+    "[/]",
+    "see [/1]",
+    "sign [occluded]",
+    "yolo[int8]",
+    "yolo[fp16]",
+    "[bold]",
+    ":cat:",
+    r"a\[b]",
+    "[link=x]",
+)
+Output = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("Schild 止まれ [/] é", "Schild 止まれ [/] é"),
+        ("red \x1b[31m\x07.png", "red ?[31m?.png"),
+        ("\x9b2J", "?2J"),
+        ("one\ntwo\rthree\u2028four", "one two three four"),
+        ("left\u202eright", "left?right"),
+        ("lone \udcff", "lone ?"),
+    ],
+)
+def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Output) -> None:
+    assert plain(text) == shown
+    say(text, text)
+    assert capsys.readouterr() == (f"{shown}\n{shown}\n", "")
+    say(text, error=True)
+    assert capsys.readouterr() == ("", f"{shown}\n")
+
+
+@pytest.mark.parametrize("text", [*MARKUP, "bell\x07", "esc\x1b[2J", "lone\udcff"])
+def test_tables_show_text_as_it_stands(text: str, capsys: Output) -> None:
+    """In title, heading and cell; a heading may have two lines."""
+    table = Table(f"the\n{text}", title=f"of {text}")
+    table.add_row(f"in {text}")
+    show(table)
+    told = capsys.readouterr().out
+    assert [word for word in ("of", "in") if f"{word} {plain(text)}" not in told] == []
+    assert told.count(plain(text)) == 3
+    assert "the\n" not in told
+    assert "\x1b" not in told
+
+
+def test_bars_show_their_label_as_it_stands(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    with ProgressBar("[/] and [red]", 2) as advance:
+        advance(2)
+    assert "[/] and [red]" in capsys.readouterr().err
+
+
+def test_json_is_ascii_and_has_no_nan(capsys: Output) -> None:
+    say_json({"name": "[/] é \udcff"})
+    assert json.loads(capsys.readouterr().out) == {"name": "[/] é \udcff"}
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        say_json([float("nan")])
+
+
+def test_warnings_are_a_plain_line() -> None:
+    before = warnings.formatwarning
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        with plain_warnings():
+            warnings.warn("model \x1b[31m\nsays", RuntimeWarning, stacklevel=1)
+            warnings.warn("Glyph 27490 (X) missing from font(s) DejaVu Sans.", UserWarning, stacklevel=1)
+            lines = [warnings.formatwarning(each.message, each.category, "", 1) for each in told]  # type: ignore[arg-type]
+    assert lines == ["blurnoise: warning: model ?[31m says\n"]
+    assert warnings.formatwarning is before
+
+
+def test_letters_that_an_encoding_lacks_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    accept_all_text()
+    say("5 µm")
+    stream.seek(0)
+    assert stream.read() == "5 ?m\n"
