@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
@@ -91,16 +91,24 @@ def pictures(
     targets: Sequence[str] = (),
     keep_empty: bool = False,
     limit: int | None = None,
+    max_megapixels: float = 100.0,
     reads: bool = False,
 ) -> PictureSet:
-    """A labelled set's, a folder's, or rendered signs; the first ``limit`` of them. reads: text.
+    """A labelled set's, a folder's, or rendered signs; the first ``limit`` of them.
+
+    reads: text. A picture of more than ``max_megapixels`` cannot be loaded.
 
     Raises ``ValueError`` for what does not go together.
     """
     from dataclasses import replace
 
+    from blurnoise._core.checks import in_range
     from blurnoise_eval import datasets
 
+    largest: Any = {
+        "max_megapixels": in_range("max-megapixels", max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
+    }
+    chosen: Any = {"images": images, "labels": targets, "keep_empty": keep_empty}
     if limit is not None and limit < 1:
         raise ValueError(f"limit = {limit}: must be >= 1")
     sets = {"coco": coco, "yolo": yolo, "bdd": bdd, "text": text}
@@ -118,15 +126,15 @@ def pictures(
             f"{sources[0]}: text recognisers take --text, which says what is to be read, or --images"
         )
     if coco:
-        found = datasets.coco(coco, images=images, labels=targets, keep_empty=keep_empty)
+        found = datasets.coco(coco, **largest, **chosen)
     elif yolo:
-        found = datasets.yolo(yolo, split=split, images=images, labels=targets, keep_empty=keep_empty)
+        found = datasets.yolo(yolo, split=split, **largest, **chosen)
     elif bdd:
-        found = datasets.bdd(bdd, images=images, labels=targets, keep_empty=keep_empty)
+        found = datasets.bdd(bdd, **largest, **chosen)
     elif text:
-        found = datasets.texts(text, images=images)
+        found = datasets.texts(text, images=images, **largest)
     elif images:
-        found = datasets.image_folder(images)
+        found = datasets.image_folder(images, **largest)
     else:
         found = datasets.rendered_texts() if reads else datasets.rendered_signs()
     return replace(found, pictures=found.pictures[:limit])

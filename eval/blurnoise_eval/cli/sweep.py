@@ -87,6 +87,9 @@ def sweep(
         ),
     ] = False,
     limit: Annotated[int | None, _what(metavar="N", help="only the first N pictures")] = None,
+    max_megapixels: Annotated[
+        float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
+    ] = 100.0,
     grid: Grid,
     repeats: Annotated[
         int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
@@ -135,6 +138,7 @@ def sweep(
         targets=target or (),
         keep_empty=keep_empty,
         limit=limit,
+        max_megapixels=max_megapixels,
         reads=given.read(models),
     )
     plan = SweepPlan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)

@@ -8,7 +8,10 @@ from blurnoise_eval.datasets.bdd100k import bdd
 from blurnoise_eval.datasets.coco_instances import coco
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
+    MAX_MEGAPIXELS,
+    MOST_MEGAPIXELS,
     SUFFIXES,
+    content,
     decode,
     eight_bit,
     encode,
@@ -23,6 +26,8 @@ from blurnoise_eval.datasets.text import texts
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
+    "MAX_MEGAPIXELS",
+    "MOST_MEGAPIXELS",
     "RENDERED_SIZE_PX",
     "SUFFIXES",
     "Image",
@@ -32,6 +37,7 @@ __all__ = [
     "UnreadablePicture",
     "bdd",
     "coco",
+    "content",
     "decode",
     "eight_bit",
     "encode",

@@ -10,6 +10,7 @@ from typing import Any
 from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, text
 from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
 
@@ -17,35 +18,48 @@ _CORNERS = ("x1", "y1", "x2", "y2")
 
 
 def bdd(
-    file: Path, *, images: Path | None = None, labels: Sequence[str] = (), keep_empty: bool = False
+    file: Path,
+    *,
+    images: Path | None = None,
+    labels: Sequence[str] = (),
+    keep_empty: bool = False,
+    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a BDD100K detection file, with their box2d as targets; labels without one do not count.
 
     The file is a list of frames, or an object with ``frames``: https://doc.bdd100k.com/format.html. images,
-    labels, ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; categories keep their
-    names ("traffic sign", "bike") and are numbered in alphabetical order.
+    labels, ``keep_empty``, ``max_megapixels``, notes, sizes (a frame's ``size``, where it has one) and errors as
+    of :func:`blurnoise_eval.datasets.coco`; categories keep their names ("traffic sign", "bike") and are numbered
+    in alphabetical order.
     """
     selection = Selection(labels, keep_empty)
+    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("bdd", file):
         document = read_json(file, "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
         known: set[str] = set()
         read = partial(_frame, known=known, selection=selection)
-        listed = [(name, found) for name, found in each(frames, "frames", read) if selection.takes(found)]
+        listed = [frame for frame in each(frames, "frames", read) if selection.takes(frame[1])]
         pictures = tuple(
-            from_file(images or file.parent, name, tuple(found), place)
-            for place, (name, found) in enumerate(listed, start=1)
+            load(images or file.parent, name, tuple(found), place, size_px)
+            for place, (name, found, size_px) in enumerate(listed, start=1)
         )
         selection.check(known, pictures)
     categories = {label: place for place, label in enumerate(sorted(known), start=1)}
     return PictureSet("bdd", str(file), pictures, categories, selection.notes())
 
 
-def _frame(frame: dict[str, Any], *, known: set[str], selection: Selection) -> tuple[str, list[Target]]:
-    """Its picture's name and targets; ``known`` gathers the categories that have boxes."""
+def _frame(
+    frame: dict[str, Any], *, known: set[str], selection: Selection
+) -> tuple[str, list[Target], tuple[float, float] | None]:
+    """Its picture's name, targets and size, if stated; ``known`` gathers the categories that have boxes."""
     name = inside(text(frame, "name"))
     labels = each(frame.get("labels") or [], "labels", partial(_label, known=known, selection=selection))
-    return name, [target for found in labels for target in found]
+    size = frame.get("size")
+    if size is not None and not isinstance(size, dict):
+        raise ValueError(f"size = {shown(size)}: must be an object")
+    size_px = (number(size, "width"), number(size, "height")) if size else None
+    return name, [target for found in labels for target in found], size_px
 
 
 def _label(label: dict[str, Any], *, known: set[str], selection: Selection) -> list[Target]:

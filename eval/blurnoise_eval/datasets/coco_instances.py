@@ -22,6 +22,7 @@ from blurnoise_eval.datasets.fields import (
     whole,
 )
 from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
 
@@ -37,16 +38,23 @@ class _Image(NamedTuple):
 
 
 def coco(
-    file: Path, *, images: Path | None = None, labels: Sequence[str] = (), keep_empty: bool = False
+    file: Path,
+    *,
+    images: Path | None = None,
+    labels: Sequence[str] = (),
+    keep_empty: bool = False,
+    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a COCO instances file, with its boxes as targets; crowds are marked as such.
 
     images: their folder, by default the file's own. labels: category names to keep; pictures without any of
     them are left out, unless ``keep_empty``: what is found there is wrong. Boxes without area, not finite or
-    outside their picture are left out and noted. Raises ``ValueError`` that names the file for anything that
-    is not COCO, and for a file name that leaves the folder.
+    outside their picture are left out and noted. Boxes are those of the upright picture, as EXIF turns it: one
+    of another size than the file says cannot be loaded, nor can one of more than ``max_megapixels``. Raises
+    ``ValueError`` that names the file for anything that is not COCO, and for a file name that leaves the folder.
     """
     selection = Selection(labels, keep_empty)
+    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("coco", file):
         document = read_json(file, _KIND)
         if not isinstance(document, dict) or not document.keys() >= _PARTS:
@@ -58,7 +66,7 @@ def coco(
         for image_id, found in each(document["annotations"], "annotations", read):
             targets[image_id] += found
         pictures = tuple(
-            from_file(images or file.parent, image.name, tuple(targets[image_id]), image_id)
+            load(images or file.parent, image.name, tuple(targets[image_id]), image_id, image.size_px)
             for image_id, image in listed.items()
             if selection.takes(targets[image_id])
         )

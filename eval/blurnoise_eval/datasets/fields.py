@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from blurnoise._core.checks import shown
 from blurnoise._core.documents import json_of, yaml_of
+from blurnoise_eval.system.files import check_regular
 
 T = TypeVar("T")
 LARGEST_ID = 2**63  # COCO's tools hold ids in 64 bits
@@ -28,6 +29,7 @@ def faults_of(kind: str, file: Path) -> Iterator[None]:
 
 def read_text(file: Path) -> str:
     """The file as UTF-8, with or without a byte-order mark. Raises ``OSError``, ``ValueError``."""
+    check_regular(file)
     try:
         return file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

@@ -6,18 +6,20 @@ import os
 from functools import partial
 from pathlib import Path
 
-from blurnoise_eval.datasets.images import SUFFIXES, read_picture
-from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
+from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 
 
-def image_folder(folder: Path) -> PictureSet:
+def image_folder(folder: Path, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
     """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
 
+    max_megapixels: larger pictures cannot be loaded, whose memory would be wanted by the others.
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
     names = picture_names(folder)
-    pictures = (from_file(folder, name, None, number) for number, name in enumerate(names, start=1))
-    return PictureSet("folder", str(folder), tuple(pictures))
+    load = partial(from_file, max_megapixels=max_megapixels)
+    pictures = tuple(load(folder, name, None, number) for number, name in enumerate(names, start=1))
+    return PictureSet("folder", str(folder), pictures)
 
 
 def picture_names(folder: Path) -> list[str]:
@@ -44,18 +46,50 @@ def picture_names(folder: Path) -> list[str]:
     return sorted(names)
 
 
-def from_file(folder: Path, name: str, targets: tuple[Target, ...] | None, image_id: int) -> Picture:
-    """The picture of that name in the folder; it need not be there before it is loaded."""
+def from_file(
+    folder: Path,
+    name: str,
+    targets: tuple[Target, ...] | None,
+    image_id: int,
+    size_px: tuple[float, float] | None = None,
+    *,
+    max_megapixels: float = MAX_MEGAPIXELS,
+) -> Picture:
+    """The picture of that name in the folder; it need not be there before it is loaded.
+
+    size_px: (width, height) that its labels are for, where they say it. One of another size, turned as EXIF
+    says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then.
+    """
     printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
+    return Picture(
+        printed,
+        targets,
+        partial(_load, folder, name, size_px, max_megapixels),
+        f"{printed} {_stamp(folder / name)}",
+        image_id,
+    )
+
+
+def _stamp(file: Path) -> str:
+    """Changes whenever the file does, and sometimes without; nothing is read for it."""
     try:
-        size: int | None = (folder / name).stat().st_size
+        found = file.stat()
     except OSError:
-        size = None
-    return Picture(printed, targets, partial(_load, folder, name), f"{printed} {size} bytes", image_id)
+        return "missing"
+    return f"{found.st_size} {found.st_mtime_ns} {found.st_ctime_ns} {found.st_ino}"
 
 
-def _load(folder: Path, name: str) -> Image:
-    return read_picture(folder / name)  # joined only now: a hundred thousand paths take 50 MB
+def _load(folder: Path, name: str, size_px: tuple[float, float] | None, max_megapixels: float) -> Image:
+    path = folder / name  # joined only now: a hundred thousand paths take 50 MB
+    picture = read_picture(path, max_megapixels)
+    height, width = picture.shape[:2]
+    if height * width == 1:
+        raise UnreadablePicture(f"{path}: a single pixel, in which nothing can be found")
+    if size_px and size_px != (width, height):
+        raise UnreadablePicture(
+            f"{path}: {width} x {height} px as EXIF turns it, but its labels are for {size_px[0]:g} x {size_px[1]:g}"
+        )
+    return picture
 
 
 def _is_file(entry: os.DirEntry[str]) -> bool:

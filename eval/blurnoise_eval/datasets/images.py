@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import stat
+import hashlib
+import struct
 import warnings
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -13,32 +15,94 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import check_regular, write_whole
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
+MAX_MEGAPIXELS = 100.0
+"""Of a data set's pictures, where nobody says otherwise: a sweep takes some 100 bytes a pixel."""
+MOST_MEGAPIXELS = 178.0
+"""Of any picture: of a larger one the reader of headers, Pillow, does not say the size."""
 _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height
+_EXTRA_SAMPLES = 338  # TIFF's tag
 
 
-def decode(path: Path) -> Image:
+class _Header(NamedTuple):
+    """What a picture's first bytes say. size_px: (width, height) as stored, before it is turned."""
+
+    size_px: tuple[int, int]
+    orientation: int
+    format: str | None
+    alpha: str | None  # how a TIFF's colours hold it: "straight" or "multiplied"
+
+
+def decode(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """Read a picture, (H, W) grey or (H, W, 3) RGB, 8 or 16 bit, turned as its EXIF orientation says.
 
-    Raises :class:`UnreadablePicture` when the file is missing, empty or no picture.
+    Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
+    missing, empty, no picture, or of more than ``max_megapixels``, by its header.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # reading a pipe would wait for ever
-            raise UnreadablePicture(f"{path}: a directory, device or pipe, no file")
+        check_regular(path)
+        header = _header(path)
+        if header and header.size_px[0] * header.size_px[1] > 1e6 * max_megapixels:
+            width, height = header.size_px
+            raise UnreadablePicture(
+                f"{path}: {width} x {height} px, {width * height / 1e6:.0f} megapixels; "
+                f"must be at most {max_megapixels:g}"
+            )
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
     if not data.size:
         raise UnreadablePicture(f"{path}: is empty (0 bytes)")
+    if header and header.alpha == "multiplied":
+        raise UnreadablePicture(f"{path}: its colours are multiplied by its transparency, which hides some")
+    decoded = _decoded(_unmultiplied(data) if header and header.alpha else data)
+    if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
+        raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
+    return decoded
+
+
+def _decoded(data: NDArray[np.uint8]) -> NDArray[Any] | None:
     try:
         decoded = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     except cv2.error:  # a header that promises too many pixels
-        decoded = None
-    if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
-        raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
-    return decoded if decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
+        return None
+    return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
+
+
+def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A TIFF whose fourth sample is not called alpha, by which its colours would be multiplied on reading."""
+    order = {b"II": "<", b"MM": ">"}.get(data[:2].tobytes())
+    found = data.copy()
+    try:
+        (first,) = struct.unpack_from(f"{order}I", found.data, 4)
+        (entries,) = struct.unpack_from(f"{order}H", found.data, first)
+        for place in range(first + 2, first + 2 + 12 * entries, 12):
+            tag, _, count = struct.unpack_from(f"{order}HHI", found.data, place)
+            if tag == _EXTRA_SAMPLES and count == 1:
+                struct.pack_into(f"{order}H", found.data, place + 8, 0)  # 0: of no stated kind
+    except struct.error:  # cut short, or no classic TIFF
+        pass
+    return found
+
+
+def _header(path: Path) -> _Header | None:
+    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than it takes."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of many pixels, which are not read here
+            with PIL.Image.open(path) as header:
+                exif = PIL.Image.Exif()
+                exif.load(header.info.get("exif", b""))
+                tags = getattr(header, "tag_v2", {})
+                extra = tags.get(_EXTRA_SAMPLES, ()) if header.mode == "RGBA" else ()
+                alpha = "multiplied" if 1 in extra else "straight" if 2 in extra else None
+                return _Header(header.size, exif.get(_ORIENTATION, 1), header.format, alpha)
+    except PIL.Image.DecompressionBombError:
+        raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
+    except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
+        return None
 
 
 def size_px(path: Path) -> tuple[int, int]:
@@ -46,27 +110,25 @@ def size_px(path: Path) -> tuple[int, int]:
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    try:
-        if not path.is_file():
-            raise UnreadablePicture(f"{path}: no file")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of many pixels, which are not read here
-            with PIL.Image.open(path) as header:
-                exif = PIL.Image.Exif()
-                exif.load(header.info.get("exif", b""))
-                width, height = header.size
-                turns = exif.get(_ORIENTATION) in (5, 6, 7, 8)
-                if header.format != "TIFF":  # whose size some releases of Pillow turn, others not
-                    return (height, width) if turns else (width, height)
-    except Exception:  # Pillow raises all sorts; what a picture is, decode says
-        pass
+    if (
+        path.is_file() and (header := _header(path)) and header.format != "TIFF"
+    ):  # some releases turn a TIFF's
+        width, height = header.size_px
+        return (height, width) if header.orientation in (5, 6, 7, 8) else (width, height)
     height, width = decode(path).shape[:2]
     return width, height
 
 
-def read_picture(path: Path) -> Image:
+def content(picture: Image) -> str:
+    """What tells a picture from any other: a hash of its pixels."""
+    digest = hashlib.blake2b(f"{picture.shape} {picture.dtype}".encode(), digest_size=16)
+    digest.update(np.ascontiguousarray(picture).data)
+    return digest.hexdigest()
+
+
+def read_picture(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
-    picture = decode(path)
+    picture = decode(path, max_megapixels)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))
 
 

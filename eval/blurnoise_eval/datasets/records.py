@@ -39,7 +39,8 @@ class Picture:
     """A picture by name. ``targets`` None: whatever the detector finds in the clean picture.
 
     ``load`` returns (H, W, 3) RGB, 8 or 16 bit, sRGB-coded, and raises :class:`UnreadablePicture`.
-    ``identity`` changes when the picture does (a file's size), so that a resumed run notices.
+    ``identity`` changes when the picture does, and may change without (a file's size and times): where it has
+    changed, a resumed run looks at the picture's content.
     ``image_id`` is COCO's, else the place in the set, from 1 on.
     """
 

@@ -21,7 +21,7 @@ from blurnoise_eval.datasets.fields import (
     text,
 )
 from blurnoise_eval.datasets.folder import from_file
-from blurnoise_eval.datasets.images import size_px
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
 
@@ -30,16 +30,17 @@ _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
 _HEIGHTS_PX = (16, 32, 64)
 
 
-def texts(file: Path, *, images: Path | None = None) -> PictureSet:
+def texts(file: Path, *, images: Path | None = None, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
     """The pictures of a PP-OCR label file, with their texts as targets; unreadable ones are marked as crowds.
 
     The file has a line per picture: its name, a tab, and either its text, when the whole picture is the box,
     or, for all pictures, JSON: ``[{"transcription": "STOP", "points": [[x, y], ...]}]``, px. Source: PaddleOCR,
-    "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own.
-    Raises ``ValueError`` that names the file and the line.
+    "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own;
+    one of more than ``max_megapixels`` cannot be loaded. Raises ``ValueError`` that names the file and the line.
     """
     folder = images or file.parent
     selection = Selection((), keep_empty=True)
+    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("text", file):
         content = read_text(file)
         targets: Callable[[Path, str], list[Target]]
@@ -47,7 +48,7 @@ def texts(file: Path, *, images: Path | None = None) -> PictureSet:
         lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
         selection.check((), lines)
         pictures = tuple(
-            from_file(folder, name, tuple(found), place) for place, (name, found) in enumerate(lines, start=1)
+            load(folder, name, tuple(found), place) for place, (name, found) in enumerate(lines, start=1)
         )
     return PictureSet("text", str(file), pictures, {LABEL: 1}, selection.notes())
 

@@ -21,7 +21,7 @@ from blurnoise_eval.datasets.fields import (
     read_yaml,
 )
 from blurnoise_eval.datasets.folder import from_file, picture_names
-from blurnoise_eval.datasets.images import size_px
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
 
@@ -36,16 +36,18 @@ def yolo(
     labels: Sequence[str] = (),
     split: str | None = None,
     keep_empty: bool = False,
+    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a YOLO data set as Ultralytics lays it out; polygons count as the boxes around them.
 
     path: a data.yaml (its ``split``, by default val, else train), or a folder with a data.yaml or classes.txt,
     and with images/ or pictures. images: the pictures' folder in place of these. The objects of images/a.jpg
     are in labels/a.txt, else in a.txt beside it; a picture without such a file has none. labels,
-    ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a line names it.
-    Source: https://docs.ultralytics.com/datasets/detect.
+    ``keep_empty``, ``max_megapixels``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
+    line names it. Source: https://docs.ultralytics.com/datasets/detect.
     """
     selection = Selection(labels, keep_empty)
+    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("yolo", path):
         root, described = _description(path)
         classes = _class_names(described.get("names"))
@@ -59,8 +61,7 @@ def yolo(
             raise ValueError(f"no label file for any of {len(found)} pictures in {str(folder)!r}")
         taken = [(name, targets or []) for name, targets in found if selection.takes(targets or [])]
         pictures = tuple(
-            from_file(folder, name, tuple(targets), place)
-            for place, (name, targets) in enumerate(taken, start=1)
+            load(folder, name, tuple(targets), place) for place, (name, targets) in enumerate(taken, start=1)
         )
         selection.check(classes.values(), pictures)
     categories = {name: class_id + 1 for class_id, name in classes.items()}
@@ -155,7 +156,7 @@ def _targets(
 ) -> list[Target] | None:
     """The picture's objects; None without a label file."""
     file = label_folder(picture.parent) / f"{picture.stem}.txt"
-    if not file.is_file():
+    if not file.exists():
         return None
     with faults_of("labels", file):
         objects = list(each_line(read_text(file), partial(_object, classes=classes)))

@@ -36,7 +36,7 @@ class Detector:
     ``threads``: cores that one inference may use. Raises :class:`ModelError` for a file that is no model, a
     graph of no known family, or a contract that does not fit it.
 
-    Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of the file, ``contract``,
+    Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of its files, ``contract``,
     ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
     this family, ``takes_bytes``: whether the input is uint8, ``non_finite_values``: NaN and infinite output
     values seen so far.
@@ -49,7 +49,7 @@ class Detector:
         self.path = Path(path)
         self.name = self.path.stem
         self.session = open_session(self.path, threads)
-        self.sha256 = file_sha256(self.path)
+        self.sha256 = model_sha256(self.path)
         metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         stated = stated_contract(self.path, metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
@@ -199,7 +199,9 @@ def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:
 def _not_a_model(path: Path) -> str | None:
     """What the file is instead of a model, from its first bytes; None if it may be one."""
     if not path.is_file():
-        return "is a folder, not a model file" if path.is_dir() else "no such file"
+        if path.is_dir():
+            return "is a folder, not a model file"
+        return "a device or pipe, no file" if path.exists() else "no such file"
     with path.open("rb") as file:
         head = file.read(1024)
     if not head.strip():
@@ -225,15 +227,38 @@ def _load_problem(path: Path, error: Exception) -> str:
             f"has IR version {model.ir_version}, newer than onnxruntime {ort.__version__} reads: "
             f"update onnxruntime or export again ({reason[:200]})"
         )
-    locations = {
-        entry.value
-        for tensor in model.graph.initializer
-        for entry in tensor.external_data
-        if entry.key == "location"
-    }
-    if missing := sorted(name for name in locations if not (path.parent / name).is_file()):
+    if missing := [name for name in external_files(model) if not (path.parent / name).is_file()]:
         return f"its weights are in {', '.join(missing)}, which must lie beside it and does not"
     return f"onnxruntime cannot load it: {reason[:300]}"
+
+
+def external_files(model: onnx.ModelProto) -> list[str]:
+    """Names of the files, beside the model's own, that hold tensors of it, in branches and functions, too."""
+    found: set[str] = set()
+    nodes = [*model.graph.node, *(node for function in model.functions for node in function.node)]
+    tensors = list(model.graph.initializer)
+    for node in nodes:  # grows while it is read
+        for attribute in node.attribute:
+            tensors += [attribute.t, *attribute.tensors]
+            for graph in (attribute.g, *attribute.graphs):
+                nodes += graph.node
+                tensors += graph.initializer
+    for tensor in tensors:
+        found |= {entry.value for entry in tensor.external_data if entry.key == "location"}
+    return sorted(found)
+
+
+def model_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
+    own = file_sha256(path)
+    try:
+        beside = external_files(onnx.load(str(path), load_external_data=False))
+    except Exception:  # protobuf's DecodeError; a format of onnxruntime's own, which is a single file
+        return own
+    if not beside:
+        return own
+    parts = [own, *(f"{name} {file_sha256(path.parent / name)}" for name in beside)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def file_sha256(path: Path) -> str:

@@ -24,12 +24,15 @@ FOUND_RGB = (0, 200, 90)
 MISSED_RGB = (255, 140, 0)
 OTHER_RGB = (110, 190, 255)
 FONT_SCALE = 0.45
+MOST_BOXES = 300
+"""Targets drawn in a picture: of more, nobody could tell one from another."""
 
 
 def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> NDArray[np.uint8] | None:
     """The example's picture, RGB uint8, longest side ``size_px``, with boxes; None where it cannot be read.
 
-    Detections that overlap a target of their own label (IoU >= 0.5) are that target's and not drawn again.
+    Detections that overlap a target of their own label (IoU >= 0.5) are that target's and not drawn again. Of more
+    than ``MOST_BOXES`` targets the largest are drawn.
     """
     try:
         encoded = np.frombuffer(Path(example["path"]).read_bytes(), np.uint8)
@@ -50,12 +53,25 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
             _draw_box(
                 picture, other["box_xyxy"], scale, OTHER_RGB, 1, f"{other['label']} {other['score']:.2f}"
             )
-    for target in example["targets"]:
+    for target in _largest(example["targets"]):
         found = target["confidence"] >= threshold
         colour = FOUND_RGB if found else MISSED_RGB
         text = f"{target['confidence']:.2f}" if target["text"] is None else f'"{target["text"]}"'
         _draw_box(picture, target["box_xyxy"], scale, colour, 2, text, dashed=not found)
     return np.asarray(picture, np.uint8)
+
+
+def _largest(targets: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
+    """At most ``MOST_BOXES`` of the targets, the largest, in their order."""
+    if len(targets) <= MOST_BOXES:
+        return targets
+
+    def area(place: int) -> float:
+        x0, y0, x1, y1 = targets[place]["box_xyxy"]
+        return float((x1 - x0) * (y1 - y0))
+
+    kept = sorted(range(len(targets)), key=area, reverse=True)[:MOST_BOXES]
+    return [targets[place] for place in sorted(kept)]
 
 
 def short_text(text: str, length: int = 34) -> str:
@@ -74,7 +90,9 @@ def _draw_box(
     dashed: bool = False,
 ) -> None:
     """Draw one box and its text on ``picture`` in place; dashes are 7 px long."""
-    left, top, right, bottom = (round(float(edge) * scale) for edge in box_xyxy)
+    beyond = max(picture.shape[:2])  # a box may leave the picture by any length
+    x_px, y_px = (np.clip(np.array(box_xyxy[axis::2], float) * scale, -beyond, 2 * beyond) for axis in (0, 1))
+    (left, right), (top, bottom) = (edges.round().astype(int).tolist() for edges in (x_px, y_px))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
     for start, end in pairwise(corners):
         steps = max(1, math.ceil(math.dist(start, end) / 7)) if dashed else 1

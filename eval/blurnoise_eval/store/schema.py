@@ -26,5 +26,6 @@ CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".joi
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
   y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, truth TEXT, text TEXT,
   read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
+CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """

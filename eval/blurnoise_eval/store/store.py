@@ -35,6 +35,7 @@ class StoreError(ValueError):
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
+    picture: identity and content of the picture that it was computed from.
     Beside what is stored: the picture as PNG where it is to be kept as the row's ``example``, and how many NaN
     and infinite values the model answered with.
     """
@@ -44,6 +45,7 @@ class CellResult:
     detections: Detections
     example_png: bytes | None = None
     non_finite_values: int = 0
+    picture: tuple[str, str] | None = None
 
 
 class Store:
@@ -100,6 +102,27 @@ class Store:
     def done(self, image: str) -> set[str]:
         """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
         return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
+
+    def note_picture(self, image: str, identity: str, content: str) -> None:
+        """Note what a picture's cells are computed from: of a picture that has cells the content stays the same.
+
+        Raises :class:`StoreError` for another content: rows of two pictures would stand under one name.
+        """
+        held = self.pictures(image).get(image)
+        if held is not None and held[1] != content:
+            raise StoreError(
+                f"run = {str(self.folder)!r}: picture {image!r} is not what it was when its first cells were "
+                "computed; choose another folder"
+            )
+        if held != (identity, content):
+            with self._transaction() as db:
+                db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?)", (image, identity, content))
+
+    def pictures(self, image: str | None = None) -> dict[str, tuple[str, str]]:
+        """Identity and content of the pictures, or of one, that cells were computed from."""
+        query = "SELECT * FROM pictures WHERE image IN (SELECT image FROM cells)"
+        found = self.rows(query) if image is None else self.rows(f"{query} AND image = ?", image)
+        return {row["image"]: (row["identity"], row["content"]) for row in found}
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""

@@ -93,6 +93,9 @@ def run(
 
 def _keep(results: Sequence[CellResult], store: Store) -> None:
     """Write the pictures that people will look at, then the rows that name them."""
+    for result in results[:1]:
+        if result.picture:
+            store.note_picture(result.cell["image"], *result.picture)
     pictures = {result.cell["example"]: result.example_png for result in results}
     for name, png in pictures.items():
         if png is not None:

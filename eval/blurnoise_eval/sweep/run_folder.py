@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
@@ -58,17 +58,16 @@ def open_run(
         ],
         "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
-        "pictures": _digest(repr([picture.identity for picture in pictures])),
+        "pictures": _digest(repr([picture.name for picture in pictures])),
         "choice of targets": _digest(repr([picture.targets for picture in pictures])),
     }
     identity = _as_json(identity)
     held = store.about("identity")
     if held is not None and held != identity:
         differing = [key for key in identity if held.get(key) != identity[key]]
-        raise StoreError(
-            f"run = {str(store.folder)!r}: holds a run with another {' and '.join(differing)}; "
-            "choose another folder, or repeat that run's command to resume it"
-        )
+        raise _another(store, " and ".join(differing))
+    for picture in _replaced(pictures, store):
+        raise _another(store, f"picture {picture.name!r}")
     write_truth(pictures, store.folder)
     store.set_about("identity", identity)
     store.set_about(
@@ -90,6 +89,30 @@ def open_run(
             **facts,
         },
     )
+
+
+def _another(store: Store, what: str) -> StoreError:
+    return StoreError(
+        f"run = {str(store.folder)!r}: holds a run with another {what}; "
+        "choose another folder, or repeat that run's command to resume it"
+    )
+
+
+def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
+    """Pictures that are not what their cells were computed from; only where a file has changed it is read."""
+    held = store.pictures()
+    for picture in pictures:
+        identity, before = held.get(picture.name, (picture.identity, ""))
+        if identity == picture.identity:
+            continue
+        try:
+            now = content(picture.load())
+        except UnreadablePicture:
+            now = ""
+        if now != before:
+            yield picture
+        else:
+            store.note_picture(picture.name, picture.identity, now)
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:

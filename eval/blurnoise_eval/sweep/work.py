@@ -10,10 +10,10 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from blurnoise.camera import Camera
-from blurnoise_eval.datasets import Picture, encode
+from blurnoise_eval.datasets import Picture, content, encode
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.scoring.on_picture import Model, View, view
 from blurnoise_eval.store.store import CellResult
@@ -37,10 +37,11 @@ class Work:
 
 
 class PreparedPicture:
-    """A picture as light, and every model's answer to it as it is."""
+    """A picture as light, and every model's answer to it as it is. source: the picture's identity and content."""
 
     def __init__(self, picture: Picture, models: Sequence[Model]) -> None:
         image = picture.load()
+        self.source = picture.identity, content(image)
         self.scene = Scene(image)
         self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
 
@@ -71,7 +72,8 @@ class Worker:
                 sight = (
                     each.clean if frame.cell.conditions is None else each.look(frame.image, frame.move_boxes)
                 )
-                yield cell_result(frame, each.model.name, camera, sight, example, png)
+                result = cell_result(frame, each.model.name, camera, sight, example, png)
+                yield replace(result, picture=prepared.source)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""

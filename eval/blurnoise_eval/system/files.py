@@ -1,7 +1,9 @@
-"""Files that appear whole or not at all."""
+"""Files: those that are read are files, those that are written appear whole or not at all."""
 
 from __future__ import annotations
 
+import errno
+import stat
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -22,3 +24,9 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     finally:
         with suppress(OSError):
             unfinished.unlink()
+
+
+def check_regular(path: Path) -> None:
+    """Raise ``OSError`` for what is missing, or no file but a folder, a device or a pipe, which may never end."""
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "a directory, device or pipe, no file", str(path))

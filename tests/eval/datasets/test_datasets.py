@@ -168,7 +168,12 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
     }
     for name, data in contents.items():
         (tmp_path / name).write_bytes(data)
-    reasons = {"empty.png": "0 bytes", "missing.png": "No such file", "folder.png": "directory"}
+    reasons = {
+        "empty.png": "0 bytes",
+        "missing.png": "No such file",
+        "folder.png": "directory",
+        "bomb.png": "megapixels",
+    }
     for name in (*contents, "float.tiff", "folder.png", "missing.png"):
         with pytest.raises(UnreadablePicture, match=reasons.get(name, "not an 8- or 16-bit")) as caught:
             decode(tmp_path / name)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,7 +13,9 @@ import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.detectors.contract import Contract, ModelError
-from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.detector import Detector, external_files, model_sha256
+from blurnoise_eval.detectors.ocr.recogniser import _read_dictionary
+from blurnoise_eval.detectors.opening import open_models
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -355,6 +358,61 @@ def test_weights_that_were_left_behind(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"its weights are in m\.onnx\.data") as caught:
         Detector(path)
     assert "\n" not in str(caught.value)
+
+
+def branching(path: Path, gain: float) -> Path:
+    """A detector one of whose weights is in a branch, in a file beside it."""
+    model = onnx.load(cell_graph(path, "yolov8"))
+    branches = []
+    for name in ("then", "else"):
+        weight = numpy_helper.from_array(np.full((64,), gain, np.float32), f"{name}_gain")
+        held = helper.make_tensor_value_info(f"{name}_out", TensorProto.FLOAT, [64])
+        node = helper.make_node("Identity", [f"{name}_gain"], [f"{name}_out"])
+        branches.append(helper.make_graph([node], name, [], [held], [weight]))
+    condition = numpy_helper.from_array(np.array(True), "condition")
+    model.graph.initializer.append(condition)
+    then, other = branches
+    model.graph.node.append(
+        helper.make_node("If", ["condition"], ["gains"], then_branch=then, else_branch=other)
+    )
+    beside = path.with_name(f"{path.name}.data")
+    beside.unlink(missing_ok=True)  # which would be appended to
+    onnx.save(model, path, save_as_external_data=True, location=beside.name, size_threshold=100)
+    return path
+
+
+def test_files_beside_a_model_are_found_wherever_it_names_them(tmp_path: Path) -> None:
+    path = branching(tmp_path / "m.onnx", 1.0)
+    graph = onnx.load(path, load_external_data=False)
+    del graph.graph.initializer[:]
+    assert external_files(graph) == ["m.onnx.data"]
+    alone, before = path.read_bytes(), model_sha256(branching(path, 1.0))
+    after = model_sha256(branching(path, 2.0))
+    assert path.read_bytes() == alone
+    assert before != after
+
+
+@pytest.mark.parametrize("size", [(10**6, 10**6), (1 << 14, (1 << 14) + 1)])
+def test_inputs_beyond_any_memory(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = cell_graph(tmp_path / "m.onnx", "yolov8")
+    model = onnx.load(path)
+    for axis, side in zip((2, 3), size, strict=True):
+        model.graph.input[0].type.tensor_type.shape.dim[axis].dim_value = side
+    del model.graph.output[0].type.tensor_type.shape.dim[:]
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ModelError, match=f"{size[0]} x {size[1]} px; must be at most") as caught:
+        Detector(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
+def test_a_pipe_is_no_model(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "m.onnx")
+    with pytest.raises(ModelError, match=r"m\.onnx: a device or pipe, no file"):
+        open_models([tmp_path / "m.onnx"])
+    os.mkfifo(tmp_path / "names.txt")
+    with pytest.raises(ModelError, match=r"names\.txt.*pipe, no file"):
+        _read_dictionary(tmp_path / "names.txt")
 
 
 @pytest.mark.parametrize("threads", [0, 1.5, True])

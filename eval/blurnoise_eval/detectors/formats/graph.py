@@ -12,7 +12,14 @@ import onnxruntime as ort
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.placement import blob_shape
-from blurnoise_eval.detectors.formats.signature import DTYPES, Shape, Signature, TensorInfo, extra_feeds
+from blurnoise_eval.detectors.formats.signature import (
+    DTYPES,
+    Shape,
+    Signature,
+    TensorInfo,
+    check_input,
+    extra_feeds,
+)
 
 
 def read_signature(
@@ -34,6 +41,7 @@ def read_signature(
         known if isinstance(known, int) else usual for known, usual in zip(stated, size_px, strict=True)
     )
     batch = shape[0] if len(shape) == 4 and isinstance(shape[0], int) else 1
+    check_input("the graph", batch, height, width)
     extras = extra_feeds(inputs[1:], (height, width), batch)
     if extras is None:
         return Signature(tuple(inputs), outputs, metadata, None)

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.contract import EXAMPLE
+from blurnoise_eval.detectors.contract import EXAMPLE, ModelError
 from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray
 
 Shape = tuple[int | str | None, ...]
@@ -125,6 +125,18 @@ class Family(Protocol):
 
         outputs: those of the layout, in its order. ``size_px``: the input's (height, width).
         """
+
+
+MOST_INPUT_PIXELS = 1 << 28
+"""Of what a network takes at once, all pictures of its batch: 3 GiB of numbers."""
+
+
+def check_input(name: str, batch: int, height: int, width: int) -> None:
+    """Raise :class:`ModelError` for an input of more than ``MOST_INPUT_PIXELS``."""
+    if batch * height * width > MOST_INPUT_PIXELS:
+        raise ModelError(
+            f"{name}: takes {batch} picture(s) of {height} x {width} px; must be at most {MOST_INPUT_PIXELS} px"
+        )
 
 
 def extra_feeds(

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.detector import file_sha256, open_session
+from blurnoise_eval.detectors.detector import model_sha256, open_session
 from blurnoise_eval.detectors.formats.candidates import FloatArray
+from blurnoise_eval.detectors.formats.signature import check_input
 from blurnoise_eval.detectors.non_finite import NonFinite
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
@@ -21,14 +22,14 @@ class Network:
     ``threads``: cores that one inference may use. Raises :class:`ModelError` for a file that is no model or a
     graph of another form.
 
-    Attributes: ``path``, ``sha256`` of the file, ``metadata``, ``height_px`` and ``width_px`` of the input,
+    Attributes: ``path``, ``sha256`` of its files, ``metadata``, ``height_px`` and ``width_px`` of the input,
     None where dynamic, ``non_finite``: NaN and infinite output values seen so far.
     """
 
     def __init__(self, path: str | Path, threads: int = 1) -> None:
         self.path = Path(path)
         self._session = open_session(self.path, threads)
-        self.sha256 = file_sha256(self.path)
+        self.sha256 = model_sha256(self.path)
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
         inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
         shape, kind = (inputs[0].shape, inputs[0].type) if inputs else ([], "no tensor")
@@ -41,6 +42,7 @@ class Network:
         batch, _, height, width = (size if isinstance(size, int) else None for size in shape)
         self.height_px, self.width_px = height, width
         self._batch = batch or 1
+        check_input(self.path.name, self._batch, height or 1, width or 1)
         self._input_name, self._dtype = inputs[0].name, _DTYPES[kind]
         self.non_finite = NonFinite(self.path.name)
 

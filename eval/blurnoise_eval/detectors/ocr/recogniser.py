@@ -25,6 +25,7 @@ from blurnoise_eval.detectors.ocr.contract import (
 )
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
 from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
+from blurnoise_eval.system.files import check_regular
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 
@@ -181,6 +182,7 @@ def is_recogniser(path: str | Path) -> bool:
     """
     path = Path(path)
     try:
+        check_regular(path)
         model = onnx.load(path, load_external_data=False)
     except Exception:  # protobuf's DecodeError, without importing protobuf
         return False
@@ -221,6 +223,7 @@ def _sized(network: Network, given: TextContract | Given | None) -> TextContract
 
 def _read_dictionary(path: Path) -> str:
     try:
+        check_regular(path)
         return path.read_bytes().decode("utf-8-sig")
     except (OSError, ValueError) as error:
         raise ModelError(f"dictionary {path.name}: cannot be read: {error}") from None
