@@ -227,7 +227,7 @@ def test_a_run_in_the_folder_of_its_pictures_goes_on(model: Path, tmp_path: Path
 def test_a_first_attempt_without_an_answer_claims_no_folder(
     model: Path, infinite: Path, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wrong pictures, an impossible light, a model that only fails: the right command then has the folder."""
+    """Wrong pictures, then a model that only fails: the right command then has the folder."""
     good = datasets.image_folder(finished.parent / "photos")
     (tmp_path / "wrong").mkdir()
     (tmp_path / "wrong" / "x.png").write_bytes(b"")
@@ -237,7 +237,7 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
     with monkeypatch.context() as broken:
 
         def detect(*_: Any) -> Any:
-            raise RuntimeError("no kernel for this")
+            raise ModelError("no kernel for this")
 
         broken.setattr(Detector, "detect", detect)
         with pytest.raises(ModelError, match="no kernel"):
