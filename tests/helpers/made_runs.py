@@ -263,6 +263,7 @@ def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> dict[str
         "warnings": ["two pictures are smaller than the sensor"],
         "errors": [],
         "n_cells": n_conditions * len(models),
+        "missing_cells": 0,
         "n_target_rows": n_conditions * len(models) * 2,
         "simulate_ms": 7.0,
     }

@@ -21,21 +21,28 @@ def report(
     run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep")],
     *,
     threshold: Threshold = 0.6,
+    output: Annotated[
+        Path | None,
+        Option("-o", "--output", metavar="DIR", help="where to write them (default: RUN)"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write a run's figures, tables and page again.
 
       blurnoise report run --threshold 0.5
+      blurnoise report /media/disc/run -o here     a run that can only be read
 
     The sweep itself is not repeated.
     """
     from blurnoise_eval.sweep.evaluation import Evaluation
 
-    tell(Evaluation(run, threshold, progress=True), as_json=as_json)
+    tell(Evaluation(run, threshold, output=output, progress=True), as_json=as_json)
 
 
 def tell(done: Evaluation, *, as_json: bool) -> None:
     """Write a run's tables, figures and page; the answer in the terminal."""
+    from blurnoise_eval.report.findings import missing_text
+
     page = done.report()
     for entry in done.skipped:
         say(f"skipped: {entry['reason']}", error=True)
@@ -46,4 +53,6 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
+    if missing := missing_text(done.summary["missing_cells"]):
+        say(missing)
     say(f"open {page}")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
+from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 
 
 def image_folder(folder: Path, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
@@ -25,6 +26,8 @@ def image_folder(folder: Path, *, max_megapixels: float = MAX_MEGAPIXELS) -> Pic
 def picture_names(folder: Path) -> list[str]:
     """Names of the pictures in ``folder`` and below, sorted, as sub/picture.png; links to folders stay shut.
 
+    What a sweep has written is left out: the folders of runs below, and of a run in ``folder`` itself its own
+    examples and figures.
     Raises ``ValueError`` as :func:`image_folder`.
     """
     if not folder.is_dir():
@@ -32,10 +35,15 @@ def picture_names(folder: Path) -> list[str]:
     names, unread = [], [""]
     while unread:
         below = unread.pop()
+        is_run = (folder / below / RUN_FILE).is_file()
+        if is_run and below:
+            continue
         try:
             with os.scandir(folder / below) as entries:
                 for entry in entries:
                     if entry.is_dir(follow_symlinks=False):
+                        if is_run and entry.name in RUN_PICTURES:
+                            continue
                         unread.append(f"{below}{entry.name}/")
                     elif entry.name.lower().endswith(SUFFIXES) and _is_file(entry):
                         names.append(below + entry.name)

@@ -145,6 +145,8 @@ def count_working(answers: Iterable[dict[str, Any]]) -> int:
 def alarms(data: RunData) -> list[str]:
     """What makes a model's whole answer doubtful."""
     alarms = []
+    if missing := missing_text(data.manifest["missing_cells"]):
+        alarms.append(missing)
     for model in data.manifest["models"]:
         name = model["name"]
         highest = [row["highest_confidence"] for row in data.groups if row["model"] == name]
@@ -164,6 +166,13 @@ def alarms(data: RunData) -> list[str]:
     if len(errors) > MAX_LISTED:
         alarms.append(f"… and {len(errors) - MAX_LISTED} further kinds of error; see results.csv.")
     return alarms
+
+
+def missing_text(cells: int) -> str | None:
+    """That a run is not finished; None for one that is."""
+    if not cells:
+        return None
+    return f"The run is not finished: {_cells(cells)} missing. The sweep's command, given again, computes the rest."
 
 
 def warnings(data: RunData) -> list[str]:

@@ -7,6 +7,7 @@ classes, files and targets are untrusted: the template escapes all of them, and 
 from __future__ import annotations
 
 import base64
+import io
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -65,7 +66,9 @@ def write_report(data: RunData, folder: Path) -> Path:
     for name, draw in drawn.items():
         with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
             warnings.filterwarnings("ignore", "Glyph .* missing from font")
-            draw(data).savefig(folder / "figures" / name, dpi=150)
+            drawing = io.BytesIO()
+            draw(data).savefig(drawing, format="png", dpi=150)
+        write_whole(folder / "figures" / name, drawing.getvalue())
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

@@ -95,6 +95,19 @@ def count_conditions(store: Store, *others: str) -> int:
     return store.count_different(*CONDITIONS, *others)
 
 
+def count_cells_of_read(store: Store) -> int:
+    """Cells, each once for all models, of the pictures that are not skipped."""
+    (counted,) = store.rows(
+        "SELECT COUNT(DISTINCT cell_id) AS cells FROM cells WHERE image NOT IN (SELECT image FROM skipped)"
+    )
+    return int(counted["cells"])
+
+
+def has_answers(store: Store) -> bool:
+    """Whether any model has answered to any cell."""
+    return any(store.rows("SELECT 1 FROM cells WHERE error IS NULL LIMIT 1"))
+
+
 def counts(store: Store) -> Row:
     """n_cells, each once for all models, and n_target_rows."""
     (counted,) = store.rows(

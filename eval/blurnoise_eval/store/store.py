@@ -2,17 +2,22 @@
 
 A cell is committed whole, for all models, with its targets and detections, or not at all; a killed run loses
 the cells in flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
+A run in a folder that cannot be written can be read.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Any
 
@@ -20,10 +25,9 @@ import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store import schema
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
 
-FILE_NAME = "results.sqlite"
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 
 
@@ -49,25 +53,36 @@ class CellResult:
 
 
 class Store:
-    """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used."""
+    """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
+
+    ``read_only``: the folder, or the file in it, cannot be written; then so are the results.
+    """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
         self.folder = folder
-        path = folder / FILE_NAME
+        path = folder / RUN_FILE
         if not create and not path.is_file():
-            raise StoreError(f"run = {str(folder)!r}: holds no {FILE_NAME}; make one with 'blurnoise sweep'")
-        with self._explained():
+            raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
+        with self._explained(), ExitStack() as opened:
             folder.mkdir(parents=True, exist_ok=True)
-            self._db = sqlite3.connect(path, timeout=1.0)
+            self.read_only = not create and not (_writable(folder) and _writable(path))
+            if self.read_only:
+                self._db = opened.enter_context(closing(_connect_to_read(path, opened)))
+            else:
+                self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
+                self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+                self._db.execute("PRAGMA journal_mode = WAL")
+                self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             self._db.row_factory = sqlite3.Row
-            self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version != schema.VERSION and self._db.execute("SELECT name FROM sqlite_master").fetchone():
-                self._db.close()
-                raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
-            self._db.executescript(f"PRAGMA user_version = {schema.VERSION}; {schema.TABLES}")
+            if version != schema.VERSION:
+                if self._db.execute("SELECT name FROM sqlite_master").fetchone():
+                    raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
+                if self.read_only:
+                    raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
+                made = f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
+                self._db.executescript(made)
+            self._opened = opened.pop_all()
 
     def __enter__(self) -> Store:
         return self
@@ -75,7 +90,7 @@ class Store:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._db.close()
+        self._opened.close()
 
     def set_about(self, key: str, value: Any) -> None:
         """Keep a JSON value under ``key``."""
@@ -87,12 +102,35 @@ class Store:
         rows = list(self.rows("SELECT value FROM about WHERE key = ?", key))
         return json.loads(rows[0]["value"]) if rows else None
 
-    def add(self, results: Sequence[CellResult]) -> None:
-        """Commit finished cells, all of them or none."""
+    def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
+        """Commit finished cells, all of them or none, with what they teach of the run and the seconds they took.
+
+        Their pictures have been read: they are skipped no more.
+        """
         with self._transaction() as db:
             cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
             _insert(db, "cells", cells)
             _insert(db, "targets", [target for result in results for target in result.targets])
+            read = {(cell["image"],) for cell in cells}
+            db.executemany("DELETE FROM skipped WHERE image = ?", read)
+            _insert(db, "about", [{"key": "learnt", "value": json.dumps(self._learnt_with(results, wall_s))}])
+
+    def learnt(self) -> dict[str, Any]:
+        """What all sweeps of the run add up to: ``wall_s``, and ``non_finite_values`` by the model's name."""
+        return {"wall_s": 0.0, "non_finite_values": {}, **(self.about("learnt") or {})}
+
+    def _learnt_with(self, results: Sequence[CellResult], wall_s: float) -> dict[str, Any]:
+        held = self.learnt()
+        counted = Counter[str](held["non_finite_values"])
+        for result in results:
+            counted[result.cell["model"]] += result.non_finite_values
+        return {"wall_s": held["wall_s"] + wall_s, "non_finite_values": counted}
+
+    def clear(self) -> None:
+        """Forget everything: the store is as new."""
+        with self._transaction() as db:
+            for table in ("about", "cells", "targets", "skipped"):
+                db.execute(f"DELETE FROM {table}")
 
     def skip(self, image: str, reason: str) -> None:
         """Note a picture that cannot be used."""
@@ -157,19 +195,21 @@ class Store:
                     found["clean"] = bool(found["clean"])
                 yield found
 
-    def export(self) -> list[Path]:
+    def export(self, folder: Path | None = None) -> list[Path]:
         """Write results.csv (a row per cell and model), targets.csv (a row per target of these), results.json.
 
-        Each file appears whole or stays what it was. Raises ``OSError`` where it cannot be written.
+        folder: by default the run's. Each file appears whole or stays what it was.
+        Raises ``OSError`` where it cannot be written.
         """
         tables = {
             "results.csv": csv_lines(self._columns("cells"), self.cells()),
             "targets.csv": csv_lines(self._columns("targets"), self.targets()),
             "results.json": json_lines(self.cells()),
         }
+        folder = folder or self.folder
         for name, lines in tables.items():
-            write_whole(self.folder / name, (line.encode("utf-8") for line in lines))
-        return [self.folder / name for name in tables]
+            write_whole(folder / name, (line.encode("utf-8") for line in lines))
+        return [folder / name for name in tables]
 
     def _columns(self, table: str) -> list[str]:
         """Names of the columns that people read."""
@@ -195,7 +235,25 @@ class Store:
                 raise StoreError(f"{run}: another process is using it") from None
             raise StoreError(f"{run}: cannot be used ({error})") from None
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{run}: {FILE_NAME} is damaged ({error})") from None
+            raise StoreError(f"{run}: {RUN_FILE} is damaged ({error})") from None
+
+
+def _writable(path: Path) -> bool:
+    return os.access(path, os.W_OK)
+
+
+def _connect_to_read(path: Path, opened: ExitStack) -> sqlite3.Connection:
+    """A connection that writes nothing beside the file, as SQLite otherwise has to, even in order to read.
+
+    Where a killed run has left a journal, whose cells SQLite would not see so, the two are read from a copy.
+    """
+    journal = path.with_name(f"{path.name}-wal")
+    if journal.is_file() and journal.stat().st_size:
+        folder = Path(opened.enter_context(TemporaryDirectory()))
+        for file in (path, journal):
+            shutil.copyfile(file, folder / file.name)
+        return sqlite3.connect(folder / path.name)
+    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -29,7 +30,12 @@ class Block:
 
 def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep settles, the clean ones included."""
-    return len(pictures) * (1 + plan.repeats * len(plan.conditions()))
+    return len(pictures) * cells_per_picture(plan)
+
+
+def cells_per_picture(plan: SweepPlan) -> int:
+    """How many cells each picture has, the clean one included."""
+    return 1 + plan.repeats * math.prod(len(plan.values(name)) for name in plan.grid)
 
 
 def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:

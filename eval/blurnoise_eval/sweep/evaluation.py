@@ -84,7 +84,7 @@ def evaluate(
             outcome = sweep.run(opened, seen_by, shown, plan, store, engine=computed_by, progress=advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        _note(store, opened, shown, outcome)
+        _note(store, opened, shown)
     return Evaluation(output, threshold, outcome=outcome, progress=progress)
 
 
@@ -95,7 +95,8 @@ class Evaluation:
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
     ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where confidence
     stays at or above ``threshold``, and the exposure to use. ``outcome``: what was computed now, None for a run
-    opened again. ``pandas.DataFrame`` takes each list as it is. Raises
+    opened again. ``pandas.DataFrame`` takes each list as it is. ``output``: where page, tables and figures are
+    written, by default the run's folder; another is for a run that can only be read. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
@@ -104,10 +105,12 @@ class Evaluation:
         folder: str | Path,
         threshold: float = 0.6,
         *,
+        output: str | Path | None = None,
         outcome: Outcome | None = None,
         progress: bool | None = None,
     ) -> None:
         self.folder = Path(folder)
+        self.output = self.folder if output is None else Path(output)
         self.threshold = in_range("threshold", threshold, 0.0, 1.0)
         self.outcome = outcome
         self._progress = progress
@@ -149,9 +152,9 @@ class Evaluation:
     @property
     def figures(self) -> list[Path]:
         """The figures' files, drawn if they are not there yet."""
-        if not (self.folder / "report.html").is_file():
+        if not (self.output / "report.html").is_file():
             self.report()
-        return sorted((self.folder / "figures").glob("*.png"))
+        return sorted((self.output / "figures").glob("*.png"))
 
     @property
     def skipped(self) -> Rows:
@@ -163,8 +166,9 @@ class Evaluation:
         """What summary.json holds."""
         summary: dict[str, Any] = {
             "run": str(self.folder),
-            "report": str(self.folder / "report.html"),
+            "report": str(self.output / "report.html"),
             "cells": self._data.manifest["n_cells"],
+            "missing_cells": self._data.manifest["missing_cells"],
             "skipped": self.skipped,
             "threshold": self.threshold,
             "models": self.models,
@@ -179,11 +183,12 @@ class Evaluation:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
         from blurnoise_eval.report import write_report  # matplotlib and plotly
 
+        self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder) as store:
-            store.export()
-        write_tables(self._data, self.folder)
-        write_whole(self.folder / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
-        return write_report(self._data, self.folder)
+            store.export(self.output)
+        write_tables(self._data, self.output)
+        write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
+        return write_report(self._data, self.output)
 
     @cached_property
     def _data(self) -> RunData:
@@ -239,13 +244,11 @@ def _of_kind(name: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def _note(store: Store, models: Sequence[Model], pictures: PictureSet, outcome: Outcome) -> None:
-    """Add to the run's manifest what is only known afterwards: seconds, each model's latency and oddities."""
+def _note(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
+    """Add to the run's manifest what is only known afterwards: each model's latency and oddities."""
     manifest = store.about("manifest")
-    manifest["wall_s"] = manifest.get("wall_s", 0.0) + outcome.wall_s
     for model, about in zip(models, manifest["models"], strict=True):
         about["latency"] = latency.measure(model, pictures)
-        about["non_finite_values"] = outcome.non_finite_values[model.name]
         if isinstance(model, Detector):
             some = [image for _, image in datasets.sample(pictures, _SUSPECTED_PICTURES)]
             about["suspicions"] = common_suspicions(model, some)

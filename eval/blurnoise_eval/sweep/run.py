@@ -54,7 +54,7 @@ def run(
     where a model does nothing but fail, and what the engine raises. KeyboardInterrupt leaves the store whole;
     the same call resumes.
     """
-    started = time.perf_counter()
+    started = noted = time.perf_counter()
     outcome = Outcome()
     hopes = {model.name: _Hope() for model in models}
     work = Work(tuple(models), camera)
@@ -79,19 +79,22 @@ def run(
                 elif isinstance(answer, Exception):
                     raise answer
                 else:
-                    _keep(answer, store)
+                    now = time.perf_counter()
+                    _keep(answer, store, now - noted)
+                    noted = now
                     outcome.computed += len(block.cells)
                     for result in answer:
                         model = result.cell["model"]
                         outcome.non_finite_values[model] += result.non_finite_values
                         hopes[model].learn(result.cell["error"])
                 progress(len(block.cells))
+        store.add((), time.perf_counter() - noted)
     finally:
         outcome.wall_s = time.perf_counter() - started
     return outcome
 
 
-def _keep(results: Sequence[CellResult], store: Store) -> None:
+def _keep(results: Sequence[CellResult], store: Store, wall_s: float) -> None:
     """Write the pictures that people will look at, then the rows that name them."""
     for result in results[:1]:
         if result.picture:
@@ -101,7 +104,7 @@ def _keep(results: Sequence[CellResult], store: Store) -> None:
         if png is not None:
             (store.folder / name).parent.mkdir(exist_ok=True)
             write_whole(store.folder / name, png)
-    store.add(results)
+    store.add(results, wall_s)
 
 
 class _Hope:

@@ -24,6 +24,7 @@ from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import truths, write_truth
 from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.system.files import write_whole
@@ -43,8 +44,9 @@ def open_run(
     plan: SweepPlan,
     facts: dict[str, Any],
 ) -> None:
-    """Note in the store what the run is; a store that holds another run is refused.
+    """Note in the store what the run is; a store that holds another run's answers is refused.
 
+    One without any answer, of a first attempt with the wrong model or pictures, is taken over.
     ``facts``: what else the report shows (command, threads). Raises :class:`StoreError` that lists what
     differs, ``ValueError`` for two models of one name.
     """
@@ -63,6 +65,9 @@ def open_run(
     }
     identity = _as_json(identity)
     held = store.about("identity")
+    if held is not None and held != identity and not queries.has_answers(store):
+        store.clear()
+        held = None
     if held is not None and held != identity:
         differing = [key for key in identity if held.get(key) != identity[key]]
         raise _another(store, " and ".join(differing))
@@ -70,11 +75,12 @@ def open_run(
         raise _another(store, f"picture {picture.name!r}")
     write_truth(pictures, store.folder)
     store.set_about("identity", identity)
+    before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
     store.set_about(
         "manifest",
         {
             "title": f"{', '.join(names)} seen through {camera.name}",
-            "models": [_about(model, pictures) for model in models],
+            "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
             "camera": camera.to_dict(),
             "images": {
                 "kind": pictures.kind,
@@ -156,7 +162,11 @@ def read_run(
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
-    manifest |= {"threshold": threshold, **_counts(store)}
+    learnt = store.learnt()
+    for model in manifest["models"]:
+        model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
+    manifest |= {"threshold": threshold, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,
@@ -193,7 +203,8 @@ def _scores(store: Store, models: list[str], progress: Callable[[int], None]) ->
     if kept is None or kept["of"] != count:
         rows = list(score_rows(store, models, truths(store), progress, moves=_moves(store)))
         kept = {"of": count, "rows": rows}
-        store.set_about("scores", kept)
+        if not store.read_only:
+            store.set_about("scores", kept)
     scores: list[dict[str, Any]] = kept["rows"]
     return scores
 
@@ -215,6 +226,12 @@ def _counts(store: Store) -> dict[str, Any]:
         "simulate_ms": queries.median_simulate_ms(store),
         "errors": queries.errors(store),
     }
+
+
+def _missing_cells(store: Store, n_pictures: int) -> int:
+    """How many of the plan's cells are not there, those of skipped pictures apart."""
+    plan = SweepPlan(**store.about("identity")["plan"])
+    return (n_pictures - len(store.skipped())) * cells_per_picture(plan) - queries.count_cells_of_read(store)
 
 
 def _summary(

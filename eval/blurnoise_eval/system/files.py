@@ -8,6 +8,11 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
+RUN_FILE = "results.sqlite"
+"""The file by which a folder is known to be a sweep's."""
+RUN_PICTURES = ("examples", "figures")
+"""The folders in it that hold pictures."""
+
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     """Write ``data``, at once or piece by piece, to ``path``; what stood there stays until all is on disk.

@@ -16,7 +16,8 @@ import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.store.store import FILE_NAME, CellResult, Store, StoreError
+from blurnoise_eval.store.store import CellResult, Store, StoreError
+from blurnoise_eval.system.files import RUN_FILE
 from plans import OWN
 
 NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
@@ -179,13 +180,13 @@ def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(StoreError, match="cannot be written"):
             Store(folder, create=True)
-    (tmp_path / "run" / FILE_NAME).mkdir(parents=True)
+    (tmp_path / "run" / RUN_FILE).mkdir(parents=True)
     with pytest.raises(StoreError, match="cannot be used"):
         Store(tmp_path / "run", create=True)
 
 
 def test_file_that_is_no_database(tmp_path: Path) -> None:
-    (tmp_path / FILE_NAME).write_text("no database at all " * 100)
+    (tmp_path / RUN_FILE).write_text("no database at all " * 100)
     with pytest.raises(StoreError, match="damaged"):
         Store(tmp_path)
 
@@ -193,7 +194,7 @@ def test_file_that_is_no_database(tmp_path: Path) -> None:
 def test_damage_inside_is_told_when_it_is_met(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([result(index) for index in range(300)])
-    path = tmp_path / FILE_NAME
+    path = tmp_path / RUN_FILE
     data = bytearray(path.read_bytes())
     data[len(data) // 4 : len(data) // 2] = b"\xa5" * (len(data) // 2 - len(data) // 4)
     path.write_bytes(data)
@@ -270,7 +271,7 @@ def test_export_that_fails_keeps_the_file_of_before(
         monkeypatch.undo()
     assert (tmp_path / name).read_bytes() == before
     files = {path.name for path in tmp_path.iterdir()}
-    assert files == {FILE_NAME, "results.csv", "targets.csv", "results.json"}
+    assert files == {RUN_FILE, "results.csv", "targets.csv", "results.json"}
 
 
 def test_disk_full_while_storing_keeps_what_was_stored(tmp_path: Path) -> None:
@@ -303,7 +304,7 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
 def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
     with Store(tmp_path, create=True):
         pass
-    database = sqlite3.connect(tmp_path / FILE_NAME)
+    database = sqlite3.connect(tmp_path / RUN_FILE)
     database.execute("PRAGMA user_version = 1")
     database.close()
     with pytest.raises(StoreError, match="another version"):

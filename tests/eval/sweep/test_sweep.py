@@ -473,6 +473,7 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
             results.read_run(store, threshold=0.6)
         results.open_run(store, [detector], CAMERA, TWO, PLAN, facts)
         results.open_run(store, [detector], CAMERA, TWO, PLAN, {**facts, "threads": 1})  # threads may differ
+        sweep.run([detector], CAMERA, TWO, PLAN, store)
         unboxed = picture_set(*[replace(each, targets=None) for each in TWO])
         fewer = picture_set(TWO.pictures[0])
         for named, changed in {

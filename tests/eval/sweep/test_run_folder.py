@@ -1,0 +1,379 @@
+"""A run folder says what it holds: what is missing, what every sweep of it learnt; and it can be read anywhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from blurnoise_eval import Evaluation, cli, datasets, evaluate
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.store import store as stores
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.run_folder import open_run, read_run
+from blurnoise_models import matched_filter
+from matplotlib.figure import Figure
+from plans import plan as swept
+
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
+
+CAMERA = Camera.preset("imx250")
+PLAN = swept((0.002, 0.01, 0.02), (50.0,), (0.0, 400.0), repeats=2)
+OPTIONS = ["--exposure-ms", "2,10,20", "--lux", "50", "--dx", "0,400", "--repeats", "2", "--threads", "1"]
+PER_PICTURE = 1 + 2 * 6
+Output = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "small.onnx"
+    return matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64)
+
+
+@pytest.fixture(scope="module")
+def infinite(model: Path) -> Path:
+    """The same model, but that all its answers are infinite."""
+    graph = onnx.load(model)
+    named = graph.graph.output[0].name
+    for node in graph.graph.node:
+        node.output[:] = [f"{name} before" if name == named else name for name in node.output]
+    graph.graph.initializer.append(onnx.numpy_helper.from_array(np.float32(np.inf), "infinity"))
+    graph.graph.node.append(onnx.helper.make_node("Add", [f"{named} before", "infinity"], [named]))
+    path = model.with_name("infinite.onnx")
+    onnx.save(graph, path)
+    return path
+
+
+def sign() -> np.ndarray[Any, np.dtype[np.uint8]]:
+    linear = charts.stop_sign(24, height_px=54, width_px=64)
+    return srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+
+
+def photos(folder: Path, *names: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for moved, name in enumerate(names):
+        datasets.write_picture(folder / name, np.roll(sign(), 3 * moved, axis=1))
+    return folder
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, model: Path) -> Path:
+    folder = tmp_path_factory.mktemp("finished")
+    evaluate(model, datasets.image_folder(photos(folder / "photos", "a.png", "b.png")), plan=PLAN,
+             output=folder / "run", threads=1)  # fmt: skip
+    return folder / "run"
+
+
+@pytest.fixture
+def run(finished: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(finished, tmp_path / "run")
+
+
+# --- what is missing ---
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+def test_killed_run_says_how_many_cells_are_missing(model: Path, tmp_path: Path, capsys: Output) -> None:
+    pictures, folder = photos(tmp_path / "photos", "a.png", "b.png"), tmp_path / "run"
+    (pictures / "c.png").write_bytes(b"")
+    command = ["sweep", "--model", str(model), "--images", str(pictures), *OPTIONS, "-o", str(folder)]
+    dies = """
+import os, sys
+from blurnoise_eval import cli
+from blurnoise_eval.store.store import Store
+add, added = Store.add, []
+def add_and_die(self, results, *arguments):
+    add(self, results, *arguments)
+    added.append(results)
+    if len(added) == 4:
+        os.kill(os.getpid(), 9)
+Store.add = add_and_die
+cli.main(sys.argv[1:])
+"""
+    killed = subprocess.run([sys.executable, "-c", dies, *command], capture_output=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert cli.main(["report", str(folder)]) == 0
+    told = capsys.readouterr().out
+    summary = json.loads((folder / "summary.json").read_text())
+    # the picture that cannot be read is skipped if the sweep came to it, or else missing with the others
+    there = (3 - len(summary["skipped"])) * PER_PICTURE
+    assert 0 < summary["cells"] < there
+    assert summary["missing_cells"] == there - summary["cells"]
+    says = f"{summary['missing_cells']} cells missing"
+    assert says in " ".join(told.split())
+    assert says in (folder / "report.html").read_text()
+
+    assert cli.main(command) == 0
+    assert "missing" not in capsys.readouterr().out
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["cells"], summary["missing_cells"]) == (2 * PER_PICTURE, 0)
+    assert "cells missing" not in (folder / "report.html").read_text()
+
+
+# --- what every sweep learnt ---
+
+
+def test_a_second_run_keeps_alarms_and_seconds(infinite: Path, finished: Path, tmp_path: Path) -> None:
+    pictures = datasets.image_folder(finished.parent / "photos")
+
+    def learnt() -> tuple[float, int]:
+        with pytest.warns(RuntimeWarning, match="NaN or Inf"):
+            done = evaluate(infinite, pictures, plan=PLAN, output=tmp_path, threads=1)
+        with Store(tmp_path) as store:
+            manifest = read_run(store, threshold=0.6).manifest
+        assert manifest["models"][0]["latency"]["median_ms"] > 0
+        assert done.outcome is not None
+        return manifest["wall_s"], manifest["models"][0]["non_finite_values"]
+
+    first, again = learnt(), learnt()
+    assert again[1] == first[1] > 0
+    assert again[0] > first[0] > 0
+
+
+def test_a_stopped_run_keeps_what_it_learnt(infinite: Path, finished: Path, tmp_path: Path) -> None:
+    """Non-finite values of both halves, as of a run in one go; the first half's seconds; no latency lost."""
+    pictures = datasets.image_folder(finished.parent / "photos")
+    detector = Detector(infinite)
+
+    def stop(cells: int) -> None:
+        settled.append(cells)
+        if len(settled) > 3:
+            raise KeyboardInterrupt
+
+    def found(folder: Path, **options: Any) -> dict[str, Any]:
+        with Store(folder, create=True) as store:
+            open_run(store, [detector], CAMERA, pictures, PLAN, {})
+            try:
+                sweep.run([detector], CAMERA, pictures, PLAN, store, **options)
+            except KeyboardInterrupt:
+                manifest = store.about("manifest")
+                manifest["models"][0]["latency"] = {"median_ms": 1.0}
+                store.set_about("manifest", manifest)
+            return read_run(store, threshold=0.6).manifest
+
+    settled: list[int] = []
+    with pytest.warns(RuntimeWarning, match="NaN or Inf"):
+        whole = found(tmp_path / "whole")
+    half = found(tmp_path / "halves", progress=stop)
+    rest = found(tmp_path / "halves")
+    of = [each["models"][0]["non_finite_values"] for each in (whole, half, rest)]
+    assert 0 < of[1] < of[2] == of[0]
+    assert 0 < half["wall_s"] < rest["wall_s"]
+    assert rest["models"][0]["latency"] == {"median_ms": 1.0}
+
+
+def test_a_picture_that_became_readable_is_skipped_no_more(model: Path, tmp_path: Path) -> None:
+    detector, mended = Detector(model), False
+
+    def load(name: str) -> Any:
+        if name == "z" or (name == "b" and not mended):
+            raise UnreadablePicture(f"{name}: on a disk that is not there")
+        return sign()
+
+    pictures = [Picture(name, None, partial(load, name), name) for name in "abz"]
+    for skipped in (["b", "z"], ["z"]):
+        with Store(tmp_path, create=True) as store:
+            sweep.run([detector], CAMERA, PictureSet("folder", "memory", tuple(pictures)), PLAN, store)
+            assert [row["image"] for row in store.skipped()] == skipped
+        mended = True
+
+
+# --- which folder is whose ---
+
+
+def test_a_run_among_the_pictures_goes_on(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    photos(tmp_path, "a.png")
+    photos(tmp_path / "examples", "b.png")  # of no run
+    monkeypatch.chdir(tmp_path)
+    for run in ("run", "sub/run"):
+        command = ["sweep", "--model", str(model), "--images", ".", *OPTIONS, "--json", "-o", run]
+        assert cli.main(command) == 0
+        assert list((tmp_path / run / "examples").glob("*.png"))
+        assert list((tmp_path / run / "figures").glob("*.png"))
+        capsys.readouterr()
+        assert cli.main(command) == 0
+        assert json.loads(capsys.readouterr().out)["resumed"] == 2 * PER_PICTURE
+
+
+def test_a_run_in_the_folder_of_its_pictures_goes_on(model: Path, tmp_path: Path, capsys: Output) -> None:
+    photos(tmp_path, "a.png")
+    command = ["sweep", "--model", str(model), "--images", str(tmp_path), *OPTIONS, "-o", str(tmp_path)]
+    assert cli.main(command) == 0
+    assert cli.main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["resumed"] == PER_PICTURE
+
+
+def test_a_first_attempt_without_an_answer_claims_no_folder(
+    model: Path, infinite: Path, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wrong pictures, then a model that only fails: the right command then has the folder."""
+    good = datasets.image_folder(finished.parent / "photos")
+    (tmp_path / "wrong").mkdir()
+    (tmp_path / "wrong" / "x.png").write_bytes(b"")
+    folder = tmp_path / "run"
+    with pytest.raises(ValueError, match="none could be read"):
+        evaluate(model, datasets.image_folder(tmp_path / "wrong"), plan=PLAN, output=folder)
+    with monkeypatch.context() as broken:
+
+        def detect(*_: Any) -> Any:
+            raise ModelError("no kernel for this")
+
+        broken.setattr(Detector, "detect", detect)
+        with pytest.raises(ModelError, match="no kernel"):
+            evaluate(infinite, good, plan=PLAN, output=folder, threads=1)
+        with Store(folder) as store:
+            assert list(store.cells()), "the failures are rows"
+    done = evaluate(model, good, plan=PLAN, output=folder, threads=1)
+    assert done.skipped == []
+    assert {cell["error"] for cell in done.cells} == {None}
+    assert done.summary["missing_cells"] == 0
+    with pytest.raises(StoreError, match="another plan"):
+        evaluate(model, good, plan=replace(PLAN, seed=1), output=folder)
+
+
+# --- where nothing can be written ---
+
+
+def test_run_that_cannot_be_written_is_read_and_left_alone(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = Evaluation(run)
+    page = expected.report()
+    before = files(run)
+    monkeypatch.setattr(stores, "_writable", lambda path: False)
+    done = Evaluation(run, output=tmp_path / "a" / "elsewhere")
+    assert done.report() == tmp_path / "a" / "elsewhere" / "report.html"
+    assert done.cells == expected.cells
+    assert len(done.figures) == len(expected.figures) > 0
+    assert done.summary["report"] == str(done.output / "report.html")
+    made = {name for name in files(run) if not name.startswith(("examples", "coco", "results.sqlite"))}
+    assert files(done.output).keys() == made
+    assert page.read_text().count("data:image/jpeg") == (done.output / "report.html").read_text().count(
+        "data:image/jpeg"
+    )
+    assert cli.main(["detections", str(run), "-o", str(tmp_path / "coco")]) == 0
+    assert len(files(tmp_path / "coco")) == 1 + 1 + 2 * 6
+    assert files(run) == before
+    with Store(run) as store, pytest.raises(StoreError, match="readonly"):
+        store.skip("a.png", "no reason")
+
+
+def test_journal_of_a_killed_run_is_read_where_nothing_can_be_written(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its last cells stand in the journal alone."""
+    dies = f"""
+import os
+from pathlib import Path
+from blurnoise_eval.store.store import Store
+store = Store(Path({str(run)!r}))
+store.skip("late.png", "found late")
+os._exit(9)
+"""
+    subprocess.run([sys.executable, "-c", dies], check=False)
+    assert (run / "results.sqlite-wal").stat().st_size
+    before = files(run)
+    monkeypatch.setattr(stores, "_writable", lambda path: False)
+    assert [row["image"] for row in Evaluation(run).skipped] == ["late.png"]
+    assert files(run) == before
+
+
+@pytest.fixture
+def mounted(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """A file system of its own, mounted with the options that are asked for, again and again."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+
+    def mount(options: str) -> Path:
+        command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(disk)]
+        if (
+            shutil.which("mount") is None
+            or subprocess.run(command, capture_output=True, check=False).returncode
+        ):
+            pytest.skip("file systems cannot be mounted here")
+        return disk
+
+    yield mount
+    if disk.is_mount():
+        subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_read_only_medium(run: Path, mounted: Callable[[str], Path], tmp_path: Path, capsys: Output) -> None:
+    disk = mounted("size=64m")
+    shutil.copytree(run, disk / "run")
+    mounted("remount,ro")
+    assert cli.main(["report", str(disk / "run"), "-o", str(tmp_path / "here")]) == 0
+    assert (tmp_path / "here" / "report.html").is_file()
+    assert cli.main(["detections", str(disk / "run"), "-o", str(tmp_path / "coco")]) == 0
+    capsys.readouterr()
+    pictures = str(run.parent)
+    for command, named in (
+        (["report", str(disk / "run")], "results.csv"),
+        (["detections", str(disk / "run")], "coco"),
+        (["sweep", "--images", pictures, "-o", str(disk / "run")], "run"),
+        (["sweep", "--images", pictures, "-o", str(disk / "new")], "new"),
+    ):
+        assert cli.main(command) == 2, command
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+        assert line.startswith("blurnoise: error: "), command
+        assert str(disk) in line, command
+        assert named in line, command
+
+
+def test_full_disk(
+    model: Path, finished: Path, mounted: Callable[[str], Path], tmp_path: Path, capsys: Output
+) -> None:
+    """One line that names the run, at whatever file the disk is full; with room again the run goes on."""
+    disk = mounted("size=64m")
+    pictures = str(finished.parent / "photos")
+    command = ["sweep", "--model", str(model), "--images", pictures, *OPTIONS, "--json", "-o"]
+    command.append(str(disk / "run"))
+    for room in ("4k", "64k", "128k", "512k", "2m"):
+        mounted(f"remount,size={room}")
+        assert cli.main(command) == 2, room
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith("blurnoise: error: "), room
+        assert str(disk / "run") in error, room
+        assert not list(disk.rglob("*.partial"))
+    mounted("remount,size=64m")
+    assert cli.main(command) == 0
+    assert json.loads(capsys.readouterr().out)["missing_cells"] == 0
+
+
+def test_figures_appear_whole_or_not_at_all(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = Evaluation(run)
+    done.report()
+    before = files(run / "figures")
+    save = Figure.savefig
+
+    def half(figure: Figure, into: Any, **options: Any) -> None:
+        save(figure, into, **options)
+        if not hasattr(into, "write"):
+            os.truncate(into, 100)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Figure, "savefig", half)
+    with pytest.raises(KeyboardInterrupt):
+        done.report()
+    assert files(run / "figures") == before
