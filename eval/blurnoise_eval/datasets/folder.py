@@ -9,7 +9,6 @@ from pathlib import Path
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 
-
 MOST_TARGETS = 20_000
 """Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
 
