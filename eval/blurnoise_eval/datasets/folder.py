@@ -10,6 +10,9 @@ from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_pictur
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 
+MOST_TARGETS = 20_000
+"""Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
+
 
 def image_folder(folder: Path, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
     """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
@@ -66,8 +69,11 @@ def from_file(
     """The picture of that name in the folder; it need not be there before it is loaded.
 
     size_px: (width, height) that its labels are for, where they say it. One of another size, turned as EXIF
-    says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then.
+    says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for more
+    than ``MOST_TARGETS`` targets.
     """
+    if targets and len(targets) > MOST_TARGETS:
+        raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
     printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
     return Picture(
         printed,

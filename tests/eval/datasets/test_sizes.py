@@ -219,3 +219,15 @@ def test_pipes_are_refused_and_not_waited_for(tmp_path: Path) -> None:
     (picture,) = texts(tmp_path / "texts")
     with pytest.raises(UnreadablePicture, match="pipe, no file"):
         picture.load()
+
+
+def test_a_limit_of_boxes(tmp_path: Path) -> None:
+    """Each box is a row in every cell: beyond the limit a sweep would not end."""
+    (tmp_path / "classes.txt").write_text("sign\n")
+    PIL.Image.new("RGB", (9, 7)).save(tmp_path / "a.png")
+    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_000)
+    (picture,) = yolo(tmp_path)
+    assert len(picture.targets or ()) == 20_000
+    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_001)
+    with pytest.raises(ValueError, match=r"picture 'a\.png': 20001 boxes; must be at most 20000"):
+        yolo(tmp_path)
