@@ -193,7 +193,7 @@ def _write(codes: Plane, clip_dn: int, table: Plane | None, out: Plane, interlea
 
 
 def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
-    if _LOOKS_UP_16_BITS:
+    if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
         cv2.LUT(codes, table[None], dst=out)
     else:
         np.take(table, codes, mode="clip", out=out)

@@ -170,6 +170,16 @@ def test_small_pictures(camera: Camera, size: tuple[int, int], kind: torch.dtype
     assert 0 <= float(dn.min()) <= float(dn.max()) <= camera.clip_dn
 
 
+@by_camera
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 1)])
+def test_small_pictures_of_tones(camera: Camera, size: tuple[int, int]) -> None:
+    light, table = scene(*size), tones_8bit(camera)
+    side_by_side = torch.zeros((1, *size, 3), dtype=torch.uint8).permute(0, 3, 1, 2)
+    exposed(light, camera, tones=table, out=side_by_side)
+    assert torch.equal(side_by_side, exposed(light, camera, tones=table).contiguous())
+    assert torch.equal(side_by_side, table[exposed(light, camera).long()])
+
+
 def test_sixteen_bits_are_all_there() -> None:
     """A ramp without noise from below black to beyond full scale: every code in between, exactly."""
     deep = replace(BASE, bit_depth=16, system_gain_dn_per_e=7.0, black_level_dn=100.0, full_well_e=1e5)
