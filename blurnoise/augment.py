@@ -193,7 +193,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
 
     All randomness lies in ``_params``, the noise's too: ``aug(x, params=aug._params)`` gives the same bits.
     A camera's fixed pattern is one specimen's, the same part of it for pictures of one size; it is drawn once.
-    Under ``torch.compile`` the exposure itself runs uncompiled, with the same result.
+    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. What they are
+    drawn from is the compiler's, whose random numbers may differ from torch's own for the same seed.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """

@@ -216,9 +216,8 @@ def _clipped(patch: Tensor, limits_dn: tuple[float, float] | None) -> Tensor:
     ends = checks.real_tensor("limits_dn", limits_dn)
     if ends.shape != (2,) or not ends[0] < ends[1]:
         raise ValueError(f"limits_dn = {checks.shown(limits_dn)}: must be two numbers, the lower first")
-    low, high = ends.tolist()
-    at_limits: Tensor = (patch <= low) | (patch >= high)
-    return at_limits.double().mean((-2, -1)) > CLIPPED_SHARE
+    at_limit = (patch <= float(ends[0])) | (patch >= float(ends[1]))
+    return at_limit.double().mean((-2, -1)) > CLIPPED_SHARE
 
 
 def _rounding(patch: Tensor) -> Tensor:
