@@ -6,6 +6,8 @@ trainings is the arm (what happens to the pictures on their way in) and the seed
 
 from __future__ import annotations
 
+import errno
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -68,16 +70,32 @@ def pool(
 
     Takes 3 size_px² bytes per scene on disk (0.3 MB at 320 px). ``progress`` is told how many scenes are
     ready. Raises ``ValueError`` for a count or size that is not positive or a size no multiple of 32 px,
-    ``ChildProcessError`` where a process that draws dies.
+    ``OSError`` for less space than that, ``ChildProcessError`` where a process that draws dies.
     """
     _whole("count", count)
+    _whole("size_px", size_px)
     if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
         raise ValueError(f"size_px = {size_px!r}: must be a multiple of {SIDE_MULTIPLE_PX}")
-    folder.mkdir(parents=True, exist_ok=True)
     pictures, boxes = (folder / f"{what}-{count}x{size_px}.npy" for what in ("pictures", "boxes"))
     if boxes.is_file():  # written last
         progress(count)
         return Pool(np.load(pictures, mmap_mode="r"), np.load(boxes))
+    _enough_space(folder, 3 * size_px**2 * count)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        found = _drawn_into(pictures, count, size_px, progress)
+        partial_file = boxes.with_suffix(".part.npy")
+        padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
+        np.save(partial_file, padded.numpy())
+        partial_file.replace(boxes)
+    except BaseException:
+        pictures.unlink(missing_ok=True)
+        raise
+    return pool(folder, count, size_px=size_px)
+
+
+def _drawn_into(pictures: Path, count: int, size_px: int, progress: Callable[[int], None]) -> list[Tensor]:
+    """Draw the scenes into the file ``pictures``; returns their boxes."""
     drawn = np.lib.format.open_memmap(pictures, mode="w+", dtype=np.uint8, shape=(count, size_px, size_px, 3))
     found: list[Tensor] = []
     starts = range(0, count, _CHUNK)
@@ -94,11 +112,19 @@ def pool(
     finally:
         workers.shutdown(wait=True, cancel_futures=True)
     drawn.flush()
-    partial_file = boxes.with_suffix(".part.npy")
-    padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
-    np.save(partial_file, padded.numpy())
-    partial_file.replace(boxes)
-    return pool(folder, count, size_px=size_px)
+    return found
+
+
+def _enough_space(folder: Path, needed: int) -> None:
+    """Raise ``OSError`` for a disk with less space than that: writing to a mapped file would end the process."""
+    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
+    free = shutil.disk_usage(there).free
+    if needed > free:
+        raise OSError(
+            errno.ENOSPC,
+            f"the scenes take {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free",
+            str(folder),
+        )
 
 
 def _begin_drawing() -> None:
@@ -148,7 +174,7 @@ def train(
     weights. On processors with bfloat16 arithmetic the convolutions use it, which halves the time. The same
     arguments, machine and number of threads give the same network. The global generator, which Kornia draws
     from, is seeded inside and left as it was.
-    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, or a negative seed.
+    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, or a seed outside [0, 2^63).
     """
     check(pictures, seed)
     change = augmentation(arm)
@@ -164,8 +190,9 @@ def train(
 
 
 def check(pictures: int, seed: int) -> None:
-    """Raise ``ValueError`` for a training of fewer than 320 pictures or with a negative seed."""
-    checks.non_negative("seed", seed)
+    """Raise ``ValueError`` for a training of fewer than 320 pictures, or with a seed outside [0, 2^63)."""
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
     if pictures < FEWEST_PICTURES:
         raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES}")
 

@@ -107,6 +107,15 @@ def test_the_pool_is_drawn_once(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.boxes_xyxy, again.boxes_xyxy)
 
 
+def test_a_pool_that_fails_leaves_no_pictures(tmp_path: Path) -> None:
+    def stop(_: int) -> None:
+        raise InterruptedError("enough")
+
+    with pytest.raises(InterruptedError, match="enough"):
+        training.pool(tmp_path, 3, size_px=64, progress=stop)
+    assert not list(tmp_path.iterdir())
+
+
 def test_every_scene_comes_once_before_any_comes_again() -> None:
     drawn = training._batches(40, seed=1)
     seen = np.concatenate([next(drawn) for _ in range(5)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -27,7 +28,7 @@ from blurnoise_eval.cli import (
 )
 from blurnoise_eval.cli._help import Command, Program
 from blurnoise_eval.system.machine import is_out_of_memory
-from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
@@ -62,6 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
     accept_all_text()
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
             code = _program(words).main(args=words, prog_name="blurnoise", standalone_mode=False)
@@ -70,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(*[_told(error)] if words else error.format_message().splitlines(), error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        say(f"blurnoise: error: {error}", error=True)
+        say(f"blurnoise: error: {shortened(str(error))}", error=True)
         return 2
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):

@@ -25,6 +25,11 @@ def plain(text: object) -> str:
     )
 
 
+def shortened(text: str, most: int = 1000) -> str:
+    """The text, of more than ``most`` characters only begin and end."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
 def say(*lines: object, error: bool = False) -> None:
     """Print each of these as one plain line, on standard output or standard error."""
     for line in lines:

@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -52,14 +54,23 @@ def test_a_worker_leaves_interrupts_to_its_parent() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signal masks are POSIX")
-def test_an_interrupt_meanwhile_comes_afterwards() -> None:
+@pytest.mark.parametrize("threads", [0, 3])
+def test_an_interrupt_meanwhile_comes_afterwards(threads: int) -> None:
+    """Whichever thread it reaches."""
+    done = threading.Event()
+    for _ in range(threads):
+        threading.Thread(target=done.wait).start()
     passed: list[str] = []
 
     def interrupted() -> None:
         with interrupts_held():
             os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
             passed.append("the end of the block")
 
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+    finally:
+        done.set()
     assert passed

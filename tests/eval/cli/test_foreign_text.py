@@ -113,3 +113,16 @@ def test_any_encoding_of_the_terminal_will_do(encoding: str) -> None:
     )  # fmt: skip
     assert b"imx250" in done.stdout
     assert not done.stderr
+
+
+def test_a_damaged_picture_is_one_line_in_a_process_of_its_own(pictures: Path, tmp_path: Path) -> None:
+    """OpenCV tells its own story on standard error unless told not to."""
+    whole = (pictures / "a.png").read_bytes()
+    (tmp_path / "half.png").write_bytes(whole[: len(whole) // 2])
+    done = subprocess.run(
+        [sys.executable, "-m", "blurnoise_eval.cli", "measure", "half.png"],
+        cwd=tmp_path, env={"PYTHONPATH": ":".join(sys.path)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("blurnoise: error: half.png: ")
+    assert done.stderr.count("\n") == 1

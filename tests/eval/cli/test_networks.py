@@ -73,7 +73,15 @@ def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: s
 
 
 @pytest.mark.parametrize(
-    ("options", "message"), [(["--pictures", "10"], "pictures = 10"), (["--scenes", "0"], "count = 0")]
+    ("options", "message"),
+    [
+        (["--pictures", "10"], "pictures = 10"),
+        (["--scenes", "0"], "count = 0"),
+        (["--size", "33"], "size_px = 33"),
+        (["--seed", "-1"], "seed = -1"),
+        (["--seed", "9" * 400], "seed = 999"),
+        (["--scenes", "1" + "0" * 15], "scenes take 3.07e+11 GB"),
+    ],
 )
 def test_bad_sizes_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str

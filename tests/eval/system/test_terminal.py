@@ -9,7 +9,15 @@ import warnings
 
 import pytest
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import accept_all_text, plain, plain_warnings, say, say_json, show
+from blurnoise_eval.system.terminal import (
+    accept_all_text,
+    plain,
+    plain_warnings,
+    say,
+    say_json,
+    shortened,
+    show,
+)
 from rich.table import Table
 
 MARKUP = (
@@ -91,3 +99,10 @@ def test_letters_that_an_encoding_lacks_are_no_error(monkeypatch: pytest.MonkeyP
     say("5 µm")
     stream.seek(0)
     assert stream.read() == "5 ?m\n"
+
+
+def test_long_text_keeps_begin_and_end() -> None:
+    assert shortened("a" * 1000) == "a" * 1000
+    cut = shortened("begin" + "x" * 10**6 + "end")
+    assert len(cut) == 1005
+    assert (cut[:5], cut[-3:]) == ("begin", "end")
