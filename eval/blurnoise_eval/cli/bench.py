@@ -104,6 +104,20 @@ def bench(
     under a grid of exposures, lights and speeds. Open DIR/training.md and DIR/training.png; the networks stay as
     DIR/models/ARM-SEED.onnx. The same command goes on where it was stopped.
     """
+    asked: dict[str, tuple[object, tuple[str, ...]]] = {
+        "model": (model, ("sweep",)),
+        "contract": (contract, ("sweep",)),
+        "heavy": (heavy, ("sweep",)),
+        "images": (images, ("sweep", "training")),
+        "pictures": (pictures, ("training",)),
+        "scenes": (scenes, ("training",)),
+        "seeds": (seeds, ("training",)),
+        "held-out": (held_out, ("training",)),
+        "coco": (coco, ("training",)),
+    }
+    for name, (value, rooms) in asked.items():
+        if value and what not in rooms:
+            raise ValueError(f"{name}: goes with 'bench {' and '.join(rooms)}'")
     workers = given.threads(threads)
     folder = output or Path(f"bench-{what}")
     if what == "sweep":

@@ -98,8 +98,11 @@ def sweep(
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
     engine: Annotated[
-        Literal["threads", "processes"],
-        Option(help="who computes: threads over one session of each model, or processes, each with its own"),
+        str,
+        Option(
+            metavar="threads|processes",
+            help="who computes: threads over one session of each model, or processes, each with its own",
+        ),
     ] = "threads",
     threads: Annotated[
         int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")

@@ -28,6 +28,7 @@ from blurnoise_models.scenes.paint import WORDS, between, chance, colours, dark,
 from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
 from blurnoise_models.scenes.things import thing
 
+_MOST = {"seed": 2**63 - 1, "index": 10**9, "start": 10**9, "count": 10**7, "size_px": 8192}
 _LEAST_SIDE_PX = 64
 LABEL = "stop sign"
 SMALLEST_PX, LARGEST_PX = 16.0, 200.0  # larger side of a sign's box, in a picture of 320 px
@@ -294,6 +295,6 @@ def _tone_curve(contrast: float) -> Bytes:
 def _integer(name: str, value: int, low: int) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise TypeError(f"{name} = {value!r}: must be an integer")
-    if value < low:
-        raise ValueError(f"{name} = {value!r}: must be >= {low}")
+    if not low <= value <= _MOST[name]:
+        raise ValueError(f"{name} = {value!r}: must be >= {low} and <= {_MOST[name]}")
     return value
