@@ -15,6 +15,7 @@ from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
+from blurnoise.light.motion import MOTION
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import stages
@@ -54,7 +55,7 @@ class Plan:
     @property
     def moves(self) -> bool:
         """Whether motion is modelled."""
-        return "motion" not in self.without
+        return MOTION.name not in self.without
 
 
 def plan(
@@ -116,7 +117,7 @@ def _plan(
     reduced = _without(
         camera, frozenset(figure for each in every if each.name in left_out for figure in each.figures)
     )
-    noisy = shot not in left_out or reduced.read_noise_e > 0
+    noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in of_light}
     hows |= {stage.name: stage.how(reduced, noisy) for stage in of_sensor}
     contributions = tuple(

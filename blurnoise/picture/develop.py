@@ -14,7 +14,7 @@ from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.picture import steps
-from blurnoise.picture.steps import Development, PictureStep
+from blurnoise.picture.step import Development, PictureStep
 
 _INTEGERS = (
     *(torch.int8, torch.int16, torch.int32, torch.int64),

@@ -6,33 +6,10 @@ Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: fu
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-
 from torch import Tensor
 
-from blurnoise.camera import Camera
-from blurnoise.encoding import Encoding, srgb_from_linear
-
-
-@dataclass(frozen=True)
-class Development:
-    """How a frame becomes a picture. gain_db: digital gain. encoding: of the picture."""
-
-    camera: Camera
-    gain_db: float = 0.0
-    encoding: Encoding = "srgb"
-
-
-class PictureStep(ABC):
-    """One entry of ``STEPS``. pointwise: each value depends on its own digital number alone, so tables serve."""
-
-    name: str
-    pointwise: bool = True
-
-    @abstractmethod
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """The picture after it: differentiable, on any device."""
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.picture.step import Development, PictureStep
 
 
 class BlackLevel(PictureStep):

@@ -61,11 +61,14 @@ class SensorStage(ABC):
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
     to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
+    draws: it is noise, over frames; it does nothing under the law "none" and takes a stream of random numbers of its
+    own (``rng.standard_normal(at.seeds, signal, "its name")``).
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
+    draws: bool = False
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:

@@ -102,6 +102,7 @@ class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw."""
 
     name = "shot noise"
+    draws = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Counts, or a normal draw corrected to their skewness; see :func:`noisy_electrons`."""
@@ -132,6 +133,7 @@ class ReadNoise(SensorStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
 
     name = "read noise"
+    draws = True
     figures = ("read_noise_e",)
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 from kornia.augmentation import AugmentationSequential
-from made_up import Pedestal, Shift, Veil
+from made_up import ColumnNoise, Pedestal, Shift, Veil
 
 from blurnoise import (
     Camera,
@@ -206,3 +206,17 @@ def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch: pytest.Mon
     seen = AugmentationSequential(RandomExposure(**options), data_keys=["input", "bbox_xyxy"])
     _, moved = seen(picture().expand(2, -1, -1, -1), boxes)
     torch.testing.assert_close(moved, boxes + torch.tensor([3.0, 2.0, 3.0, 2.0]))
+
+
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_a_new_noise_is_drawn_where_no_other_is(monkeypatch: pytest.MonkeyPatch, fidelity: str) -> None:
+    """In the dark of a camera without read noise: 20 e- of columns, their deviation known to 5 / sqrt(2 n)."""
+    quiet = replace(Camera.preset("imx250"), read_noise_e=0.0, black_level_dn=100.0)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], ColumnNoise(20.0), *stages.STAGES[6:]))
+    dark = torch.zeros(1, 1, 2, 4000)
+    dn = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, generator=[3], fidelity=fidelity)  # type: ignore[arg-type]
+    expected = 20 * quiet.system_gain_dn_per_e
+    assert float(dn[..., 0, :].std()) == pytest.approx(expected, rel=5 / (2 * 4000) ** 0.5)
+    assert torch.equal(dn[..., 0, :], dn[..., 1, :])
+    mean = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, fidelity=fidelity, noise=False)  # type: ignore[arg-type]
+    assert float(mean.std()) == 0

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise.light.effect import LightEffect
 from blurnoise.operating_point import OperatingPoint
@@ -61,3 +62,24 @@ class Pedestal(SensorStage):
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
+
+
+class ColumnNoise(SensorStage):
+    """A draw for each column and frame, e-."""
+
+    name = "column noise"
+    draws = True
+
+    def __init__(self, electrons: float) -> None:
+        self.electrons = electrons
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        if at.law == "none":
+            return signal
+        return signal + self.electrons * rng.standard_normal(at.seeds, signal[..., :1, :], self.name)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        return before._replace(variance=before.variance + self.electrons**2)
+
+    def bound_dn(self, at: OperatingPoint[float]) -> float:
+        return self.electrons * at.camera.system_gain_dn_per_e

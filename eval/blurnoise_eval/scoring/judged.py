@@ -58,8 +58,8 @@ class Alarms(NamedTuple):
 class Judged:
     """A model's answers under one condition.
 
-    means: of its targets and readings, by column. truth: None for a reader. found: (picture name, repeat,
-    detections). move_boxes: to where the truth's boxes stand in these pictures; None: they stay.
+    means: of its targets and readings, by column, None where there is none of them. truth: None for a reader.
+    found: (picture name, repeat, detections). move_boxes: to where the truth's boxes stand here; None: they stay.
     """
 
     means: Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""The scores of a model under a condition, one table: columns, tables of models and what a page can show follow it.
+"""The scores of a model under a condition, one table: columns and what a page can show follow it.
 
 Domain: shares in [0, 1] where the scale is "share", numbers from 0 up where it is "count".
 """

@@ -334,7 +334,7 @@ def bad(tmp_path: Path) -> Path:
         ("simulate good.png -o out.png --exposure-ms -1", "exposure_s"),
         ("simulate good.png -o out.png --exposure-ms nan", "exposure_s"),
         ("simulate good.png -o out.png --lux -1", "illuminance_lux"),
-        ("simulate good.png -o out.png --dx inf", "displacement_px"),
+        ("simulate good.png -o out.png --dx inf", "velocity_px_s"),
         ("simulate good.png -o out.png --temperature-c nan", "temperature_c"),
         ("simulate good.png -o out.png --camera pinhole", "pinhole"),
         ("simulate good.png -o out.png --f-number 0", "f_number"),

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING
+from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.scoring.curves import endurances, endurances_across, surfaces
@@ -44,7 +44,13 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
         own = axis.own(IMX250)
         if draw(st.booleans()) and not math.isnan(own):
             values.append(own)
-        grid[axis.name] = [value for value in values if low <= value <= axis.high] or [max(low, 1.0)]
+        grid[axis.name] = [value for value in values if low <= value <= axis.high] or [
+            min(max(low, 1.0), axis.high)
+        ]
+    longest_s = max(grid["exposure_s"])
+    for name in VELOCITY:  # no farther than a picture may move during an exposure
+        if name in grid:
+            grid[name] = [v for v in grid[name] if abs(v) * longest_s < 1e5] or [0.0]
     assume(math.prod(len(set(values)) for values in grid.values()) <= MOST)
     return grid
 
