@@ -30,6 +30,7 @@ def power(**blur: object) -> torch.Tensor:
     return torch.from_numpy(closed_mtf(FREQUENCY.numpy(), **blur)) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length_px", "cnr", "allowed"), [(6.0, 20.0, 0.03), (6.0, 6.0, 0.15), (20.0, 20.0, 0.15)]
 )

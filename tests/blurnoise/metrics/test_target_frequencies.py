@@ -28,6 +28,7 @@ def test_signs_hold_the_paper_s_frequencies(size_px: int, low: float, high: floa
     assert high <= got.high <= 1.3 * high
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.floats(64, 260))
 def test_frequencies_go_with_the_inverse_of_the_size(size_px: float) -> None:
