@@ -49,6 +49,7 @@ def test_train_writes_a_detector_that_says_how_it_was_made(
     assert told.loss.iloc[-1] == pytest.approx(facts["loss"], rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL, signal.SIGINT])
 def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: signal.Signals) -> None:

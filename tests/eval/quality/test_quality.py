@@ -280,6 +280,7 @@ def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
     assert not brighter["patch_snr_bright"].told
 
 
+@pytest.mark.slow
 def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
     rows = [
         Row(at.on(CAMERA), metric.name, Estimate(1.0, 0.5, 2.0), 1, 1)
