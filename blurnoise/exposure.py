@@ -6,6 +6,7 @@ frame has the same bits whoever asks for it: :func:`blurnoise.simulate` for a ba
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import OrderedDict
@@ -22,7 +23,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, an_instance, image_batch, integer, one_of, shown
+from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, one_of, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
@@ -198,6 +199,7 @@ class ExposedScene:
             "fidelity": self.fidelity,
             "noise": shared.noisy,
             "without": shared.without,
+            "checked": True,
             "normal": self._normal(shared.seed).expand(count, -1, -1, -1),
             "read": self._normal(shared.seed, "read").expand(count, -1, -1, -1) if own_read else None,
         }
@@ -262,6 +264,7 @@ class ExposedScene:
             noise=noise and (needs is None or needs.noisy),
             quantised=quantised,
             without=without,
+            checked=True,
             out=moved if moved is not light and moved.is_contiguous() else None,
         )
 
@@ -282,11 +285,13 @@ class ExposedScene:
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
     """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
-    image_batch("image", image)
+    batch_shaped("image", image)
     one_of("encoding", encoding, ("srgb", "linear"))
     seen = image.detach()  # NumPy's extremes wake no threads, which would spin beside the work that follows
     bounds = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
     low, high = (float(bound) for bound in bounds)
+    if not math.isfinite(low + high):  # extremes hand NaN on
+        raise ValueError("image: contains NaN or Inf")
     if low < 0.0 or high > 1.0:
         raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
     return linear_from_srgb(image) if encoding == "srgb" else image

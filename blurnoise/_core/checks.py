@@ -79,6 +79,11 @@ def image_batch(name: str, value: Tensor) -> Tensor:
 
     Raises ``TypeError`` for anything else, ``ValueError`` for a wrong shape or value.
     """
+    return finite(name, batch_shaped(name, value))
+
+
+def batch_shaped(name: str, value: Tensor) -> Tensor:
+    """:func:`image_batch` without a look at the values."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
     if value.dtype not in (torch.float32, torch.float64):
@@ -88,7 +93,7 @@ def image_batch(name: str, value: Tensor) -> Tensor:
         )
     if value.ndim != 4 or 0 in value.shape:
         raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
-    return finite(name, value)
+    return value
 
 
 def finite(name: str, value: Tensor) -> Tensor:

@@ -71,6 +71,7 @@ def read_out(
     noise: bool = True,
     quantised: bool = True,
     without: frozenset[str] = frozenset(),
+    checked: bool = False,
     normal: Tensor | None = None,
     read: Tensor | None = None,
     tones: Tensor | None = None,
@@ -92,15 +93,16 @@ def read_out(
     Gradients reach scene, white_e, exposure and temperature: the noise is reparameterised as in
     :func:`.stages.noisy_electrons`, rounding lets them through unchanged, a clipped pixel has none.
 
-    For a caller who exposes one picture many times: normal, the N(0, 1) field of ``rng.standard_normal`` for
-    these seeds, drawn once, and read, that of its stream "read", for where read noise has a draw of its own;
-    tones, a value per digital number (such as :func:`tones_8bit`), which is returned instead of the digital
-    number itself. A picture expanded to a batch of lights, its normal likewise, gives the same bits in less
-    time than light by light. out: where to write, of the result's shape and dtype, contiguous or channels last;
-    it may be ``scene``. Gradients leave it unused.
+    For a caller who exposes one picture many times: checked, that the scene is known to be finite; normal, the N(0, 1)
+    field of ``rng.standard_normal`` for these seeds, drawn once, and read, that of its stream "read", for where read
+    noise has a draw of its own; tones, a value per digital number (such as :func:`tones_8bit`), which is returned
+    instead of the digital number itself. A picture expanded to a batch of lights, its normal likewise, gives the same
+    bits in less time than light by light. out: where to write, of the result's shape and dtype, contiguous or channels
+    last; it may be ``scene``. Gradients leave it unused.
     """
     batch = len(scene)
-    image_batch("scene", scene[:1] if scene.stride(0) == 0 else scene)
+    if not checked:
+        image_batch("scene", scene)
     one_of("fidelity", fidelity, ("auto", "full"))
     camera = stages.reduced(camera, without)
     exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
