@@ -93,12 +93,12 @@ def read_out(
     Gradients reach scene, white_e, exposure and temperature: the noise is reparameterised as in
     :func:`.stages.noisy_electrons`, rounding lets them through unchanged, a clipped pixel has none.
 
-    For a caller who exposes one picture many times: checked, that the scene is known to be finite; normal, the N(0, 1)
-    field of ``rng.standard_normal`` for these seeds, drawn once, and read, that of its stream "read", for where read
-    noise has a draw of its own; tones, a value per digital number (such as :func:`tones_8bit`), which is returned
-    instead of the digital number itself. A picture expanded to a batch of lights, its normal likewise, gives the same
-    bits in less time than light by light. out: where to write, of the result's shape and dtype, contiguous or channels
-    last; it may be ``scene``. Gradients leave it unused.
+    For a caller who exposes one picture many times: checked, that the scene is known to be finite; normal, the
+    N(0, 1) field of ``rng.standard_normal`` for these seeds, drawn once, and read, that of its stream "read", for
+    where read noise has a draw of its own; tones, a value per digital number (such as :func:`tones_8bit`), which is
+    returned instead of the digital number itself. A picture expanded to a batch of lights, its normal likewise,
+    gives the same bits in less time than light by light. out: where to write, of the result's shape and dtype,
+    contiguous or channels last; it may be ``scene``. Gradients leave it unused.
     """
     batch = len(scene)
     if not checked:
