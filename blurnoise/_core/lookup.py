@@ -20,11 +20,10 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
         return table[wide.clamp(0, last).int()]
     numbers, values = dn.detach().reshape(-1).numpy(), table.numpy()
     out = np.empty(len(numbers), values.dtype)
+    highest = last if dn.is_floating_point() else min(last, np.iinfo(numbers.dtype).max)
 
     def look_up(piece: slice) -> None:
-        inside = np.minimum(
-            np.maximum(numbers[piece], 0), last
-        )  # before integers, which large floats would overflow
+        inside = np.clip(numbers[piece], 0, highest)  # before integers, which large floats would overflow
         np.take(values, inside.astype(np.int32), mode="clip", out=out[piece])
 
     in_pieces(look_up, len(numbers), torch.get_num_threads())

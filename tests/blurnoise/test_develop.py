@@ -116,3 +116,12 @@ def test_the_augmentations_parameters_say_all_in_compiled_code() -> None:
         assert torch.equal(augmentation(picture, params=augmentation._params), compiled)
     finally:
         torch._dynamo.reset()
+
+
+@pytest.mark.parametrize("kind", [torch.uint8, torch.int8, torch.int16, torch.int64])
+@pytest.mark.parametrize("bit_depth", [6, 12, 16])
+def test_integers_narrower_and_wider_than_the_converter(kind: torch.dtype, bit_depth: int) -> None:
+    camera = replace(Camera.preset("imx250"), bit_depth=bit_depth, black_level_dn=0.0)
+    dn = torch.tensor([-3, 0, 5, 63, 100, 127]).clamp_min(torch.iinfo(kind).min)
+    expected = develop(dn.double().clamp(0, camera.full_scale_dn), camera)
+    torch.testing.assert_close(develop(dn.to(kind), camera).double(), expected, rtol=0, atol=1e-7)
