@@ -29,6 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "clean"), [("yolox_nano", 0.299), ("fastestdet_upstream", 0.156)])
 def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
     run: Path, model: str, clean: float

@@ -56,6 +56,7 @@ def deviations(camera: Camera, model: Camera) -> np.ndarray[Any, Any]:
     return ((points.variance_dn2 - line.variance_dn2) / error)[whole]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("camera", [*PRESETS.values(), DARK], ids=lambda camera: camera.name)
 def test_measured_points_lie_on_the_models_line(camera: Camera) -> None:
     """Five standard errors; a read noise, or a gain, 5 % off lies outside them."""
