@@ -121,6 +121,7 @@ def page_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pages, "COMPARISONS", {})
 
 
+@pytest.mark.slow
 def test_three_models_side_by_side(tmp_path: Path, page_only: None) -> None:
     models = ("yolox-nano", HOSTILE, "a_model_of_one_very_long_word_" * 4)
     data = made_run(tmp_path, speeds=(0.0, 200.0, 600.0), models=models, n_examples=3)
@@ -150,6 +151,7 @@ def test_one_reader_and_two_directions(tmp_path: Path, page_only: None) -> None:
         assert start["tiles"] == 2 * 4  # the two directions of one speed share a tile
 
 
+@pytest.mark.slow
 def test_any_two_axes_are_drawn_against_each_other(tmp_path: Path, page_only: None) -> None:
     data = made_run(
         tmp_path,

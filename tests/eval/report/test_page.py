@@ -213,6 +213,7 @@ HOSTILE = [
 ]
 
 
+@pytest.mark.slow
 def test_hostile_names_stay_text(tmp_path: Path, reported: tuple[RunData, Path]) -> None:
     evil = HOSTILE[0] + HOSTILE[1]
     groups = dict.fromkeys(HOSTILE, 0.9)

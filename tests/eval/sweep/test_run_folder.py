@@ -91,6 +91,7 @@ def run(finished: Path, tmp_path: Path) -> Path:
 # --- what is missing ---
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 def test_killed_run_says_how_many_cells_are_missing(model: Path, tmp_path: Path, capsys: Output) -> None:
     pictures, folder = photos(tmp_path / "photos", "a.png", "b.png"), tmp_path / "run"
@@ -200,6 +201,7 @@ def test_a_picture_that_became_readable_is_skipped_no_more(model: Path, tmp_path
 # --- which folder is whose ---
 
 
+@pytest.mark.slow
 def test_a_run_among_the_pictures_goes_on(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
 ) -> None:
@@ -255,6 +257,7 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
 # --- where nothing can be written ---
 
 
+@pytest.mark.slow
 def test_run_that_cannot_be_written_is_read_and_left_alone(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -341,6 +344,7 @@ def test_read_only_medium(run: Path, mounted: Callable[[str], Path], tmp_path: P
         assert named in line, command
 
 
+@pytest.mark.slow
 def test_full_disk(
     model: Path, finished: Path, mounted: Callable[[str], Path], tmp_path: Path, capsys: Output
 ) -> None:

@@ -301,6 +301,7 @@ def test_interrupted_sweep_goes_on(
         assert (again.resumed, again.computed) == (total, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 def test_killed_sweep_goes_on_with_the_same_command(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
