@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise import camera_files, presets
+from blurnoise import camera_files, gain, presets
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
-from blurnoise._core.limits import within
+from blurnoise._core.limits import LIMITS, within
 from blurnoise._core.validation import Figure, Text, check_fields
 from blurnoise.spectra import Curve
 from blurnoise.transfer import Optics
@@ -34,7 +34,10 @@ class Camera:
     pixel_pitch_um: square pixel. f_number: working f-number N. transmission: lens and atmosphere, 0-1.
     quantum_efficiency: electrons per photon, a number over 400-700 nm or a :class:`Curve`, IR-cut and colour
     filter included; all channels of a colour picture share it, as after a white balance.
-    full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark.
+    full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark, at gain
+    0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
+    analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
+    conversion_gains: what the pixel becomes from a gain on, see :class:`blurnoise.gain.ConversionGain`.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
     black_level_dn: offset before rounding. bit_depth: of the converter.
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
@@ -55,6 +58,10 @@ class Camera:
     full_well_e: Annotated[Figure, within("full_well_e")]
     system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
     read_noise_e: Annotated[Figure, within("read_noise_e")]
+    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
+    analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
+    gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
+    conversion_gains: tuple[gain.ConversionGain, ...] = ()
     dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
     dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
     dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
@@ -75,10 +82,23 @@ class Camera:
         curve = self.quantum_efficiency
         for value in curve.values if isinstance(curve, Curve) else (curve,):
             in_range("quantum_efficiency", value, 0.0, 1.0)
+        self._check_gains()
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
+
+    def _check_gains(self) -> None:
+        if self.analogue_gain_max_db > self.gain_max_db:
+            raise ValueError(
+                f"analogue_gain_max_db = {self.analogue_gain_max_db!r}: must be <= gain_max_db, {self.gain_max_db:g}"
+            )
+        starts, last_db = [row.from_db for row in self.conversion_gains], self.analogue_gain_max_db
+        if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
+            raise ValueError(
+                f"conversion_gains: from_db are {shown(starts)}; must increase, above 0 and up to "
+                f"analogue_gain_max_db, {last_db:g}"
+            )
 
     @property
     def full_scale_dn(self) -> int:
@@ -105,6 +125,15 @@ class Camera:
             defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px,
             diffraction_lambda_n_px=self.diffraction_wavelength_um * self.f_number / self.pixel_pitch_um,
         )
+
+    def at_gain(self, gain_db: float) -> Amplified:
+        """The camera as it stands at a gain, and what of the gain is left to do after the converter.
+
+        Analogue up to ``analogue_gain_max_db``: K g, read noise and well of the row of ``conversion_gains`` that
+        holds there; the rest, and what attenuates, is digital. Raises ``ValueError`` beyond ``gain_max_db``.
+        """
+        in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
+        return _at_gain(self, float(gain_db))
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
@@ -191,7 +220,34 @@ class Camera:
                 "wavelengths_nm": list(curve.wavelengths_nm),
                 "values": list(curve.values),
             }
+        values["conversion_gains"] = [asdict(row) for row in self.conversion_gains]
         return values
+
+
+class Amplified(NamedTuple):
+    """A camera at a gain, whose figures hold there, and the digital gain that is left, dB."""
+
+    camera: Camera
+    digital_db: float
+
+
+@lru_cache(maxsize=512)
+def _at_gain(camera: Camera, gain_db: float) -> Amplified:
+    analogue_db = min(max(gain_db, 0.0), camera.analogue_gain_max_db)
+    if analogue_db == 0:
+        return Amplified(camera, gain_db)
+    own = gain.ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
+    row = gain.row_at((own, *camera.conversion_gains), analogue_db)
+    amplified = replace(
+        camera,
+        system_gain_dn_per_e=camera.system_gain_dn_per_e * gain.factor(analogue_db),
+        full_well_e=row.full_well_e,
+        read_noise_e=gain.read_noise_e(row, analogue_db),
+        read_noise_post_share=0.0,
+        analogue_gain_max_db=0.0,
+        conversion_gains=(),
+    )
+    return Amplified(amplified, gain_db - analogue_db)
 
 
 @lru_cache(maxsize=4)

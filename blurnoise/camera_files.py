@@ -10,7 +10,7 @@ import csv
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, Field, dataclass, field
+from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -21,6 +21,7 @@ from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
+from blurnoise.gain import ConversionGain
 from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
@@ -85,6 +86,8 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
     values["sources"] = base["sources"] | {name: source for name in figures if name in stated} | own.sources
     if isinstance(values["quantum_efficiency"], Mapping):
         values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+    if isinstance(values.get("conversion_gains"), Sequence):
+        values["conversion_gains"] = tuple(map(_conversion_gain, values["conversion_gains"]))
     return values
 
 
@@ -126,6 +129,21 @@ def _curve(stated: Mapping[str, Any], folder: Path) -> Curve:
     raise ValueError(
         f"{name} = {shown(stated)}: must be a number, {{wavelengths_nm, values}} or {{csv, column}}"
     )
+
+
+def _conversion_gain(stated: object) -> object:
+    """A row of ``conversion_gains`` that states its fields; anything else is left for the camera to refuse."""
+    if not isinstance(stated, Mapping):
+        return stated
+    names = [entry.name for entry in fields(ConversionGain)]
+    try:
+        for name in stated:
+            known("field", name, names)
+        if missing := [name for name in names[:3] if name not in stated]:
+            raise ValueError(f"missing {', '.join(missing)}")
+        return ConversionGain(**stated)
+    except (TypeError, ValueError) as error:
+        raise within("conversion_gains", error) from None
 
 
 def _checked(kind: type[T], stated: Mapping[str, Any]) -> T:

@@ -25,7 +25,7 @@ from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, one_of, shown
 from blurnoise._core.limits import limited
-from blurnoise.camera import Camera
+from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.light import effects
@@ -44,8 +44,8 @@ _FIELDS = 2  # noise fields that a scene keeps
 class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, and its noise's seed.
 
-    gain_db: digital, after the converter. seed: of the noise, see :mod:`blurnoise._core.rng`. Raises ``TypeError``
-    or ``ValueError`` naming the field and what is allowed.
+    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
+    :mod:`blurnoise._core.rng`. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -60,6 +60,7 @@ class Exposure:
         an_instance("camera", self.camera, Camera)
         for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
             limited(name, getattr(self, name))
+        _ = self.amplified  # whose gain has limits of its own
         if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
             raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
         for speed in self.velocity_px_s:
@@ -69,6 +70,11 @@ class Exposure:
                 "displacement_px",
             )
         integer("seed", self.seed, 0, rng.LAST_SEED)
+
+    @property
+    def amplified(self) -> Amplified:
+        """The camera as it stands at the gain, and the digital gain that is left."""
+        return self.camera.at_gain(self.gain_db)
 
     def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
         """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
@@ -206,15 +212,15 @@ class ExposedScene:
         expanded = light.expand(count, -1, -1, -1)
         if not tabulated():
             dn = read_out(expanded, shared.camera, **given)
-            developed = develop_8bit(dn, shared.delivering, shared.gain_db)
+            developed = develop_8bit(dn, shared.delivering, shared.digital_db)
             return list(developed.permute(0, 2, 3, 1).contiguous().numpy())
         seen = torch.empty((count, height, width, colours), dtype=torch.uint8)
-        tones = tones_8bit(shared.delivering, shared.gain_db)
+        tones = tones_8bit(shared.delivering, shared.digital_db)
         read_out(expanded, shared.camera, **given, tones=tones, out=seen.permute(0, 3, 1, 2))
         return list(seen.numpy())
 
     def _planned(self, exposures: Sequence[Exposure]) -> Iterator[_Planned]:
-        for camera, of_camera in groupby(exposures, key=lambda each: each.camera):
+        for camera, of_camera in groupby(exposures, key=lambda each: each.amplified.camera):
             some = list(of_camera)
             points = operating_points(
                 self.light.expand(len(some), -1, -1, -1),
@@ -226,7 +232,8 @@ class ExposedScene:
                 illuminant=self._illuminant,
             )
             for place, (exposure, at) in enumerate(zip(some, _each(points), strict=True)):
-                gain = max(1.0, 10 ** (exposure.gain_db / 20))  # which magnifies what is left out
+                digital_db = exposure.amplified.digital_db
+                gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out
                 needs = plan_at(at, self._tolerance_dn / gain) if self.fidelity == "auto" else None
                 without = needs.without if needs else effects.NOTHING
                 alike = _Alike(
@@ -234,7 +241,7 @@ class ExposedScene:
                     without,
                     needs.noisy if needs else True,
                     camera,
-                    exposure.gain_db,
+                    digital_db,
                     exposure.seed,
                     effects.key(_reduced(at, needs), without),
                 )
@@ -304,7 +311,7 @@ class _Alike(NamedTuple):
     without: frozenset[str]
     noisy: bool
     delivering: Camera
-    gain_db: float
+    digital_db: float
     seed: int
     light: Hashable
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from blurnoise.spectra import Curve, Spectrum
@@ -12,6 +13,19 @@ Figures = Mapping[str, Any]
 
 _MVFOX = "manual of the mvBlueFOX3 cameras, EMVA 1288 figures of the model with this sensor"
 _NO_FIGURE = "no public figure found, left at 0"
+_PREGIUS = "Moravian Instruments, C1+ user manual, p. 15"
+_GAIN_OF_PREGIUS = "quoted: 24 dB analogue of the 3.45 um Sony Pregius, " + _PREGIUS
+_GAIN_ASSUMED = "assumed: no public gain series found; 24 dB as of Sony's machine-vision sensors"
+_GAIN_MAX = "assumed: 0-48 dB, as FLIR's Blackfly S specifies for Sony's sensors"
+_POST_OF_PREGIUS = (
+    "derived: 3.45 um Sony Pregius, 2.2 e- at 0 dB and 2.0 e- at 24 dB, 2.00 before and 0.92 behind the amplifier, "
+    + _PREGIUS
+)
+_PREGIUS_GAIN = MappingProxyType(
+    {"analogue_gain_max_db": _GAIN_OF_PREGIUS, "read_noise_post_share": _POST_OF_PREGIUS}
+)
+_PREGIUS_POST_SHARE = round((0.92 / 2.2) ** 2, 3)
+_NO_SERIES = "assumed: no public gain series found, none behind the amplifier"
 _LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
 _OF_SNR = "derived: 10^(SNRmax/10) of the "
 _OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "
@@ -27,6 +41,8 @@ def _from_emva(
     quantum_efficiency: Spectrum,
     qe_source: str,
     source: str,
+    read_noise_post_share: float = 0.0,
+    gain_sources: Mapping[str, str] = MappingProxyType({}),
 ) -> Figures:
     """A camera of the figures an EMVA 1288 data sheet quotes; what it does not quote is assumed and said."""
     full_well_e = float(round(10 ** (snr_max_db / 10)))
@@ -37,9 +53,11 @@ def _from_emva(
         pixel_pitch_um=pixel_pitch_um,
         full_well_e=full_well_e,
         read_noise_e=read_noise_e,
+        read_noise_post_share=read_noise_post_share,
         size_px=size_px,
         quantum_efficiency=quantum_efficiency,
         sources={
+            **gain_sources,
             "pixel_pitch_um": f"quoted: {source}",
             "full_well_e": _OF_SNR + snr_dr,
             "read_noise_e": _OF_DR + snr_dr,
@@ -61,6 +79,7 @@ def _with_black_level(
     quantum_efficiency: Spectrum,
     sources: Mapping[str, str],
     f_number: float = 1.4,
+    read_noise_post_share: float = 0.0,
 ) -> Figures:
     """A 12-bit camera whose gain puts the full well at full scale, above a black level of six read noises."""
     full_scale_dn = 4095
@@ -76,6 +95,9 @@ def _with_black_level(
         "full_well_e": full_well_e,
         "system_gain_dn_per_e": (full_scale_dn - black_level_dn) / full_well_e,
         "read_noise_e": read_noise_e,
+        "read_noise_post_share": read_noise_post_share,
+        "analogue_gain_max_db": 24.0,
+        "gain_max_db": 48.0,
         "black_level_dn": black_level_dn,
         "bit_depth": 12,
         "width_px": width_px,
@@ -85,6 +107,10 @@ def _with_black_level(
             "transmission": _LENS,
             "system_gain_dn_per_e": "chosen: the full well is full scale",
             "black_level_dn": "chosen: six times the read noise, so that the dark is not clipped",
+            "read_noise_post_share": _NO_SERIES,
+            "analogue_gain_max_db": _GAIN_ASSUMED,
+            "gain_max_db": _GAIN_MAX,
+            "conversion_gains": "assumed: one conversion gain",
             "dark_current_e_s": _NO_FIGURE,
             "prnu": _NO_FIGURE,
             "dsnu_e": _NO_FIGURE,
@@ -121,6 +147,8 @@ FIGURES: tuple[Figures, ...] = (
         quantum_efficiency=_BLACKFLY_QE,
         qe_source=_QE_ASSUMED,
         source=_MVFOX,
+        read_noise_post_share=_PREGIUS_POST_SHARE,
+        gain_sources=_PREGIUS_GAIN,
     ),
     _from_emva(
         "imx249",
@@ -147,6 +175,7 @@ FIGURES: tuple[Figures, ...] = (
         pixel_pitch_um=3.45,
         full_well_e=11105.0,
         read_noise_e=2.45,
+        read_noise_post_share=_PREGIUS_POST_SHARE,
         size_px=(2448, 2048),
         quantum_efficiency=_BLACKFLY_QE,
         f_number=2.743,
@@ -155,6 +184,7 @@ FIGURES: tuple[Figures, ...] = (
             "full_well_e": f"quoted: {_BLACKFLY} (max_n)",
             "bit_depth": f"quoted: {_BLACKFLY}",
             "quantum_efficiency": f"quoted: {_BLACKFLY}; linear between its four wavelengths, 0 outside",
+            **_PREGIUS_GAIN,
             "f_number": f"derived: focal length over aperture, {_BLACKFLY}",
             "read_noise_e": "assumed: no public figure found; that of the IMX250, the same pitch and well",
             "width_px": "assumed: that of the IMX250",
@@ -227,6 +257,10 @@ FIGURES: tuple[Figures, ...] = (
             "width_px": f"quoted: {_LIN}, road scenes",
             "height_px": "assumed: 4096 x 2160",
             "hfov_deg": f"quoted: {_LIN}, as its Table 2 needs (printed as 99)",
+            "read_noise_post_share": "the tool has no gain",
+            "analogue_gain_max_db": "the tool has no gain",
+            "gain_max_db": "assumed: digital; the tool has no gain",
+            "conversion_gains": "the tool has no gain",
             "dark_current_e_s": "the tool has none",
             "dark_reference_c": "without effect: no dark current",
             "dark_doubling_c": "without effect: no dark current",

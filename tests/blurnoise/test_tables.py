@@ -108,18 +108,20 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: p
     scene = ExposedScene.of_picture(coded)
     at = [Exposure(CAMERA, 0.004, lux, (900.0, -300.0), seed=5) for lux in (20.0, 60.0)]
     at.append(Exposure(replace(CAMERA, f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
+    at.append(replace(at[-1], gain_db=27.0))  # 24 dB of it analogue
     for exposure, frame in zip(at, scene.frames(at), strict=True):
+        camera, digital_db = exposure.camera.at_gain(exposure.gain_db)
         dn = simulate(
             torch.from_numpy(coded).permute(2, 0, 1)[None] / 255,
-            exposure.camera,
+            camera,
             exposure_s=exposure.exposure_s,
             illuminance_lux=exposure.illuminance_lux,
             velocity_px_s=exposure.velocity_px_s,
             temperature_c=exposure.temperature_c,
             generator=[exposure.seed],
-            tolerance_dn=0.1 / 10 ** (exposure.gain_db / 20),
+            tolerance_dn=0.1 / 10 ** (digital_db / 20),
         )
-        expected = develop_8bit(dn, exposure.camera, exposure.gain_db)[0].permute(1, 2, 0)
+        expected = develop_8bit(dn, camera, digital_db)[0].permute(1, 2, 0)
         assert torch.equal(torch.from_numpy(frame.picture), expected)
         moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]

@@ -172,13 +172,14 @@ class _Scenes:
 
 def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Conditions) -> list[Row]:
     at = conditions.exposure(camera)
-    seen = _with_gain(at.camera, at.gain_db)
+    taker, digital_db = at.amplified
+    seen = _with_gain(taker, digital_db)
 
     def frames(name: str) -> Tensor:
         scene: Tensor = getattr(scenes, name)
         dn = simulate(
             scene.expand(plan.repeats, -1, -1, -1),
-            at.camera,
+            taker,
             exposure_s=at.exposure_s,
             illuminance_lux=at.illuminance_lux,
             velocity_px_s=at.velocity_px_s,
@@ -186,7 +187,7 @@ def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Con
             encoding="linear",
             generator=[cell_seed(plan.seed, name, repeat) for repeat in range(plan.repeats)],
         )
-        return dn if at.gain_db == 0 else _amplified(dn, seen, at.gain_db)
+        return dn if digital_db == 0 else _amplified(dn, seen, digital_db)
 
     moved_x, moved_y = (abs(moved) for moved in conditions.displacement_px)
     across_x = _edges(

@@ -252,6 +252,19 @@ def test_the_camera_is_found_in_its_frames(name: str, fidelity: sensor.Fidelity)
     assert not disagreements(found, expected), (found, expected)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("gain_db", [6.0, 12.0, 18.0])
+def test_gain_and_read_noise_are_found_at_three_gains(gain_db: float) -> None:
+    at_rest = replace(PRESET, read_noise_post_share=0.5, black_level_dn=60.0)  # six times the read noise at 18 dB
+    camera = at_rest.at_gain(gain_db).camera
+    bench = Bench(camera)
+    found = bench.analysis(camera, seed=70 + int(gain_db))
+    g = 10 ** (gain_db / 20)
+    assert found["system gain"] == pytest.approx(g * PRESET.system_gain_dn_per_e, rel=0.01)
+    assert found["read noise"] == pytest.approx(PRESET.read_noise_e * (0.5 + 0.5 / g**2) ** 0.5, rel=0.01)
+    assert not disagreements(found, bench.expected(camera)), found
+
+
 @pytest.mark.parametrize(
     ("field", "factor", "noticed"),
     [

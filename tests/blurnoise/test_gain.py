@@ -1,0 +1,128 @@
+"""Gain: closed forms, loops that close, and what it may not be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from blurnoise import Camera, moments, simulate
+from blurnoise.gain import ConversionGain
+
+IMX250 = Camera.preset("imx250")
+DUAL = replace(
+    IMX250,
+    read_noise_e=6.0,
+    read_noise_post_share=0.5,
+    conversion_gains=(ConversionGain(12.0, 2500.0, 1.5, 0.8),),
+)
+
+
+def test_without_gain_the_camera_is_itself() -> None:
+    assert IMX250.at_gain(0.0).camera is IMX250
+
+
+@given(st.floats(0.0, 24.0))
+def test_analogue_gain_multiplies_k_and_divides_what_comes_after(gain_db: float) -> None:
+    g, (camera, digital_db) = 10 ** (gain_db / 20), IMX250.at_gain(gain_db)
+    assert digital_db == 0
+    assert camera.system_gain_dn_per_e == pytest.approx(g * IMX250.system_gain_dn_per_e, rel=1e-12)
+    share = IMX250.read_noise_post_share
+    expected = 2.45 * math.sqrt(1 - share + share / g**2)
+    assert camera.read_noise_e == pytest.approx(expected, rel=1e-12)
+    assert camera.saturation_e == pytest.approx(IMX250.saturation_e / g, rel=1e-9)  # the converter's limit
+
+
+def test_the_3_45_um_pregius_is_quieter_by_a_tenth_at_24_db() -> None:
+    ratio = IMX250.at_gain(24.0).camera.read_noise_e / IMX250.read_noise_e
+    assert ratio == pytest.approx(2.0 / 2.2, abs=0.005)  # 2.2 and 2.0 e- in the manual
+
+
+def test_beyond_the_amplifier_gain_is_digital_and_noise_stays() -> None:
+    at_24, (camera, digital_db) = IMX250.at_gain(24.0).camera, IMX250.at_gain(36.0)
+    assert (camera, digital_db) == (at_24, pytest.approx(12.0))
+    assert IMX250.at_gain(-6.0) == (IMX250, -6.0)
+
+
+def test_a_switch_of_conversion_gain_changes_well_and_noise_not_brightness() -> None:
+    below, above = (DUAL.at_gain(gain_db).camera for gain_db in (11.999, 12.0))
+    assert above.system_gain_dn_per_e == pytest.approx(below.system_gain_dn_per_e, rel=2e-4)
+    assert below.read_noise_e == pytest.approx(6 * math.sqrt(0.5 + 0.5 / 10 ** (11.999 / 10)))
+    assert (above.full_well_e, above.read_noise_e) == (2500.0, pytest.approx(1.5))
+    later = DUAL.at_gain(18.0).camera.read_noise_e
+    assert later == pytest.approx(1.5 * math.sqrt(0.2 + 0.8 / 10**0.6))  # 6 dB beyond the switch
+
+
+@pytest.mark.parametrize(
+    ("figures", "said"),
+    [
+        ({"analogue_gain_max_db": 50.0}, "analogue_gain_max_db = 50.0: must be <= gain_max_db, 48"),
+        ({"read_noise_post_share": 1.5}, "read_noise_post_share = 1.5"),
+        ({"conversion_gains": (ConversionGain(30.0, 2500.0, 1.5),)}, "up to analogue_gain_max_db, 24"),
+        ({"conversion_gains": (ConversionGain(0.0, 2500.0, 1.5),)}, "above 0"),
+        (
+            {"conversion_gains": (ConversionGain(9.0, 9.0, 1.0), ConversionGain(6.0, 9.0, 1.0))},
+            "must increase",
+        ),
+    ],
+)
+def test_gains_that_cannot_be_are_named(figures: dict[str, object], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        replace(IMX250, **figures)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("gain_db", [48.1, -121.0, math.nan])
+def test_gain_beyond_the_camera_is_an_error(gain_db: float) -> None:
+    with pytest.raises(ValueError, match="gain_db"):
+        IMX250.at_gain(gain_db)
+
+
+def test_files_keep_conversion_gains(tmp_path: Path) -> None:
+    DUAL.save(tmp_path / "dual.yaml")
+    assert Camera.load(tmp_path / "dual.yaml") == DUAL
+    (tmp_path / "bad.yaml").write_text(
+        "base: imx250\nconversion_gains: [{from_db: 6.0, full_well_e: 2000.0}]\n"
+    )
+    with pytest.raises(ValueError, match=r"conversion_gains: missing read_noise_e"):
+        Camera.load(tmp_path / "bad.yaml")
+
+
+@pytest.mark.parametrize("doublings", [1, 2, 3])
+def test_exposure_traded_for_gain_costs_3_01_db_per_doubling_where_shot_noise_rules(doublings: int) -> None:
+    quiet = replace(IMX250, read_noise_e=0.0, read_noise_post_share=0.0, bit_depth=16, black_level_dn=0.0,
+                    system_gain_dn_per_e=65535 / 10715)  # fmt: skip
+    exposure_s = 0.016
+    snr, dn = [], []
+    for count in (0, doublings):
+        camera = quiet.at_gain(count * 20 * math.log10(2)).camera
+        flat = torch.full((1, 1, 300, 400), 0.18)
+        frame = simulate(flat, camera, exposure_s=exposure_s / 2**count, illuminance_lux=40.0,
+                         encoding="linear", generator=[count], fidelity="full").double()  # fmt: skip
+        snr.append(20 * math.log10(float(frame.mean() / frame.std())))
+        dn.append(float(frame.mean()))
+    # Over 120 000 pixels a standard deviation is known to 0.2 % or 0.018 dB, a difference to 0.025: five of them.
+    assert snr[0] - snr[1] == pytest.approx(doublings * 10 * math.log10(2), abs=0.13)
+    assert dn[1] == pytest.approx(dn[0], rel=1.5e-3)  # 99 e- or more in 120 000 pixels: 2.9e-4, five of them
+
+
+@pytest.mark.parametrize("gain_db", [0.0, 6.0, 18.0])
+def test_frames_at_a_gain_have_the_moments_of_its_camera(gain_db: float) -> None:
+    camera = IMX250.at_gain(gain_db).camera
+    flat = torch.full((1, 1, 400, 500), 0.2)
+    frame = simulate(flat, camera, exposure_s=0.004, illuminance_lux=10.0, encoding="linear", generator=[3])
+    told = moments.frame(
+        torch.tensor(0.2 * 0.04 * 6906.0, dtype=torch.float64), camera,
+        exposure_s=torch.tensor(0.004), temperature_c=torch.tensor(25.0),
+    )  # fmt: skip
+    spread = math.sqrt(float(told.variance) / frame.numel())
+    assert float(frame.double().mean()) == pytest.approx(
+        float(told.mean), abs=5 * spread + 2e-4 * float(told.mean)
+    )
+    assert float(frame.double().var()) == pytest.approx(
+        float(told.variance), rel=5 * math.sqrt(2 / frame.numel())
+    )
