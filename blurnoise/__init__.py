@@ -6,6 +6,7 @@ the digital numbers that ``camera`` would give; ``develop`` turns those into a p
 
 from typing import TYPE_CHECKING, Any
 
+from blurnoise.auto_exposure import AutoExposure
 from blurnoise.blur import defocus, motion_blur
 from blurnoise.camera import Camera
 from blurnoise.error_budget import plan
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from blurnoise.metrics import slanted_edge
 
 __all__ = [
+    "AutoExposure",
     "Camera",
     "Curve",
     "ExposedScene",

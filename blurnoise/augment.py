@@ -1,8 +1,8 @@
 """Training pictures as cameras would take them: a Kornia augmentation that draws conditions in real units.
 
 Domain: pictures (B, C, H, W) in [0, 1], sRGB-coded or linear, of any float type; the result has the same shape,
-type and range. Values down to -1 and up to 2, which earlier augmentations leave, are clamped. There is no
-automatic gain: little light gives a dark picture.
+type and range. Values down to -1 and up to 2, which earlier augmentations leave, are clamped. Without a gain,
+little light gives a dark picture.
 
 Convention: directions run counter-clockwise as displayed, 0 to the right, as Kornia's angles do. A blur keeps
 its centroid, so what moves is swept half the displacement to either side of its place.
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
@@ -24,8 +24,10 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, in_range, one_of, shown
 from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited, limited_per_image
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.camera import Camera
+from blurnoise.auto_exposure import AutoExposure, mean_luma
+from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding
+from blurnoise.exposure import scene_reflectance
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop
@@ -37,6 +39,8 @@ Range = float | Sequence[float]
 """A number that stays, or the bounds (low, high) to draw between."""
 Cameras = Camera | str | Sequence[Camera | str]
 Params = dict[str, Tensor]
+Gain = Range | Literal["auto"] | AutoExposure
+"""dB, or what auto-exposure sets for the exposure at hand."""
 
 
 @uncompiled
@@ -49,6 +53,7 @@ def expose_pictures(
     speed_px_s: Numbers = 0.0,
     direction_deg: Numbers = 0.0,
     temperature_c: Numbers = 25.0,
+    gain_db: Numbers | AutoExposure = 0.0,
     generator: rng.Randomness = None,
     encoding: Encoding = "srgb",
     fidelity: Fidelity = "auto",
@@ -57,8 +62,10 @@ def expose_pictures(
 
     image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. camera: one, or one for each
     picture, presets by name. exposure_s, illuminance_lux, speed_px_s, direction_deg (counter-clockwise as
-    displayed), temperature_c: a number or one per picture. generator, encoding, fidelity: as ``simulate`` takes
-    them; picture i depends on its own conditions and seed alone. Returns image's shape and dtype, in [0, 1].
+    displayed), temperature_c: a number or one per picture. gain_db: the same, analogue as far as the camera goes,
+    then digital; or auto-exposure, which sets it for each picture's mean light and exposure. generator, encoding,
+    fidelity: as ``simulate`` takes them; picture i depends on its own conditions and seed alone. Returns image's
+    shape and dtype, in [0, 1].
 
     Gradients reach image and conditions. Raises ``TypeError`` or ``ValueError`` that names the argument.
     """
@@ -72,8 +79,25 @@ def expose_pictures(
     speed = limited_per_image("speed_px_s", speed_px_s, batch, scene)
     velocity = velocity_px_s(speed, limited_per_image("direction_deg", direction_deg, batch, scene))
     seeds = rng.item_seeds(generator, batch)
+    if isinstance(gain_db, AutoExposure):
+        with torch.no_grad():
+            means = mean_luma(scene_reflectance(scene, encoding)).tolist()
+        set_by = zip(means, lux.tolist(), exposure.tolist(), temperature.tolist(), strict=True)
+        gains = [
+            gain_db.gain_db(
+                cameras[item % len(cameras)],
+                mean_light=mean,
+                illuminance_lux=light,
+                exposure_s=exposure_s,
+                temperature_c=celsius,
+            )
+            for item, (mean, light, exposure_s, celsius) in enumerate(set_by)
+        ]
+    else:
+        gains = limited_per_image("gain_db", gain_db, batch, scene).tolist()
 
-    def pictures(camera: Camera, of: list[int]) -> Tensor:
+    def pictures(taker: Amplified, of: list[int]) -> Tensor:
+        camera, digital_db = taker
         dn = simulate(
             scene if len(of) == batch else scene[of],
             camera,
@@ -85,15 +109,15 @@ def expose_pictures(
             generator=[seeds[item] for item in of],
             fidelity=fidelity,
         )
-        return develop(dn, camera, encoding=encoding)
+        return develop(dn, camera, encoding=encoding, gain_db=digital_db)
 
-    taken_by: dict[Camera, list[int]] = {}
-    for item in range(batch):
-        taken_by.setdefault(cameras[item % len(cameras)], []).append(item)
+    taken_by: dict[Amplified, list[int]] = {}
+    for item, gain in enumerate(gains):
+        taken_by.setdefault(cameras[item % len(cameras)].at_gain(gain), []).append(item)
     with torch.autocast(scene.device.type, enabled=False):
         parts = {each: pictures(each, items) for each, items in taken_by.items()}
     if len(parts) == 1:
-        return parts[cameras[0]].to(image.dtype)
+        return next(iter(parts.values())).to(image.dtype)
     out = torch.empty_like(image)
     for each, items in taken_by.items():
         out[items] = parts[each].to(image.dtype)
@@ -107,7 +131,8 @@ class ExposureRanges:
     camera: one or several, presets by name, each as likely as the others; kept as a tuple. exposure_s and
     illuminance_lux, from 1e-9 s and 1e-6 lux on, are log-uniform: they multiply the light, so that each doubling
     is as likely as the next, where a uniform draw would hardly ever be dark. speed_px_s >= 0, direction_deg and
-    temperature_c (-273.15 to 300) are uniform. The longest exposure at the highest speed moves 1e5 px at most.
+    temperature_c (-273.15 to 300) are uniform, as is gain_db; "auto", or an :class:`blurnoise.AutoExposure`, sets it
+    for each picture. The longest exposure at the highest speed moves 1e5 px at most.
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed.
     """
@@ -118,9 +143,11 @@ class ExposureRanges:
     speed_px_s: Range = (0.0, 1000.0)
     direction_deg: Range = (0.0, 360.0)
     temperature_c: Range = 25.0
+    gain_db: Gain = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", _cameras(self.camera))
+        object.__setattr__(self, "gain_db", _gain(self.gain_db, self.cameras))
         for name in _DRAWN:
             object.__setattr__(self, name, _bounds(name, getattr(self, name)))
         (_, longest), (_, fastest) = (
@@ -138,20 +165,37 @@ class ExposureRanges:
         """The cameras to choose from; ``camera_index`` of the conditions counts in them."""
         return _cameras(self.camera)
 
+    def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
+        """What was drawn for these pictures, or what holds for all."""
+        return params["gain_db"][of] if "gain_db" in params else self.gain_db  # type: ignore[return-value]
+
+    @property
+    def draws(self) -> int:
+        """How many uniform values the conditions of one picture take."""
+        return len(_DRAWN) + 1 + isinstance(self.gain_db, tuple)
+
     def conditions(self, uniform: Tensor) -> Params:
-        """The conditions at ``uniform`` (B, 6), values in [0, 1): (B,) each, and ``camera_index``, int64."""
-        *shares, camera_share = uniform.unbind(-1)
+        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each, and ``camera_index``, int64.
+
+        ``gain_db`` is among them where it is drawn.
+        """
+        shares, camera_share = uniform.unbind(-1)[: len(_DRAWN)], uniform[..., len(_DRAWN)]
         drawn = {}
         for name, share in zip(_DRAWN, shares, strict=True):
             low, high = getattr(self, name)
             value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
+        if isinstance(self.gain_db, tuple):
+            low, high = self.gain_db
+            drawn["gain_db"] = (low + (high - low) * uniform[..., -1]).clamp(low, high)
         index = (camera_share * len(self.cameras)).long()
         return {**drawn, "camera_index": index.clamp_max(len(self.cameras) - 1)}
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
-        return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in _DRAWN)])
+        return ", ".join(
+            [f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in (*_DRAWN, "gain_db"))]
+        )
 
 
 class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
@@ -177,7 +221,7 @@ class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is
         """Parameters for a batch of shape (B, C, H, W)."""
         batch = batch_shape[0]
         count = min(batch, 1) if same_on_batch else batch
-        drawn = self.ranges.conditions(self.unit.rsample((count, len(_DRAWN) + 1)))
+        drawn = self.ranges.conditions(self.unit.rsample((count, self.ranges.draws)))
         drawn["noise_seed"] = torch.randint(2**63 - 1, (count,), device=self.device)
         return {name: value.expand(batch).clone() for name, value in drawn.items()}
 
@@ -207,6 +251,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         speed_px_s: Range = ExposureRanges.speed_px_s,
         direction_deg: Range = ExposureRanges.direction_deg,
         temperature_c: Range = ExposureRanges.temperature_c,
+        gain_db: Gain = ExposureRanges.gain_db,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -216,7 +261,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
         self.ranges = ExposureRanges(
-            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c
+            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c, gain_db
         )
         self._param_generator = ExposureGenerator(self.ranges)
         self.flags = {
@@ -240,6 +285,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             input[of],
             [cameras[index] for index in params["camera_index"][of].tolist()],
             **{name: params[name][of] for name in _DRAWN},
+            gain_db=self.ranges.gain(params, of),
             generator=params["noise_seed"][of].tolist(),
             encoding=flags["encoding"],
             fidelity=flags["fidelity"],
@@ -335,6 +381,18 @@ def _bounds(name: str, value: Range) -> tuple[float, float]:
         above = "> 0" if first == 0 else f">= {least:g}"
         raise ValueError(f"{name} = {shown(value)}: must be {above}, as it is drawn log-uniformly")
     return first, last
+
+
+def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
+    if isinstance(gain_db, AutoExposure):
+        return gain_db
+    if isinstance(gain_db, str):
+        one_of("gain_db", gain_db, ("auto",))
+        return AutoExposure()
+    low, high = _bounds("gain_db", gain_db)
+    for camera in cameras:
+        camera.at_gain(low), camera.at_gain(high)
+    return low if low == high else (low, high)
 
 
 def _cameras(camera: Cameras) -> tuple[Camera, ...]:

@@ -21,6 +21,7 @@ from blurnoise.augment import (
     Cameras,
     ExposureGenerator,
     ExposureRanges,
+    Gain,
     Range,
     expose_pictures,
     moved_corners,
@@ -51,6 +52,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         speed_px_s: Range = ExposureRanges.speed_px_s,
         direction_deg: Range = ExposureRanges.direction_deg,
         temperature_c: Range = ExposureRanges.temperature_c,
+        gain_db: Gain = ExposureRanges.gain_db,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -58,7 +60,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
     ) -> None:
         super().__init__()
         self.ranges = ExposureRanges(
-            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c
+            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c, gain_db
         )
         one_of("encoding", encoding, ("srgb", "linear"))
         one_of("fidelity", fidelity, ("auto", "full"))
@@ -107,6 +109,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
             speed_px_s=params["speed_px_s"],
             direction_deg=params["direction_deg"],
             temperature_c=params["temperature_c"],
+            gain_db=self.ranges.gain(params),
             generator=rng.item_seeds(noise, len(frames)),
             encoding=self.encoding,
             fidelity=self.fidelity,

@@ -15,13 +15,14 @@ from scipy import stats
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from blurnoise import Camera, augment, develop, photoelectrons, simulate
+from blurnoise import AutoExposure, Camera, augment, develop, photoelectrons, simulate
 from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures, velocity_px_s
 from blurnoise.encoding import linear_from_srgb
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 TWO = ("imx250", "ar0237")
 CONDITIONS = {"exposure_s": 0.02, "illuminance_lux": 80.0}
+_RANGES = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 
 
 def pictures(batch: int = 4, channels: int = 3, height: int = 21, width: int = 34) -> Tensor:
@@ -475,3 +476,48 @@ def test_the_twins_errors_name_the_argument(
 ) -> None:
     with pytest.raises(error, match=said):
         expose_pictures(image, **{"camera": "imx250", **CONDITIONS, **given})
+
+
+def test_automatic_gain_makes_the_brightness_the_targets() -> None:
+    """18 % of full scale by the mean frame; noise of the mean of n pixels, five of them, and the tables' rounding."""
+    flat = torch.full((4, 3, 60, 80), 0.4)
+    lux = torch.tensor([0.5, 4.0, 32.0, 1e5])
+    seen = expose_pictures(
+        flat, "imx250", exposure_s=0.004, illuminance_lux=lux, gain_db=AutoExposure(), generator=[1, 2, 3, 4],
+        encoding="linear",
+    )  # fmt: skip
+    means = seen.mean(dim=(1, 2, 3)).tolist()
+    spread = [5 / math.sqrt(0.4 * 0.004 * float(each) * 6906 * 3 * 4800) + 5e-4 for each in lux]
+    dark = 0.4 * 0.004 * 0.5 * 6906 / 10715 * 10 ** (48 / 20)  # the gain ends at 48 dB
+    assert means[0] == pytest.approx(min(dark, 0.18), rel=0.1)  # clipped at 0 and 1 by noise and gain
+    for mean, tolerance in zip(means[1:3], spread[1:3], strict=True):
+        assert mean == pytest.approx(0.18, rel=tolerance + 0.01)
+    assert means[3] == pytest.approx(1.0)  # in bright light gain cannot help
+
+
+def test_gain_is_drawn_in_its_range_and_replayed() -> None:
+    aug = RandomExposure(TWO, gain_db=(3.0, 30.0), p=1.0)
+    torch.manual_seed(8)
+    seen = aug(pictures())
+    gains = aug._params["gain_db"]
+    assert bool(((gains >= 3) & (gains <= 30)).all())
+    assert len(gains.unique()) == len(gains)
+    assert torch.equal(aug(pictures(), params=aug._params), seen)
+    fixed = expose_pictures(
+        pictures(), [TWO[i] for i in aug._params["camera_index"]],
+        **{name: aug._params[name] for name in (*_RANGES, "gain_db")},
+        generator=aug._params["noise_seed"].tolist(),
+    )  # fmt: skip
+    assert torch.equal(fixed, seen)
+
+
+def test_a_fixed_gain_changes_no_other_draw() -> None:
+    without, with_gain = ExposureRanges(TWO), ExposureRanges(TWO, gain_db=6.0)
+    assert without.draws == with_gain.draws == ExposureRanges(TWO, gain_db="auto").draws == 6
+    assert ExposureRanges(TWO, gain_db=(0.0, 6.0)).draws == 7
+
+
+@pytest.mark.parametrize("gain_db", [(0.0, 60.0), 49.0, "automatic", (6.0, 3.0), None])
+def test_gains_that_a_camera_has_not_are_named(gain_db: object) -> None:
+    with pytest.raises((TypeError, ValueError), match="gain_db"):
+        RandomExposure(TWO, gain_db=gain_db)  # type: ignore[arg-type]

@@ -90,7 +90,7 @@ def tiles(coded: NDArray[np.float32], ranges: ExposureRanges, count: int, seed: 
     integer("count", count, 1, MAX_TILES)
     integer("seed", seed, 0, rng.LAST_SEED)
     generator = torch.Generator().manual_seed(seed)
-    drawn = ranges.conditions(torch.rand(count, 6, generator=generator))
+    drawn = ranges.conditions(torch.rand(count, ranges.draws, generator=generator))
     cameras = [ranges.cameras[index] for index in drawn["camera_index"].tolist()]
     planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)
     exposed = expose_pictures(
@@ -101,6 +101,7 @@ def tiles(coded: NDArray[np.float32], ranges: ExposureRanges, count: int, seed: 
         speed_px_s=drawn["speed_px_s"],
         direction_deg=drawn["direction_deg"],
         temperature_c=drawn["temperature_c"],
+        gain_db=ranges.gain(drawn),
         generator=generator,
     )
     pictures = (

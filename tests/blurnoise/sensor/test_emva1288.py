@@ -255,7 +255,9 @@ def test_the_camera_is_found_in_its_frames(name: str, fidelity: sensor.Fidelity)
 @pytest.mark.slow
 @pytest.mark.parametrize("gain_db", [6.0, 12.0, 18.0])
 def test_gain_and_read_noise_are_found_at_three_gains(gain_db: float) -> None:
-    at_rest = replace(PRESET, read_noise_post_share=0.5, black_level_dn=60.0)  # six times the read noise at 18 dB
+    at_rest = replace(
+        PRESET, read_noise_post_share=0.5, black_level_dn=60.0
+    )  # six times the read noise at 18 dB
     camera = at_rest.at_gain(gain_db).camera
     bench = Bench(camera)
     found = bench.analysis(camera, seed=70 + int(gain_db))
