@@ -34,6 +34,7 @@ from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
+from blurnoise.sensor.stages import nearly_full_e
 from blurnoise.spectra import Curve, check_illuminant
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
@@ -189,7 +190,9 @@ class ExposedScene:
     ) -> Sequence[NDArray[np.uint8]]:
         count, (_, colours, height, width) = len(alike), self.light.shape
         read_noise_e = shared.camera.read_noise_e
-        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E
+        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
+            shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
+        )  # else drawn for what little of the picture may need it
         given: dict[str, Any] = {
             "white_e": torch.cat([each.points.white_e for each in alike]),
             "exposure_s": torch.cat([each.points.exposure_s for each in alike]),
