@@ -87,13 +87,15 @@ class SensorStage(ABC):
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
     to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
     draws: it is noise, over frames; it does nothing under the law "none" and takes a stream of random numbers of its
-    own (``rng.standard_normal(at.seeds, signal, "its name")``).
+    own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene differ by
+    it; what draws does, without saying so.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
     draws: bool = False
+    spreads: bool = False
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
@@ -106,6 +108,10 @@ class SensorStage(ABC):
     def bound_dn(self, at: OperatingPoint[float]) -> float | None:
         """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""
         return None
+
+    def dither_dn(self, at: OperatingPoint[float]) -> float:
+        """DN RMS of normal noise that it adds to every pixel whatever its light, at least: what rounding rests on."""
+        return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:
         """How it is modelled, in a few words. noisy: whether shot or read noise is."""

@@ -57,6 +57,7 @@ class Prnu(SensorStage):
 
     name = "PRNU"
     figures = ("prnu",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Times the pattern, never below 0."""
@@ -81,6 +82,7 @@ class DarkCurrent(SensorStage):
 
     name = "dark current"
     figures = ("dark_current_e_s",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus its mean."""
@@ -183,6 +185,10 @@ class ReadNoise(SensorStage):
         """Its deviation."""
         return within_range_dn(at.camera, at.camera.read_noise_e)
 
+    def dither_dn(self, at: OperatingPoint[float]) -> float:
+        """Its deviation."""
+        return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
+
     def how(self, camera: Camera, noisy: bool) -> str:
         """In which draw."""
         merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
@@ -194,6 +200,7 @@ class Dsnu(SensorStage):
 
     name = "DSNU"
     figures = ("dsnu_e",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus the pattern."""

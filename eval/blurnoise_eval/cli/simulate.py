@@ -98,7 +98,7 @@ def simulate(
         "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
         "mean_dn": float(dn.mean()),
         "full_scale_dn": taker.full_scale_dn,
-        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.clip_dn)).float().mean()),
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.saturated_dn)).float().mean()),
     }
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in needs.stages]
