@@ -26,7 +26,7 @@ from blurnoise.sensor.stage import (
     signal_bound_e,
     within_range_dn,
 )
-from blurnoise.spectra import Curve
+from blurnoise.spectra import Curve, cut_short
 
 
 class SpectralIntegration(SensorStage):
@@ -48,8 +48,10 @@ class SpectralIntegration(SensorStage):
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """Once."""
-        return "once per camera and light"
+        """Once; and where the curve is cut short."""
+        curve = camera.quantum_efficiency
+        mark = cut_short(curve) if isinstance(curve, Curve) else ""
+        return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
 class Prnu(SensorStage):
