@@ -153,7 +153,12 @@ def _left_out(
     spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
     invisible_dn2 = (_SINGLE * at.camera.full_scale_dn) ** 2
-    for kept, rounding_dn2 in ((stay, 0.0), (stay, _ROUNDING_DN2), (stay | dithers, 0.0), (stay | spreading, 0.0)):
+    for kept, rounding_dn2 in (
+        (stay, 0.0),
+        (stay, _ROUNDING_DN2),
+        (stay | dithers, 0.0),
+        (stay | spreading, 0.0),
+    ):
         left_out, spent_dn2 = set[str](), rounding_dn2
         unseen_dn2 = 0.0
         for name, bound in sorted(bounds.items(), key=lambda item: item[1]):

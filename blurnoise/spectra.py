@@ -190,26 +190,26 @@ def photons_per_lux_s_um2(
 
 @lru_cache(maxsize=64)
 def cut_short(response: Curve) -> str:
-    """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what that is worth; "" where it does not.
+    """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what that is worth; "" if it does not.
 
     It counts as 0 beyond its samples all the same: what it would be there nobody has stated. The worth is what D55
     white would gain if its last value held to the end of the band.
     """
     nm, values, peak = response.wavelengths_nm, response.values, max(response.values)
     ends: list[str] = []
-    before, after = ((), ()), ((), ())
+    held = dict(zip(nm, values, strict=True))
     low, high = VISIBLE_NM
     if nm[0] > low and values[0] > _OVER * peak:
-        before = ((low,), (values[0],))
+        held[low] = values[0]
         ends.append(f"begins at {nm[0]:g} nm with {values[0] / peak:.0%} of its peak")
     if nm[-1] < high and values[-1] > _OVER * peak:
-        after = ((high,), (values[-1],))
+        held[high] = values[-1]
         ends.append(f"ends at {nm[-1]:g} nm with {values[-1] / peak:.0%} of its peak")
     if not ends:
         return ""
-    held = Curve((*before[0], *nm, *after[0]), (*before[1], *values, *after[1]))
-    stated = photons_per_lux_s_um2("D55", (response,))
-    more = f", +{photons_per_lux_s_um2('D55', (held,)) / stated - 1:.1%} of white if held" if stated > 0 else ""
+    whole = Curve(tuple(sorted(held)), tuple(held[each] for each in sorted(held)))
+    stated, possible = (photons_per_lux_s_um2("D55", (curve,)) for curve in (response, whole))
+    more = f", +{possible / stated - 1:.1%} of white if held" if stated > 0 else ""
     return f"{' and '.join(ends)}, counted as 0 beyond{more}"
 
 

@@ -149,9 +149,13 @@ def read_out(
         lights = zip(whites[of], darks[of], targets[of], strict=True)
         at = frames(first)
         if law == "merged":
-            most_e = max(whites[of]) * _most(scene[first]) * (1.0 if gain is None else _most(gain)) + max(darks[of])
+            most_e = max(whites[of]) * _most(scene[first]) * (1.0 if gain is None else _most(gain)) + max(
+                darks[of]
+            )
             needed = most_e >= stages.nearly_full_e(camera)
-            own = rng.standard_normal(at.seeds, scene[first], "read") if needed and at.read is None else at.read
+            own = (
+                rng.standard_normal(at.seeds, scene[first], "read") if needed and at.read is None else at.read
+            )
             at = replace(at, read=own if needed else None)
         fused.expose(
             fused.planes_of(scene[first], at),

@@ -38,7 +38,10 @@ class Cut(NamedTuple):
         """Of the signal times a constant."""
         squared = factor * factor
         return Cut(
-            self.headroom * factor, self.uncut_variance * squared, self.lost * factor, self.left_variance * squared
+            self.headroom * factor,
+            self.uncut_variance * squared,
+            self.lost * factor,
+            self.left_variance * squared,
         )
 
 

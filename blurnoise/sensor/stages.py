@@ -161,7 +161,9 @@ class FullWell(SensorStage):
         if math.isinf(at.camera.well_limit_e):
             return before
         well_e = torch.full_like(before.mean, at.camera.well_limit_e)
-        mean, variance, inside = censored(before.mean, before.variance, torch.full_like(well_e, -math.inf), well_e)
+        mean, variance, inside = censored(
+            before.mean, before.variance, torch.full_like(well_e, -math.inf), well_e
+        )
         cut = Cut(well_e - before.mean, before.variance, before.mean - mean, variance)
         return Moments(mean, variance, before.pattern_variance * inside**2, cut)
 
@@ -293,7 +295,9 @@ class Limits(SensorStage):
             top = torch.minimum(well, high - r).maximum(low - r)
             mean, variance, kept = censored(uncut, cut.uncut_variance, low - r, top)
             first, second = first + share * (mean + r), second + share * (variance + (mean + r) ** 2)
-            inside = inside + share * torch.where(well + r <= high, 1.0, kept)  # the well's share is out already
+            inside = inside + share * torch.where(
+                well + r <= high, 1.0, kept
+            )  # the well's share is out already
         return Moments(first, (second - first**2).clamp_min(0.0), before.pattern_variance * inside**2)
 
 

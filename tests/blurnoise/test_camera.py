@@ -319,5 +319,7 @@ def test_curves_cut_short_within_the_visible_band_are_marked(
     assert all(mark in source for mark in marked)
     camera.save(tmp_path / "again.yaml")
     assert Camera.load(tmp_path / "again.yaml").sources["quantum_efficiency"] == source
-    (how,) = (each.how for each in plan(camera, exposure_s=0.01, illuminance_lux=50).stages if "spec" in each.name)
+    (how,) = (
+        each.how for each in plan(camera, exposure_s=0.01, illuminance_lux=50).stages if "spec" in each.name
+    )
     assert all(mark in how for mark in marked)

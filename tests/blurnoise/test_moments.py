@@ -152,7 +152,9 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e: float, law: str) ->
     for stage in stages.STAGES:
         told, signal = stage.moments(told, point), stage.apply(signal, at)
         waiting = law == "merged" and stage in (stages.SHOT_NOISE, stages.FULL_WELL)  # read noise is in there
-        cut = mean_photo_e > 8000 and told.cut is not None  # of a pattern as wide as shot noise, not of a normal
+        cut = (
+            mean_photo_e > 8000 and told.cut is not None
+        )  # of a pattern as wide as shot noise, not of a normal
         if not waiting and not cut and (stage is not stages.LIMITS or mean_photo_e < 8000):
             check(signal, told._replace(variance=told.variance + told.pattern_variance))
 

@@ -178,7 +178,9 @@ def test_a_full_well_clips_before_read_noise_and_a_full_converter_after_it() -> 
 @pytest.mark.parametrize("fidelity", ["auto", "full", "with derivatives"])
 @pytest.mark.parametrize("read_noise_e", [0.6, 10.0])
 @pytest.mark.parametrize("fill", [0.97, 0.99, 1.0, 1.02, 30.0])
-def test_at_the_full_well_charge_clips_and_read_noise_stays(fill: float, read_noise_e: float, fidelity: str) -> None:
+def test_at_the_full_well_charge_clips_and_read_noise_stays(
+    fill: float, read_noise_e: float, fidelity: str
+) -> None:
     """Against NumPy's own chain: counts, the well, read noise, gain, rounding, by every route.
 
     n = 160000 each: means within 5 sigma sqrt(2/n), variances within 5 sqrt(2 (kurtosis + 2) / n) of themselves,
