@@ -228,7 +228,7 @@ def assumptions(data: RunData) -> list[str]:
 
 
 def reflectance(data: RunData) -> str | None:
-    """What light on the scene means: of photographs, and of whatever is anchored; rendered pictures are reflectance."""
+    """What light means of photographs and of what is anchored; None: rendered pictures are reflectance."""
     anchor = data.manifest.get("grey_anchor")
     rendered = data.manifest["images"]["kind"] == "rendered"
     return None if rendered and anchor is None else reflectance_text(anchor)
