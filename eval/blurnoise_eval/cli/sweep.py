@@ -146,7 +146,7 @@ def sweep(
         reads=given.read(models),
     )
     count = usual_repeats(pictures) if repeats is None else repeats
-    plan = SweepPlan(grid, count, seed, grey_anchor=grey_anchor)
+    plan = SweepPlan(grid, repeats=count, seed=seed, grey_anchor=grey_anchor)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(
