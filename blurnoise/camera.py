@@ -87,11 +87,36 @@ class Camera:
 
     @property
     def clip_dn(self) -> float:
-        """Highest digital number a pixel can give: full scale, or the full well's if that is lower."""
+        """The digital number at which light stops to show: full scale, or the full well's if that is lower.
+
+        Read noise comes after the well, so that a saturated pixel may lie on either side of that.
+        """
         return min(
             self.full_scale_dn,
             round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn),
         )
+
+    @property
+    def well_limit_e(self) -> float:
+        """Electrons that the pixel holds, where that ends below the converter's range; else infinite.
+
+        A well that fills the range to its last step is the converter's limit: so are saturation capacities, which
+        EMVA 1288 measures behind the converter.
+        """
+        return self.full_well_e if self.clip_dn < self.full_scale_dn else math.inf
+
+    @property
+    def saturated_dn(self) -> float:
+        """From here on a pixel counts as saturated: full scale, or what noise leaves of a well below it.
+
+        Three deviations of read noise and DSNU below the well, above which all but 0.14 % of full pixels lie,
+        but at least half of it.
+        """
+        if self.clip_dn == self.full_scale_dn:
+            return self.clip_dn
+        noise_e = 3 * math.hypot(self.read_noise_e, self.dsnu_e)
+        least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
+        return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
 
     @property
     def saturation_e(self) -> float:

@@ -1,7 +1,8 @@
 """Camera files (.json, .yaml, .yml): they map the fields of :class:`blurnoise.Camera` to values.
 
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
-{wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file.
+{wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; one that is cut
+short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
-from blurnoise.spectra import Curve
+from blurnoise.spectra import Curve, cut_short
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _NO_FIGURES = ("name", "defocus_counts_pixel", "sources")
@@ -84,7 +85,10 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
         )
     values["sources"] = base["sources"] | {name: source for name in figures if name in stated} | own.sources
     if isinstance(values["quantum_efficiency"], Mapping):
-        values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+        curve = values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+        told = values["sources"].get("quantum_efficiency", "")
+        if (mark := cut_short(curve)) and mark not in told:
+            values["sources"]["quantum_efficiency"] = f"{told}; marked: {mark}"
     return values
 
 

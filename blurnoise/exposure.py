@@ -28,12 +28,14 @@ from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
+from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint, items, operating_points
 from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
+from blurnoise.sensor.stages import nearly_full_e
 from blurnoise.spectra import Curve, check_illuminant
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
@@ -86,7 +88,7 @@ class Frame(NamedTuple):
 
 
 class ExposedScene:
-    """Pictures as linear light (B, C, H, W), in [0, 1], before cameras. Any number of threads may use it.
+    """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
@@ -103,6 +105,9 @@ class ExposedScene:
         tolerance_dn: float = TOLERANCE_DN,
     ) -> None:
         self.light = image_batch("light", light)
+        seen = light.detach().flatten(1)
+        brightest = seen.amax(1).tolist() if seen.device.type != "cpu" else seen.numpy().max(1).tolist()
+        self._brightest = [max(1.0, most) for most in brightest]
         self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
         one_of("border", border, BORDERS)
         check_illuminant(illuminant)
@@ -114,9 +119,14 @@ class ExposedScene:
         self._lock = threading.Lock()
 
     @classmethod
-    def of_picture(cls, picture: NDArray[Any], **options: Any) -> ExposedScene:
-        """The scene of an 8- or 16-bit sRGB-coded picture (H, W, C); the options are the constructor's."""
-        return cls(_decoded(picture), **options)
+    def of_picture(
+        cls, picture: NDArray[Any], grey_anchor: str | None = None, **options: Any
+    ) -> ExposedScene:
+        """The scene of an 8- or 16-bit sRGB-coded picture (H, W, C); the further options are the constructor's.
+
+        grey_anchor: what is 18 % reflectance, see :mod:`blurnoise.grey_anchor`; None: its brightness is reflectance.
+        """
+        return cls(anchored(_decoded(picture), grey_anchor), **options)
 
     def expose(
         self,
@@ -157,7 +167,7 @@ class ExposedScene:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
         for item, at in enumerate(_each(points)):
-            needs = plan_at(at, self._tolerance_dn)
+            needs = plan_at(_brighter(at, self._brightest[item]), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
         if len(groups) == 1:
@@ -189,7 +199,9 @@ class ExposedScene:
     ) -> Sequence[NDArray[np.uint8]]:
         count, (_, colours, height, width) = len(alike), self.light.shape
         read_noise_e = shared.camera.read_noise_e
-        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E
+        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
+            shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
+        )  # else drawn for what little of the picture may need it
         given: dict[str, Any] = {
             "white_e": torch.cat([each.points.white_e for each in alike]),
             "exposure_s": torch.cat([each.points.exposure_s for each in alike]),
@@ -227,7 +239,8 @@ class ExposedScene:
             )
             for place, (exposure, at) in enumerate(zip(some, _each(points), strict=True)):
                 gain = max(1.0, 10 ** (exposure.gain_db / 20))  # which magnifies what is left out
-                needs = plan_at(at, self._tolerance_dn / gain) if self.fidelity == "auto" else None
+                lit = _brighter(at, self._brightest[0])
+                needs = plan_at(lit, self._tolerance_dn / gain) if self.fidelity == "auto" else None
                 without = needs.without if needs else effects.NOTHING
                 alike = _Alike(
                     needs.camera if needs else camera,
@@ -325,6 +338,16 @@ def _each(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
     )
     for exposure_s, temperature_c, white_e, (x, y) in zip(*(each.tolist() for each in numbers), strict=True):
         yield OperatingPoint(points.camera, exposure_s, temperature_c, white_e, (x, y), points.illuminant)
+
+
+def _brighter(at: OperatingPoint[float], brightest: float) -> OperatingPoint[float]:
+    """Where the brightest of a picture stands: bounds are for light up to 1."""
+    return at if brightest == 1.0 else replace(at, white_e=at.white_e * brightest)
+
+
+def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
+    """Pictures with what ``grey_anchor`` says at 18 % reflectance; None: as they are."""
+    return light if grey_anchor is None else GreyAnchor.parse(grey_anchor).anchored(light)
 
 
 def _reduced(at: Point, needs: Plan | None) -> Point:

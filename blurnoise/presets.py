@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from blurnoise.spectra import Curve, Spectrum
+from blurnoise.spectra import Curve, Spectrum, cut_short
 
 Figures = Mapping[str, Any]
 """The fields of a camera by name."""
@@ -100,7 +100,10 @@ def _with_black_level(
 
 _BLACKFLY_QE = Curve((470.0, 525.0, 630.0, 800.0), (0.50, 0.60, 0.48, 0.25))
 _BLACKFLY = "blackfly.json of Kitware's nrtk 1.1.0"
-_QE_ASSUMED = f"assumed: no public figure found; that of the 3.45 um Blackfly in {_BLACKFLY}"
+# Neither held nor extrapolated below 470 nm: the table has no figure there, monochrome sensors hold or rise and
+# those behind colour filters fall, and what users have computed with these cameras stays; so the gap is marked.
+_MARKED = f"marked, no figure found below 470 nm: {cut_short(_BLACKFLY_QE)}"
+_QE_ASSUMED = f"assumed: no public figure found; that of the 3.45 um Blackfly in {_BLACKFLY}; {_MARKED}"
 _MT9M034 = "manual of the mvBlueFOX3-1012d, EMVA 1288 figures"
 _AR0132AT = "onsemi data sheet AR0132AT/D rev. 9, table 1"
 _SAME_ARRAY = "derived from the MT9M034, whose data sheet has the same table 1 (same pixel array)"
@@ -154,7 +157,7 @@ FIGURES: tuple[Figures, ...] = (
             "pixel_pitch_um": f"quoted: {_BLACKFLY}",
             "full_well_e": f"quoted: {_BLACKFLY} (max_n)",
             "bit_depth": f"quoted: {_BLACKFLY}",
-            "quantum_efficiency": f"quoted: {_BLACKFLY}; linear between its four wavelengths, 0 outside",
+            "quantum_efficiency": f"quoted: {_BLACKFLY}; linear between its four wavelengths; {_MARKED}",
             "f_number": f"derived: focal length over aperture, {_BLACKFLY}",
             "read_noise_e": "assumed: no public figure found; that of the IMX250, the same pitch and well",
             "width_px": "assumed: that of the IMX250",
@@ -189,7 +192,8 @@ FIGURES: tuple[Figures, ...] = (
             "pixel_pitch_um": "quoted: onsemi data sheet AR0237CS/D rev. 4",
             "width_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
             "height_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-            "quantum_efficiency": "derived: mean of its green channel behind an IR-cut filter, " + _LIN,
+            "quantum_efficiency": "derived: mean over 400-700 nm of its green channel behind an IR-cut filter, "
+            f"{_LIN}; 0 outside the 400-650 nm that its tool counts",
             "full_well_e": _SMALLER,
             "read_noise_e": _SMALLER,
             "bit_depth": "assumed: 12, linear mode",
@@ -213,7 +217,8 @@ FIGURES: tuple[Figures, ...] = (
         "sources": {
             "quantum_efficiency": "effective: the tool divides its quanta by the sensitivity of 5.88 before "
             "it draws shot noise and multiplies by it after, so one quantum is one DN and white at 50 lux "
-            "fills 12 bits at 21.3 ms; 5774.616 quanta at 50 lux and 30 ms are 982.1 electrons here",
+            "fills 12 bits at 21.3 ms; 5774.616 quanta at 50 lux and 30 ms are 982.1 electrons here; "
+            "0 outside 400-650 nm, as the tool counts, whose number this is",
             "system_gain_dn_per_e": "quoted: the tool's sensitivity, which its EMVA source gives in e-/DN",
             "full_well_e": f"quoted: {_LIN}; never reached, since the converter is full at 696 e-",
             "read_noise_e": f"quoted: {_LIN} (its dark noise)",

@@ -13,7 +13,7 @@ from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.error_budget import TOLERANCE_DN
-from blurnoise.exposure import ExposedScene, scene_reflectance
+from blurnoise.exposure import ExposedScene, anchored, scene_reflectance
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.spectra import Curve
 
@@ -28,6 +28,7 @@ def simulate(
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
     temperature_c: Numbers = 25.0,
     encoding: Encoding = "srgb",
+    grey_anchor: str | None = None,
     illuminant: str | Curve = "D55",
     border: Border = "reflect",
     pattern_seed: int = 0,
@@ -41,6 +42,8 @@ def simulate(
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
+    grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance instead of its brightness
+    being reflectance (:mod:`blurnoise.grey_anchor`); more than white stays.
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down. illuminant: the light's spectrum.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
@@ -57,7 +60,7 @@ def simulate(
     1e9 lux, 1e7 px/s, and 1e5 px of motion during the exposure.
     """
     scene = ExposedScene(
-        scene_reflectance(image, encoding),
+        anchored(scene_reflectance(image, encoding), grey_anchor),
         border=border,
         illuminant=illuminant,
         pattern_seed=pattern_seed,

@@ -27,6 +27,7 @@ BOLTZMANN_J_K = 1.380649e-23
 LUMENS_PER_WATT = 683.0
 VISIBLE_NM = (400.0, 700.0)
 """The band that a plain number (a quantum efficiency, a transmission) is taken to cover."""
+_OVER = 0.05  # of its peak: a curve that ends below it is over, one above it was cut short
 
 Floats = NDArray[np.float64]
 
@@ -185,6 +186,31 @@ def photons_per_lux_s_um2(
         raise ValueError(f"illuminant = {source!r}: gives no visible light")
     photons = _integral((lit, *responses), band_nm, power_of_nm=1) * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
     return photons / (LUMENS_PER_WATT * luminous) * 1e-12
+
+
+@lru_cache(maxsize=64)
+def cut_short(response: Curve) -> str:
+    """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what that is worth; "" if it does not.
+
+    It counts as 0 beyond its samples all the same: what it would be there nobody has stated. The worth is what D55
+    white would gain if its last value held to the end of the band.
+    """
+    nm, values, peak = response.wavelengths_nm, response.values, max(response.values)
+    ends: list[str] = []
+    held = dict(zip(nm, values, strict=True))
+    low, high = VISIBLE_NM
+    if nm[0] > low and values[0] > _OVER * peak:
+        held[low] = values[0]
+        ends.append(f"begins at {nm[0]:g} nm with {values[0] / peak:.0%} of its peak")
+    if nm[-1] < high and values[-1] > _OVER * peak:
+        held[high] = values[-1]
+        ends.append(f"ends at {nm[-1]:g} nm with {values[-1] / peak:.0%} of its peak")
+    if not ends:
+        return ""
+    whole = Curve(tuple(sorted(held)), tuple(held[each] for each in sorted(held)))
+    stated, possible = (photons_per_lux_s_um2("D55", (curve,)) for curve in (response, whole))
+    more = f", +{possible / stated - 1:.1%} of white if held" if stated > 0 else ""
+    return f"{' and '.join(ends)}, counted as 0 beyond{more}"
 
 
 def _integral(factors: Sequence[Spectrum], band_nm: tuple[float, float], power_of_nm: int = 0) -> float:

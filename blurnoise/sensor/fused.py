@@ -31,6 +31,7 @@ _STAGES = (
     stages.PRNU,
     stages.DARK_CURRENT,
     stages.SHOT_NOISE,
+    stages.FULL_WELL,
     stages.READ_NOISE,
     stages.DSNU,
     stages.GAIN,
@@ -49,7 +50,8 @@ _LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
 class Planes(NamedTuple):
     """What varies over a picture; None where the law or the camera does not ask for it.
 
-    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it.
+    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it; under
+    the law "merged" for pixels whose well may be full.
     counts: photo-electrons drawn already. gain, offset_e: the fixed pattern.
     """
 
@@ -103,7 +105,7 @@ def expose(
     colours, pixels = planes.light.shape
     count = threads * math.ceil(colours * pixels / _PIECE / threads)
     step = math.ceil(pixels / count)  # equal pieces: OpenCV rounds a few last values by another path
-    table = None if tones is None else _every_code(tones, round(camera.clip_dn))
+    table = None if tones is None else _every_code(tones, camera.full_scale_dn)
 
     def piece(start: int) -> None:
         of = slice(start, start + step)
@@ -123,7 +125,7 @@ def _expose_piece(
     table: Plane | None,
 ) -> None:
     light, normal, read, counts, gain, offset_e = planes
-    gain_dn, black_dn, clip_dn = camera.system_gain_dn_per_e, camera.black_level_dn, round(camera.clip_dn)
+    gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
     with (
         borrowed([(5, *light.shape)], light.dtype) as (work,),
         borrowed([light.shape], np.uint16) as (codes,),
@@ -143,22 +145,47 @@ def _expose_piece(
             if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
                 mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
                 mean += dark_e
-            added, scale_e = mean, 0.0
+            added, scale_e, full = mean, 0.0, None
             if law == "merged" and normal is not None:
                 scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
                 added = noise
-            elif law == "counts" and normal is not None:
-                mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
-            elif counts is not None:
-                mean, unit_e = np.minimum(counts, _BEYOND_DN / gain_dn, out=signal), 1.0
-            if read is not None:
-                added, scale_e = read, camera.read_noise_e
+                if read is not None:
+                    full = _where_full(mean, unit_e, camera, normal, read, offset_e)
+            else:
+                if law == "counts" and normal is not None:
+                    mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
+                elif counts is not None:
+                    mean, unit_e = counts, 1.0
+                added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
+                if read is not None:
+                    added, scale_e = read, camera.read_noise_e
             if offset_e is not None:
                 mean += offset_e
             # Gain, black level, rounding, and the limits of 16 bits.
             of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
             cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
-            _write(codes, clip_dn, table, out[of] if interleaved else out[:, of], interleaved)
+            if full is not None:
+                np.putmask(codes, *full)
+            _write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
+
+
+def _where_full(
+    mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
+) -> tuple[NDArray[np.bool_], Plane] | None:
+    """Pixels whose charge may reach the full well, and all codes with theirs by its rule; None: there are none."""
+    where = mean >= stages.nearly_full_e(camera) / unit_e
+    if not where.any():
+        return None
+    mean_e, z = (torch.from_numpy(plane[where]) for plane in (mean * unit_e, normal))
+    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.well_limit_e).numpy()
+    charge += camera.read_noise_e * read[where]
+    if offset_e is not None:
+        charge += offset_e[where]
+    charge *= camera.system_gain_dn_per_e
+    charge += camera.black_level_dn
+    codes = np.zeros(mean.shape, np.uint16)
+    codes[where] = np.rint(charge).clip(0, 65_535)
+    return where, codes
 
 
 def _merged_noise(
@@ -179,10 +206,10 @@ def _merged_noise(
     return root_e
 
 
-def _write(codes: Plane, clip_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
+def _write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
     """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
     if table is None:
-        np.minimum(codes, clip_dn, out=codes)
+        np.minimum(codes, full_scale_dn, out=codes)
         np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
     elif interleaved:
         with borrowed([codes.shape], table.dtype) as (planar,):
@@ -199,8 +226,8 @@ def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
         np.take(table, codes, mode="clip", out=out)
 
 
-def _every_code(tones: Plane, clip_dn: int) -> Plane:
-    """``tones`` for each code of 16 bits, those above ``clip_dn`` being its own."""
-    table = np.full(1 << 16, tones[clip_dn], tones.dtype)
-    table[:clip_dn] = tones[:clip_dn]
+def _every_code(tones: Plane, full_scale_dn: int) -> Plane:
+    """``tones`` for each code of 16 bits, those above ``full_scale_dn`` being its own."""
+    table = np.full(1 << 16, tones[full_scale_dn], tones.dtype)
+    table[:full_scale_dn] = tones[:full_scale_dn]
     return table

@@ -6,6 +6,7 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import torch
@@ -121,7 +122,9 @@ def read_out(
         field = own = None
         if law in ("merged", "counts"):
             field = rng.standard_normal(drawn, light) if normal is None else normal[of]
-        if law in ("counts", "exact") and camera.read_noise_e > 0:
+        if law == "merged":  # else drawn where the well may be full
+            own = None if read is None else read[of]
+        elif law != "none" and camera.read_noise_e > 0:
             own = rng.standard_normal(drawn, light, "read") if read is None else read[of]
         means = _over(white[of]), _over(dark[of])
         return Frames(camera, law, *means, drawn, quantised, field, own, gain, offset_e)
@@ -144,8 +147,18 @@ def read_out(
     def expose_items(of: slice) -> None:
         first = slice(of.start, of.start + 1)
         lights = zip(whites[of], darks[of], targets[of], strict=True)
+        at = frames(first)
+        if law == "merged":
+            most_e = max(whites[of]) * _most(scene[first]) * (1.0 if gain is None else _most(gain)) + max(
+                darks[of]
+            )
+            needed = most_e >= stages.nearly_full_e(camera)
+            own = (
+                rng.standard_normal(at.seeds, scene[first], "read") if needed and at.read is None else at.read
+            )
+            at = replace(at, read=own if needed else None)
         fused.expose(
-            fused.planes_of(scene[first], frames(first)),
+            fused.planes_of(scene[first], at),
             [fused.Light(*each, interleaved) for each in lights],
             camera,
             law,
@@ -158,10 +171,16 @@ def read_out(
         law in ("none", "merged")
         and all(each is not None and each.stride(0) == 0 for each in alike)
         and max(whites) <= fused.MOST_APART * min(whites)
+        and (law == "none" or (len(set(seeds)) == 1 if read is None else read.stride(0) == 0))
     )
     step = batch if once else 1
     side_by_side(expose_items, [slice(first, first + step) for first in range(0, batch, step)], threads)
     return out
+
+
+def _most(field: Tensor) -> float:
+    """The largest value; NumPy's extremes wake no threads."""
+    return float(field.numpy().max())
 
 
 def _over(values: Tensor) -> Tensor:

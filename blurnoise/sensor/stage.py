@@ -22,17 +22,45 @@ Law = Literal["none", "merged", "counts", "exact"]
 """How shot and read noise are drawn: not, in one normal draw, as counts made of one, as Poisson counts."""
 
 
+class Cut(NamedTuple):
+    """What the full well took: enough to tell what limits further on still find to clip.
+
+    headroom: of the well over the mean before it. uncut_variance: over frames, before it. lost: by which the mean
+    fell. left_variance: over frames, after it.
+    """
+
+    headroom: Tensor
+    uncut_variance: Tensor
+    lost: Tensor
+    left_variance: Tensor
+
+    def scaled(self, factor: float | Tensor) -> Cut:
+        """Of the signal times a constant."""
+        squared = factor * factor
+        return Cut(
+            self.headroom * factor,
+            self.uncut_variance * squared,
+            self.lost * factor,
+            self.left_variance * squared,
+        )
+
+
 class Moments(NamedTuple):
-    """Mean, variance over frames, and variance over pixels of the fixed pattern, in the unit of the step."""
+    """Mean, variance over frames, and variance over pixels of the fixed pattern, in the unit of the step.
+
+    cut: after the full well, what it did.
+    """
 
     mean: Tensor
     variance: Tensor
     pattern_variance: Tensor
+    cut: Cut | None = None
 
     def scaled(self, factor: float | Tensor) -> Moments:
         """Of the signal times a constant."""
         squared = factor * factor
-        return Moments(self.mean * factor, self.variance * squared, self.pattern_variance * squared)
+        cut = self.cut.scaled(factor) if self.cut else None
+        return Moments(self.mean * factor, self.variance * squared, self.pattern_variance * squared, cut)
 
 
 @dataclass(frozen=True)
@@ -62,13 +90,15 @@ class SensorStage(ABC):
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
     to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
     draws: it is noise, over frames; it does nothing under the law "none" and takes a stream of random numbers of its
-    own (``rng.standard_normal(at.seeds, signal, "its name")``).
+    own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene differ by
+    it; what draws does, without saying so.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
     draws: bool = False
+    spreads: bool = False
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
@@ -82,6 +112,10 @@ class SensorStage(ABC):
         """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""
         return None
 
+    def dither_dn(self, at: OperatingPoint[float]) -> float:
+        """DN RMS of normal noise that it adds to every pixel whatever its light, at least: what rounding rests on."""
+        return 0.0
+
     def how(self, camera: Camera, noisy: bool) -> str:
         """How it is modelled, in a few words. noisy: whether shot or read noise is."""
         return "element by element"
@@ -94,4 +128,4 @@ def signal_bound_e(at: OperatingPoint[float]) -> float:
 
 def within_range_dn(camera: Camera, electrons: float) -> float:
     """An error of so many electrons in DN, which cannot exceed the range."""
-    return min(camera.system_gain_dn_per_e * electrons, camera.clip_dn)
+    return min(camera.system_gain_dn_per_e * electrons, camera.full_scale_dn)

@@ -19,13 +19,14 @@ from blurnoise.operating_point import OperatingPoint
 from blurnoise.radiometry import electrons_per_lux_s
 from blurnoise.sensor.stage import (
     MERGE_READ_NOISE_E,
+    Cut,
     Frames,
     Moments,
     SensorStage,
     signal_bound_e,
     within_range_dn,
 )
-from blurnoise.spectra import Curve
+from blurnoise.spectra import Curve, cut_short
 
 
 class SpectralIntegration(SensorStage):
@@ -47,8 +48,10 @@ class SpectralIntegration(SensorStage):
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """Once."""
-        return "once per camera and light"
+        """Once; and where the curve is cut short."""
+        curve = camera.quantum_efficiency
+        mark = cut_short(curve) if isinstance(curve, Curve) else ""
+        return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
 class Prnu(SensorStage):
@@ -56,6 +59,7 @@ class Prnu(SensorStage):
 
     name = "PRNU"
     figures = ("prnu",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Times the pattern, never below 0."""
@@ -80,6 +84,7 @@ class DarkCurrent(SensorStage):
 
     name = "dark current"
     figures = ("dark_current_e_s",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus its mean."""
@@ -99,7 +104,10 @@ class DarkCurrent(SensorStage):
 
 
 class ShotNoise(SensorStage):
-    """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw."""
+    """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
+
+    But for pixels whose charge may reach the full well (:func:`nearly_full_e`), which clips before read noise comes.
+    """
 
     name = "shot noise"
     draws = True
@@ -111,7 +119,13 @@ class ShotNoise(SensorStage):
         if at.normal is None:
             return signal
         if at.law == "merged":
-            return noisy_electrons(signal, at.camera.read_noise_e, at.normal)
+            drawn = noisy_electrons(signal, at.camera.read_noise_e, at.normal)
+            full = signal >= nearly_full_e(at.camera)
+            if not bool(full.any()):
+                return drawn
+            read = rng.standard_normal(at.seeds, signal, "read") if at.read is None else at.read
+            charge = noisy_electrons(signal, 0.0, at.normal).clamp(0.0, at.camera.well_limit_e)
+            return torch.where(full, charge + at.camera.read_noise_e * read, drawn)
         return rng.poisson_of_normal(signal, at.normal)
 
     def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
@@ -129,6 +143,31 @@ class ShotNoise(SensorStage):
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
 
 
+class FullWell(SensorStage):
+    """The full well, where it ends below the converter's range: charge beyond it is lost.
+
+    What comes after it, read noise first, a saturated pixel still has.
+    """
+
+    name = "full well"
+    essential = True
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        """Clipped, where the draw of shot noise has not done it already."""
+        return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
+
+    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
+        """Of the censored normal; a fixed pattern keeps the share that is not clipped."""
+        if math.isinf(at.camera.well_limit_e):
+            return before
+        well_e = torch.full_like(before.mean, at.camera.well_limit_e)
+        mean, variance, inside = censored(
+            before.mean, before.variance, torch.full_like(well_e, -math.inf), well_e
+        )
+        cut = Cut(well_e - before.mean, before.variance, before.mean - mean, variance)
+        return Moments(mean, variance, before.pattern_variance * inside**2, cut)
+
+
 class ReadNoise(SensorStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
 
@@ -138,7 +177,9 @@ class ReadNoise(SensorStage):
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus a draw of its own."""
-        return signal if at.read is None else signal + at.camera.read_noise_e * at.read
+        if at.read is None or at.law == "merged":
+            return signal
+        return signal + at.camera.read_noise_e * at.read
 
     def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
         """Its square to the variance."""
@@ -147,6 +188,10 @@ class ReadNoise(SensorStage):
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Its deviation."""
         return within_range_dn(at.camera, at.camera.read_noise_e)
+
+    def dither_dn(self, at: OperatingPoint[float]) -> float:
+        """Its deviation."""
+        return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
         """In which draw."""
@@ -159,6 +204,7 @@ class Dsnu(SensorStage):
 
     name = "DSNU"
     figures = ("dsnu_e",)
+    spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus the pattern."""
@@ -217,43 +263,53 @@ class Quantisation(SensorStage):
 
 
 class Limits(SensorStage):
-    """0, and full scale or the full well, whichever is less, after the same rounding."""
+    """The converter's: 0 and full scale."""
 
     name = "limits"
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Clipped."""
-        return signal.clamp(0.0, at.camera.clip_dn)
+        return signal.clamp(0.0, at.camera.full_scale_dn)
 
     def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Of the censored normal, right to a rounding step as far as the signal is normal.
+        """Of what the full well left of a normal, plus normal noise, censored again; right to a rounding step.
 
-        With a = (low - mean) / s and b = (high - mean) / s; a fixed pattern keeps the share that is not clipped.
+        With charge X, well W and later noise R the number is min(X, W) + R within [0, C]. For each value r of R
+        that is X censored to [-r, min(W, C - r)], plus r: closed-form moments, averaged over r by the trapezoid
+        rule. A fixed pattern keeps the share that is not clipped.
         """
-        clip_dn = at.camera.clip_dn
-        mean, spread = before.mean, torch.sqrt(before.variance)
-        low, high = (-mean / spread, (clip_dn - mean) / spread)
-        below, above = torch.special.ndtr(low), torch.special.ndtr(-high)
-        inside = 1 - below - above
-        at_low, at_high = (torch.exp(-edge * edge / 2) / math.sqrt(2 * math.pi) for edge in (low, high))
-        first = at_low - at_high  # E[z; inside]
-        low_at, high_at = (torch.where(torch.isfinite(e), e, 0.0).clamp(-40, 40) for e in (low, high))
-        second = inside + low_at * at_low - high_at * at_high  # E[z^2; inside]
-        clipped_mean = inside * mean + spread * first + above * clip_dn
-        squares = inside * mean**2 + 2 * mean * spread * first + before.variance * second + above * clip_dn**2
-        variance = (squares - clipped_mean**2).clamp_min(0.0)
-        return Moments(clipped_mean, variance, before.pattern_variance * inside**2)
+        low, high = torch.zeros_like(before.mean), torch.full_like(before.mean, at.camera.full_scale_dn)
+        if before.cut is None:
+            mean, variance, inside = censored(before.mean, before.variance, low, high)
+            return Moments(mean, variance, before.pattern_variance * inside**2)
+        cut = before.cut
+        uncut = before.mean + cut.lost
+        well = uncut + cut.headroom
+        later = torch.sqrt((before.variance - cut.left_variance).clamp_min(0.0))
+        z = torch.linspace(-8, 8, 257, dtype=later.dtype, device=later.device)
+        weight = torch.exp(-z * z / 2)
+        first, second, inside = (torch.zeros_like(uncut) for _ in range(3))
+        for each, share in zip(z, weight / weight.sum(), strict=True):
+            r = later * each
+            top = torch.minimum(well, high - r).maximum(low - r)
+            mean, variance, kept = censored(uncut, cut.uncut_variance, low - r, top)
+            first, second = first + share * (mean + r), second + share * (variance + (mean + r) ** 2)
+            inside = inside + share * torch.where(
+                well + r <= high, 1.0, kept
+            )  # the well's share is out already
+        return Moments(first, (second - first**2).clamp_min(0.0), before.pattern_variance * inside**2)
 
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
-SHOT_NOISE, READ_NOISE, DSNU = ShotNoise(), ReadNoise(), Dsnu()
+SHOT_NOISE, FULL_WELL, READ_NOISE, DSNU = ShotNoise(), FullWell(), ReadNoise(), Dsnu()
 GAIN, QUANTISATION, LIMITS = Gain(), Quantisation(), Limits()
 STAGES: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
     DARK_CURRENT,
     SHOT_NOISE,
+    FULL_WELL,
     READ_NOISE,
     DSNU,
     GAIN,
@@ -295,6 +351,33 @@ def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tens
     if read_noise_e**2 < 1 / 18:  # else v > 2 k^2 throughout
         spread = spread.clamp(min=1e-6)
     return mean_e - skew + (torch.sqrt(spread) + skew * normal) * normal
+
+
+def nearly_full_e(camera: Camera) -> float:
+    """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
+    well_e = camera.well_limit_e
+    return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e)
+
+
+def censored(mean: Tensor, variance: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Mean and variance of a normal whose values beyond low and high count as these, and the share between them.
+
+    With a = (low - mean) / s and b = (high - mean) / s; a variance of 0 is that of a constant.
+    """
+    spread = torch.sqrt(variance).clamp_min(1e-12)
+    a, b = (low - mean) / spread, (high - mean) / spread
+    below, above = torch.special.ndtr(a), torch.special.ndtr(-b)
+    inside = 1 - below - above
+    at_a, at_b = (torch.exp(-edge * edge / 2) / math.sqrt(2 * math.pi) for edge in (a, b))
+    # Moments about the mean: differences of squares of a large one would be short of digits.
+    a, b = a.clamp(-40, 40), b.clamp(-40, 40)
+    below_, above_ = (torch.where(share > 0, share * edge, 0.0) for share, edge in ((below, a), (above, b)))
+    first = at_a - at_b + below_ + above_  # E[z censored]
+    second = inside + a * at_a - b * at_b + below_ * a + above_ * b  # E[z^2 censored]
+    far = torch.maximum(low, torch.minimum(mean, high))  # where no digit of z is left
+    cut = torch.where((a > 39) | (b < -39), far, mean + spread * first)
+    left = torch.where((a > 39) | (b < -39), 0.0, spread**2 * (second - first**2).clamp_min(0.0))
+    return cut, left, inside.clamp_min(0.0)
 
 
 @lru_cache(maxsize=64)

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
-from blurnoise import Camera, Curve, presets
+from blurnoise import Camera, Curve, plan, presets
 from blurnoise.camera import PRESETS
+from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.spectra import daylight
 
 IMX250 = PRESETS["imx250"]
 OWN = {
@@ -272,3 +274,52 @@ def test_decibels_of_the_data_sheets() -> None:
         ideal_e = 0.5 + (0.25 + camera.read_noise_e**2) ** 0.5
         assert fine.threshold_e == pytest.approx(ideal_e)
         assert 0.0 < range_db - camera.dynamic_range_db < 0.5
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_every_preset_says_how_far_its_curve_reaches(name: str) -> None:
+    """By the integral written out: what the band below 470 nm is worth; and the figures are what they were."""
+    camera = PRESETS[name]
+    source = camera.sources["quantum_efficiency"]
+    if not isinstance(camera.quantum_efficiency, Curve):
+        assert "0 outside" in source
+        return
+    nm = np.arange(400.0, 701.0)
+    light = daylight(5500 * 1.4388 / 1.4380).at(nm) * nm
+    stated = camera.quantum_efficiency.at(nm)
+    held = np.where(nm < 470, 0.5, stated)
+    more = (light * held).sum() / (light * np.where(nm < 470, 0, stated)).sum() - 1
+    assert more == pytest.approx(0.193, abs=0.002)
+    assert "marked" in source
+    assert "begins at 470 nm with 83% of its peak" in source
+    assert "+19.3% of white if held" in source
+    if name == "imx250":
+        assert electrons_per_lux_s(camera) == pytest.approx(6906, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("nm", "values", "marked"),
+    [
+        ((470, 700), (0.5, 0.3), ["begins at 470 nm with 100%"]),
+        ((380, 650), (0.1, 0.4), ["ends at 650 nm with 100%"]),
+        ((450, 550, 650), (0.3, 0.6, 0.2), ["begins at 450 nm with 50%", "ends at 650 nm with 33%"]),
+        ((450, 550, 650), (0.02, 0.6, 0.02), []),  # over where it ends
+        ((400, 700), (0.5, 0.5), []),
+        ((300, 1100), (0.2, 0.5), []),
+    ],
+)
+def test_curves_cut_short_within_the_visible_band_are_marked(
+    tmp_path: Path, nm: tuple[float, ...], values: tuple[float, ...], marked: list[str]
+) -> None:
+    stated = {"base": "imx250", "quantum_efficiency": {"wavelengths_nm": list(nm), "values": list(values)}}
+    camera = Camera.load(written(tmp_path / "mine.yaml", stated))
+    source = camera.sources["quantum_efficiency"]
+    assert source.startswith("from mine.yaml")
+    assert ("marked" in source) == bool(marked)
+    assert all(mark in source for mark in marked)
+    camera.save(tmp_path / "again.yaml")
+    assert Camera.load(tmp_path / "again.yaml").sources["quantum_efficiency"] == source
+    (how,) = (
+        each.how for each in plan(camera, exposure_s=0.01, illuminance_lux=50).stages if "spec" in each.name
+    )
+    assert all(mark in how for mark in marked)

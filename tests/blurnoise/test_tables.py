@@ -132,18 +132,26 @@ def test_todays_effects_leave_boxes_where_they_are() -> None:
 
 
 @pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("full_well_e", [20000.0, 5000.0])
 @pytest.mark.parametrize("read_noise_e", [2.5, 0.4])
 @pytest.mark.parametrize(
     "alone", [(), ("prnu",), ("dark_current_e_s",), ("dsnu_e",), ("read_noise_e",), None]
 )
 def test_the_fused_route_is_the_reference_stage_by_stage(
-    alone: tuple[str, ...] | None, read_noise_e: float, noise: bool, monkeypatch: pytest.MonkeyPatch
+    alone: tuple[str, ...] | None,
+    read_noise_e: float,
+    noise: bool,
+    full_well_e: float,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With each stage alone, with none and with all: equal but for rounding, one DN in one pixel of a thousand."""
+    """With each stage alone, with none and with all: equal but for rounding, one DN in one pixel of a thousand.
+
+    The well beyond the converter, and cutting a third of the brighter picture.
+    """
     figures = {figure: 0.0 for stage in stages.STAGES for figure in stage.figures}
     busy = replace(CAMERA, read_noise_e=read_noise_e)
     kept = {name: 0.0 for name in figures if alone is not None and name not in alone}
-    camera = replace(busy, **kept)
+    camera = replace(busy, **kept, full_well_e=full_well_e)
     light = torch.rand(2, 3, 61, 47, generator=torch.Generator().manual_seed(1)) * 1.1 - 0.05
     pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu or camera.dsnu_e else None
     given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}

@@ -92,6 +92,14 @@ CameraName = Annotated[
 ]
 FNumber = Annotated[float | None, Option(metavar="N", help="of the lens, in place of the camera's")]
 Threads = Annotated[int | None, Option(metavar="N", help="default: every core")]
+GreyAnchor = Annotated[
+    str | None,
+    Option(
+        metavar="mean|pNN|x0,y0,x1,y1",
+        help="what of a picture is 18 % reflectance: its mean, a percentile, a region in px (default: its brightness "
+        "is taken for reflectance)",
+    ),
+]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
 
 

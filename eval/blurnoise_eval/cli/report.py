@@ -55,4 +55,6 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
+    if meant := done.summary["reflectance"]:
+        say(f"lux: {meant}")
     say(f"open {page}")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument, Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import CameraName, FNumber, Json
+from blurnoise_eval.cli._options import CameraName, FNumber, GreyAnchor, Json
 from blurnoise_eval.cli.console import print_facts, print_stages
 
 
@@ -37,6 +37,7 @@ def simulate(
         Literal["8", "native"],
         Option(help="8: the sRGB picture to look at; native: the camera's digital numbers in a 16-bit PNG"),
     ] = "8",
+    grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     f_number: FNumber = None,
     as_json: Json = False,
@@ -46,7 +47,8 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
 
-    --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share.
+    --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
+    photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
     """
     taker = given.camera(camera, f_number)
     from dataclasses import asdict
@@ -57,6 +59,8 @@ def simulate(
     from blurnoise._core.checks import integer
     from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
+    from blurnoise.exposure import anchored, scene_reflectance
+    from blurnoise.grey_anchor import reflectance_text, share_above_white
     from blurnoise.picture.develop import develop_8bit
     from blurnoise.radiometry import photoelectrons
     from blurnoise.simulation import simulate
@@ -78,6 +82,7 @@ def simulate(
         generator=[seed],
         fidelity=fidelity,
         tolerance_dn=tolerance_dn,
+        grey_anchor=grey_anchor,
     )
     native = bit_depth == "native"
     out = dn.to(torch.int32).numpy().astype("uint16") if native else develop_8bit(dn, taker, gain_db).numpy()
@@ -98,8 +103,12 @@ def simulate(
         "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
         "mean_dn": float(dn.mean()),
         "full_scale_dn": taker.full_scale_dn,
-        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.clip_dn)).float().mean()),
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.saturated_dn)).float().mean()),
     }
+    if grey_anchor is not None:
+        light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
+        facts["above_white_percent"] = 100 * share_above_white(light)
+    facts["reflectance"] = reflectance_text(grey_anchor)
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in needs.stages]
     print_facts(facts, as_json)

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import FAMILIES, CameraName, Grid, Json, axis_options, one_of
+from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
 from blurnoise_eval.cli.console import print_assumptions
 from blurnoise_eval.cli.report import Threshold, tell
 
@@ -95,6 +95,7 @@ def sweep(
         int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
     ] = None,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
+    grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
     engine: Annotated[
@@ -144,7 +145,8 @@ def sweep(
         max_megapixels=max_megapixels,
         reads=given.read(models),
     )
-    plan = SweepPlan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)
+    count = usual_repeats(pictures) if repeats is None else repeats
+    plan = SweepPlan(grid, repeats=count, seed=seed, grey_anchor=grey_anchor)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(

@@ -20,6 +20,7 @@ from blurnoise._core.checks import integer
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.exposure import Exposure
+from blurnoise.grey_anchor import GreyAnchor
 from blurnoise_eval.grid.axes import (
     AXES,
     CORE,
@@ -150,16 +151,20 @@ class SweepPlan:
     """What a sweep computes: values per axis, ``repeats`` noise fields per picture, base ``seed``.
 
     grid: axis name -> values; further axes that are left out stand where the camera has them, velocities at 0.
-    examples: whether some pictures are kept. Raises ``ValueError`` for an unknown axis, no value, or one that is
-    not allowed on its axis.
+    examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
+    (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
+    value, or one that is not allowed on its axis.
     """
 
     grid: Mapping[str, Iterable[float]]
     repeats: int = 1
     seed: int = 0
     examples: bool = True
+    grey_anchor: str | None = None
 
     def __post_init__(self) -> None:
+        if self.grey_anchor is not None:
+            object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:
             axis(name)
         rest: dict[str, Iterable[float]] = {name: () if v is None else (v,) for name, v in CORE.items()}
@@ -206,8 +211,11 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return asdict(self)
+        """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any."""
+        values = asdict(self)
+        if self.grey_anchor is None:
+            del values["grey_anchor"]
+        return values
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,7 @@ def _with_gain(camera: Camera, gain_db: float) -> Camera:
 def _amplified(dn: Tensor, seen: Camera, gain_db: float) -> Tensor:
     """Digital numbers after a digital gain, as light that is yet to be developed: not rounded again."""
     black = seen.black_level_dn
-    return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.clip_dn)
+    return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.full_scale_dn)
 
 
 def together(estimates: Sequence[Estimate]) -> Estimate:
@@ -245,7 +245,8 @@ def _told(estimates: Iterable[Estimate]) -> int:
 def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[SlantedEdge]:
     if along_px > 2 * SPARE_PX:
         return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
-    edges = slanted_edge(dn, full_scale=camera.clip_dn, black_level=camera.black_level_dn, seed=seed)
+    full = camera.saturated_dn
+    edges = slanted_edge(dn.clamp(max=full), full_scale=full, black_level=camera.black_level_dn, seed=seed)
     return edges if isinstance(edges, list) else [edges]
 
 
@@ -267,7 +268,7 @@ def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[
     """Of raw patches (n, 1, H, W)."""
     black = camera.black_level_dn
     bright, dark = bright[:, 0] - black, dark[:, 0] - black
-    limits = (-black, camera.clip_dn - black)
+    limits = (-black, camera.saturated_dn - black)
     white, grey = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in (bright, dark))
     contrast = patch_contrast(bright, dark)
     probability = detection_probability(bright, dark, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
@@ -300,7 +301,7 @@ def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dic
     )
     reference = scene.expand_as(seen)
     none = torch.full((len(dn),), math.nan)
-    share = ((dn >= camera.clip_dn) | (dn <= 0)).double().mean((1, 2, 3))
+    share = ((dn >= camera.saturated_dn) | (dn <= 0)).double().mean((1, 2, 3))
     clipped = (share > _CLIPPED_SHARE).tolist()
     dark = torch.full((len(dn),), white_dn == 0)
     return {

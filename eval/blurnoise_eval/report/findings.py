@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from statistics import fmean
 from typing import Any
 
+from blurnoise.grey_anchor import reflectance_text
 from blurnoise_eval.grid.axes import AXES, EXPOSURE
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
@@ -217,12 +218,20 @@ def assumptions(data: RunData) -> list[str]:
         if axis.into.startswith("camera.") and value != camera.get(axis.into.removeprefix("camera."), value)
     }
     parts = [(f"{model['name']}: contract", model["contract"]) for model in data.manifest["models"]]
-    return [
+    told = [] if data.manifest.get("grey_anchor") else [reflectance(data)]
+    return [f"pictures: {each}" for each in told if each] + [
         f"{part}: {name} = {value}; {source}"
         for part, fields in [*parts, ("camera", camera)]
         for name, value, source, assumed in sourced(fields)
         if assumed and not (part == "camera" and name in stated)
     ]
+
+
+def reflectance(data: RunData) -> str | None:
+    """What light means of photographs and of what is anchored; None: rendered pictures are reflectance."""
+    anchor = data.manifest.get("grey_anchor")
+    rendered = data.manifest["images"]["kind"] == "rendered"
+    return None if rendered and anchor is None else reflectance_text(anchor)
 
 
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
@@ -254,6 +263,8 @@ def run_facts(data: RunData) -> dict[str, str]:
     manifest = data.manifest
     pictures = {name: value for name, value in manifest["images"].items() if name != "notes"}
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
+    if manifest.get("grey_anchor"):
+        facts["reflectance"] = reflectance(data)
     facts |= {
         "confidence threshold": manifest["threshold"],
         "pictures": pictures,

@@ -22,6 +22,7 @@ from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -171,6 +172,7 @@ class Evaluation:
             "missing_cells": self._data.manifest["missing_cells"],
             "skipped": self.skipped,
             "threshold": self.threshold,
+            "reflectance": reflectance(self._data),
             "models": self.models,
             "answers": self.answers,
         }

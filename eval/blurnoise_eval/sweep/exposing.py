@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from blurnoise.camera import Camera
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.light import effects
-from blurnoise_eval.datasets import Image, eight_bit
+from blurnoise_eval.datasets import Image, UnreadablePicture, eight_bit
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.scoring.matching import MoveBoxes
 
@@ -30,11 +30,20 @@ class Frame(NamedTuple):
 
 
 class Scene:
-    """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits."""
+    """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits.
 
-    def __init__(self, image: Image) -> None:
+    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.grey_anchor`). Raises ``UnreadablePicture`` where the
+    picture has no such place, or no light there.
+    """
+
+    def __init__(self, image: Image, grey_anchor: str | None = None) -> None:
         self.image8 = eight_bit(image)
-        self.light = ExposedScene.of_picture(image)
+        try:
+            self.light = ExposedScene.of_picture(image, grey_anchor)
+        except ValueError as error:
+            if grey_anchor is None:
+                raise
+            raise UnreadablePicture(str(error)) from None
 
 
 def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:

@@ -90,6 +90,7 @@ def open_run(
                 "notes": list(pictures.notes),
             },
             "seed": plan.seed,
+            "grey_anchor": plan.grey_anchor,
             "versions": {name: metadata.version(name) for name in _PACKAGES},
             "hardware": hardware(),
             **facts,

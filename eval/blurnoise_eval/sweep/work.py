@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 from blurnoise.camera import Camera
-from blurnoise_eval.datasets import Picture, content, encode
+from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.scoring.on_picture import Model, View, view
 from blurnoise_eval.store.store import CellResult
@@ -30,6 +30,7 @@ class Work:
 
     models: tuple[Model, ...]
     camera: Camera
+    grey_anchor: str | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -39,10 +40,13 @@ class Work:
 class PreparedPicture:
     """A picture as light, and every model's answer to it as it is. source: the picture's identity and content."""
 
-    def __init__(self, picture: Picture, models: Sequence[Model]) -> None:
+    def __init__(self, picture: Picture, models: Sequence[Model], grey_anchor: str | None = None) -> None:
         image = picture.load()
         self.source = picture.identity, content(image)
-        self.scene = Scene(image)
+        try:
+            self.scene = Scene(image, grey_anchor)
+        except UnreadablePicture as error:
+            raise UnreadablePicture(f"{picture.name}: {error}") from None
         self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
 
 
@@ -86,7 +90,7 @@ class Worker:
                     self._prepared.popitem(last=False)
         if mine:
             try:
-                prepared.set_result(PreparedPicture(picture, self._work.models))
+                prepared.set_result(PreparedPicture(picture, self._work.models, self._work.grey_anchor))
             except BaseException as error:
                 prepared.set_exception(error)
         return prepared.result()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,13 +165,49 @@ def test_fixed_pattern_is_fixed_and_of_the_right_size() -> None:
         assert spatial == pytest.approx(expected, rel=5 * math.sqrt(2 / 40000) + 0.02)
 
 
-def test_saturated_scenes_have_no_noise_beyond_the_clip() -> None:
+def test_a_full_well_clips_before_read_noise_and_a_full_converter_after_it() -> None:
     full_well_first = replace(BASE, full_well_e=5000.0)
-    assert frame(1e9, full_well_first).unique().tolist() == [2040.0]
+    assert full_well_first.well_limit_e == 5000
+    assert frame(1e9, full_well_first, noise=False).unique().tolist() == [2040.0]
     converter_first = replace(BASE, full_well_e=1e6)
     assert frame(1e9, converter_first).unique().tolist() == [4095.0]
     assert full_well_first.saturation_e == 5000
     assert converter_first.saturation_e == pytest.approx((4095 - 40) / 0.4)
+
+
+@pytest.mark.parametrize("fidelity", ["auto", "full", "with derivatives"])
+@pytest.mark.parametrize("read_noise_e", [0.6, 10.0])
+@pytest.mark.parametrize("fill", [0.97, 0.99, 1.0, 1.02, 30.0])
+def test_at_the_full_well_charge_clips_and_read_noise_stays(
+    fill: float, read_noise_e: float, fidelity: str
+) -> None:
+    """Against NumPy's own chain: counts, the well, read noise, gain, rounding, by every route.
+
+    n = 160000 each: means within 5 sigma sqrt(2/n), variances within 5 sqrt(2 (kurtosis + 2) / n) of themselves,
+    kurtosis excess below 4 where a well cuts; 2 % for the normal in place of counts.
+    """
+    camera = replace(BASE, full_well_e=5000.0, read_noise_e=read_noise_e, system_gain_dn_per_e=0.7)
+    random = np.random.default_rng(4)
+    charge = np.minimum(random.poisson(fill * 5000.0, 160_000), 5000)
+    expected = np.rint(0.7 * (charge + random.normal(0, read_noise_e, 160_000)) + 40).clip(0, 4095)
+    flat = torch.full((1, 1, 400, 400), fill * 5000.0, requires_grad=fidelity == "with derivatives")
+    given = {"exposure_s": 0.01, "temperature_c": 20.0, "generator": [6]}
+    how: Any = "auto" if fidelity == "with derivatives" else fidelity
+    dn = sensor.read_out(flat, camera, **given, fidelity=how).detach().numpy().astype(float)
+    n, spread = dn.size, expected.std()
+    assert dn.mean() == pytest.approx(expected.mean(), abs=5 * spread * math.sqrt(2 / n))
+    assert dn.var() == pytest.approx(expected.var(), rel=5 * math.sqrt(2 * 6 / n) + 0.02)
+    if fill > 2 and read_noise_e == 10.0:
+        assert dn.std() == pytest.approx(math.hypot(0.7 * read_noise_e, 12**-0.5), rel=0.02)
+        assert (dn >= camera.saturated_dn).mean() > 0.99
+
+
+def test_a_well_that_fills_the_converter_is_its_limit() -> None:
+    """Presets' wells are what their converters hold: saturation is full scale, without noise."""
+    for camera in PRESETS.values():
+        assert math.isinf(camera.well_limit_e)
+        assert camera.saturated_dn == camera.full_scale_dn
+        assert frame(1e9, camera, 50).unique().tolist() == [camera.full_scale_dn]
 
 
 def test_dark_noise_goes_below_the_black_level() -> None:
@@ -319,8 +356,9 @@ def test_extremes_of_light(photons: float, read_noise_e: float, fidelity: str) -
         torch.full((1, 1, 50, 50), photons), camera, exposure_s=100.0, generator=[1], fidelity=fidelity
     )
     assert torch.isfinite(dn).all()
-    if photons == 1e9:
-        assert torch.equal(dn, torch.full_like(dn, camera.clip_dn))
+    if photons == 1e9:  # a full well, which read noise follows: n = 2500
+        assert float(dn.mean()) == pytest.approx(camera.clip_dn, abs=5 * (0.4 * read_noise_e + 0.3) / 50)
+        assert float(dn.std()) == pytest.approx(0.4 * read_noise_e, abs=0.35)
     elif read_noise_e == 0:
         assert torch.equal(dn, torch.full_like(dn, 40.0))
     else:
@@ -333,7 +371,7 @@ def test_extremes_of_temperature(temperature_c: float) -> None:
     photons = torch.zeros(1, 1, 30, 30)
     dn = sensor.expose(photons, camera, exposure_s=1.0, temperature_c=temperature_c, generator=[1])
     assert torch.isfinite(dn).all()
-    assert float(dn.max()) <= camera.clip_dn
+    assert float(dn.max()) <= camera.clip_dn + 6 * 0.4 * 1.5
     for beyond in (-274.0, 301.0):
         with pytest.raises(ValueError, match="temperature_c"):
             sensor.expose(photons, camera, exposure_s=1.0, temperature_c=beyond)
@@ -341,7 +379,7 @@ def test_extremes_of_temperature(temperature_c: float) -> None:
 
 @pytest.mark.parametrize(("gain", "clip_dn"), [(0.01, 140.0), (5.0, 4095.0)])
 def test_the_lower_of_well_and_converter_clips(gain: float, clip_dn: float) -> None:
-    camera = replace(BASE, system_gain_dn_per_e=gain)
+    camera = replace(BASE, system_gain_dn_per_e=gain, read_noise_e=0.0)
     dn = sensor.expose(torch.full((1, 1, 9, 9), 1e6), camera, exposure_s=0.01, generator=[1])
     assert torch.equal(dn, torch.full_like(dn, clip_dn))
 

@@ -185,6 +185,43 @@ def test_simulate_with_another_lens(tmp_path: Path, capsys: Output) -> None:
     assert wide == pytest.approx(4 * narrow)
 
 
+@pytest.mark.parametrize("anchor", [None, "mean", "p50", "1,2,9,8"])
+def test_simulate_says_what_light_on_a_photograph_means(
+    tmp_path: Path, capsys: Output, anchor: str | None
+) -> None:
+    """Two photographs of one scene, 2 EV apart: with an anchor the same frame, without a quarter of it."""
+    light = 0.05 + 0.9 * np.random.default_rng(3).random((20, 30)) ** 2
+    command: tuple[object, ...] = ("--lux", 20, "--camera", "imx250")
+    command += () if anchor is None else ("--grey-anchor", anchor)
+    facts = []
+    for stops in (0, 2):
+        coded = srgb_from_linear(torch.from_numpy(light / 2**stops)).mul(65535).round().numpy()
+        write_picture(tmp_path / "scene.png", coded.astype(np.uint16))
+        facts.append(told(capsys, "simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png", *command))
+    black = Camera.preset("imx250").black_level_dn
+    ratio = (facts[0]["mean_dn"] - black) / (facts[1]["mean_dn"] - black)
+    assert ratio == pytest.approx(1 if anchor else 4, rel=0.01)
+    assert ("18 % reflectance is" in facts[0]["reflectance"]) == bool(anchor)
+    assert ("above_white_percent" in facts[0]) == bool(anchor)
+    explained = ["simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png", "--explain", *command]
+    assert main(list(map(str, explained))) == 0
+    assert ("brightness is taken for reflectance" in capsys.readouterr().out) == (anchor is None)
+    assert main([*map(str, explained), "--grey-anchor", "grey"]) == 2
+    assert "grey_anchor = 'grey': must be mean, pNN" in capsys.readouterr().err
+
+
+def test_a_sweep_of_photographs_says_what_light_means(
+    tmp_path: Path, capsys: Output, model: Path, pictures: Path
+) -> None:
+    command = ["sweep", *sweep_of(model, pictures), "-o"]
+    assert main([*command, str(tmp_path / "plain")]) == 0
+    assert "lux: brightness is taken for reflectance" in capsys.readouterr().out
+    assert main(["report", str(tmp_path / "plain")]) == 0
+    assert "lux: brightness is taken for reflectance" in capsys.readouterr().out
+    assert main([*command, str(tmp_path / "anchored"), "--grey-anchor", "mean"]) == 0
+    assert "lux: 18 % reflectance is the mean of each picture" in capsys.readouterr().out
+
+
 def test_motion_meets_table_2(capsys: Output) -> None:
     """Lin et al. 2024, Table 2: a truck of 4.9 m at 50 m and 100 km/h, 15 ms."""
     table = ("--speed-kmh", 100, "--distance-m", 50, "--target-width-m", 4.9, "--exposure-ms", 15)

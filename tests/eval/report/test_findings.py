@@ -79,3 +79,20 @@ def test_what_the_sweep_sets_is_no_assumption(tmp_path: Path) -> None:
     own = camera | {"f_number": next(row["f_number"] for row in still.scores if not row["clean"])}
     told = findings.assumptions(replace(still, manifest=still.manifest | {"camera": own | sources}))
     assert any("f_number" in line for line in told)
+
+
+def test_what_light_on_photographs_means_is_told(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+
+    def of(kind: str, anchor: str | None) -> tuple[bool, str | None]:
+        images = data.manifest["images"] | {"kind": kind}
+        run = replace(data, manifest=data.manifest | {"images": images, "grey_anchor": anchor})
+        assumed = any("brightness is taken for reflectance" in line for line in findings.assumptions(run))
+        return assumed, findings.run_facts(run).get("reflectance")
+
+    assert of("coco", None) == (True, None)
+    assert of("rendered", None) == (False, None)
+    assumed, told = of("coco", "mean")
+    assert not assumed
+    assert told is not None
+    assert "18 % reflectance is the mean" in told
