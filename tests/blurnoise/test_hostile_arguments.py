@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 import blurnoise
-from blurnoise import Camera, charts, metrics
+from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.augment import expose_pictures
 from blurnoise.metrics import (
     contrast,
@@ -75,6 +75,18 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (
         blurnoise.simulate,
         {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0.0, 0.0), "generator": [1, 2]},
+    ),
+    (
+        AutoExposure,
+        {
+            "target": 0.18,
+            "frame_rate_hz": 30.0,
+            "readout_s": 0.001,
+            "longest_s": 0.02,
+            "mains_hz": 50.0,
+            "row_time_s": 1e-5,
+            "gain_max_db": 24.0,
+        },
     ),
     (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),
     (

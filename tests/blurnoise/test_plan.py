@@ -160,6 +160,7 @@ EIGHT_BIT = Camera(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from([0.0, 0.002, 0.05, 0.3, 0.5, 0.8]),
