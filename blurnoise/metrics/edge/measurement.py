@@ -21,7 +21,7 @@ from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
 from blurnoise.metrics.edge.numbers import intervals, numbers, row_weights
-from blurnoise.metrics.edge.response import Response, exact_response, peak
+from blurnoise.metrics.edge.response import Response, exact_response, peak, scatter
 from blurnoise.metrics.edge.shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
@@ -164,7 +164,9 @@ def _told(
         facing_right = torch.where(rising[:, None, None], values, values.flip(2))
         response = iso_response(facing_right, sides.variance.mean(1), weights)
     scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
-    flags = _named(suspicions(shape, mode, values.shape[2]) | doubts(response, scalars["mtf50"]), len(values))
+    scattered = scatter(response, scalars["mtf50"])
+    against = suspicions(shape, mode, values.shape[2], scalars["mtf50"], scattered)
+    flags = _named(against | doubts(scalars["mtf50"], scattered), len(values))
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
     levels, noises = sides.level.gather(1, ends).tolist(), sides.variance.gather(1, ends).tolist()
     tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()

@@ -55,10 +55,16 @@ class Spline:
 
     def resampled(self, weights: Tensor) -> Tensor:
         """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
+        return self.coefficients[:, None] + (weights - 1) @ self.pulls()
+
+    def pulls(self) -> Tensor:
+        """By how much each row, were it there once more, would move the coefficients, (B, H, 2 K + 1).
+
+        Their squares, summed over rows, are what a bootstrap over rows finds as the coefficients' covariance.
+        """
         # What each row adds to the normal equations beyond what the fit explains.
         scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
-        pulls = (weights - 1) @ scores @ self.inverse
-        return self.coefficients[:, None] + pulls * self.inflation[:, None, None]
+        return scores @ self.inverse * self.inflation[:, None, None]
 
 
 def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:

@@ -1,0 +1,234 @@
+"""Plausibility of an edge's shape: what no lens, no motion and no pixel does to a step, told from the noise.
+
+Each test compares something that blur cannot make with its own error, which is the bootstrap's over rows in closed
+form: the rows' scores squared and summed. So noise of any law, also a hot pixel, counts as itself. A test raises a
+false alarm with a probability of ``FALSE_ALARM`` at most, whatever the number of places it looks at (Bonferroni,
+Student's law with a row's degree of freedom each); beyond that, what is found must be large enough to matter.
+
+A tone curve that is odd about the middle of the step makes another edge that is plausible in all of this.
+
+Domain: splines scaled to 0 and 1, distances in px along the normal, frequencies in cycles/px.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from blurnoise.metrics.edge.geometry import slope
+from blurnoise.metrics.edge.sides import Sides
+from blurnoise.metrics.edge.spline import KNOT_PX, Spline
+
+FALSE_ALARM = 1e-3
+LOPSIDED = 0.004
+"""Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping."""
+OVERSHOOT = 0.005
+"""Share of the step by which an edge may go beyond its sides: light only adds, so no blur does."""
+DIP = 0.1
+"""Share of its lower neighbour by which the line spread may dip between two humps."""
+DISPLACED = 0.02
+"""Share of MTF50 that displaced rows may cost."""
+UNEVEN_NOISE = 9.0
+"""Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5."""
+SHARPER = 1.03
+"""MTF50 over that of bare pixels."""
+_TAIL = torch.arange(0.8, 1.21, 0.025, dtype=torch.float64)
+"""Cycles/px about 1, where pixels average everything away."""
+_CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
+_MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of their mean, sqrt(2/n)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The spline and the error of anything linear in it.
+
+    coefficients: (B, K). root: (B, H, K); its square, summed over rows, is the coefficients' covariance. free:
+    (B, K), 1 for coefficients that were fitted and whose mirror image was. tilt: px per row, (B,).
+    """
+
+    coefficients: Tensor
+    root: Tensor
+    free: Tensor
+    tilt: Tensor
+
+    @classmethod
+    def of(cls, spline: Spline, position_px: Tensor) -> Profile:
+        free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
+        return cls(spline.coefficients, spline.pulls(), free * free.flip(1), slope(position_px))
+
+    @property
+    def place_px(self) -> Tensor:
+        """Of the knots, (K,)."""
+        half = self.coefficients.shape[1] // 2
+        return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
+
+    def error(self, functional: Tensor) -> Tensor:
+        """Standard errors of coefficients @ functional, (K, n) or (B, K, n): (B, n)."""
+        return torch.linalg.vector_norm(self.root @ functional, dim=1)
+
+    def certain(self, places: Tensor | int) -> Tensor:
+        """Errors by which one of ``places`` numbers must be off to be no accident: a number, or (B,)."""
+        freedom = max(self.root.shape[1] - 4, 4)
+        tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
+        z = -torch.special.ndtri(tail)
+        # Student's quantile by Cornish and Fisher.
+        return z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
+
+
+def lopsided(profile: Profile) -> Tensor:
+    """Whether the edge differs from itself turned by half a turn, (B,): clipping, tone curves, shifted colours.
+
+    Its place, the sum of its sides' levels and shading across it are what may differ. Averaged over three knots.
+    """
+    c, free, x = profile.coefficients, profile.free, profile.place_px
+    line = pad(c[:, 2:] - c[:, :-2], (1, 1))
+    even, odd = line + line.flip(1), c - c.flip(1)
+    nuisance = torch.stack([even * free, free, x * odd * free], dim=2)
+    basis = torch.linalg.qr(nuisance).Q
+    one = torch.eye(c.shape[1], dtype=torch.float64)
+    three = _moving(c.shape[1], 3)
+    # Rows of: average, take what may differ out, add the turned edge.
+    change = three @ (one - basis @ basis.mT) * free[:, None] @ (one + one.flip(0))
+    off = (change @ c[..., None])[..., 0] - (three @ (one - basis @ basis.mT) @ free[..., None])[..., 0]
+    off = off * free
+    error = profile.error(change.mT)
+    large = off.abs() > torch.maximum(
+        torch.full_like(off, LOPSIDED), profile.certain(free.sum(1) / 2)[:, None] * error
+    )
+    return large.any(1)
+
+
+def overshoots(profile: Profile) -> Tensor:
+    """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,)."""
+    c = profile.coefficients
+    mean = torch.eye(c.shape[1], dtype=torch.float64).unfold(0, round(1 / KNOT_PX), 1).mean(-1)
+    edge, error = c @ mean.T, profile.error(mean.T)
+    beyond = torch.maximum(edge - 1, -edge)
+    limit = profile.certain(profile.free.sum(1))[:, None] * error
+    return (beyond > limit.clamp_min(OVERSHOOT)).any(1)
+
+
+def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
+    """Whether the line spread dips between two humps, (B,): two edges, or motion that lingers at its ends.
+
+    It is averaged over an eighth of the reach, at least half a pixel.
+    """
+    found = torch.zeros(len(profile.coefficients), dtype=torch.bool)
+    widths = (reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
+    for width in widths.unique().tolist():
+        of = widths == width
+        one = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
+        functional = one[:, width:] - one[:, :-width]
+        line, error = profile.coefficients @ functional, profile.error(functional)
+        left, at_left = line.cummax(1)
+        right, at_right = (each.flip(1) for each in line.flip(1).cummax(1))
+        at_right = line.shape[1] - 1 - at_right
+        lower = torch.where(left < right, at_left, at_right)
+        hump = torch.minimum(left, right)
+        of_both = torch.sqrt(error**2 + error.gather(1, lower) ** 2)
+        places = (profile.free.sum(1) / width) ** 2
+        dips = (hump - line > profile.certain(places)[:, None] * of_both) & (hump - line > DIP * hump)
+        peak = line.amax(1, keepdim=True)
+        found |= of & (dips & (hump > DIP * peak)).any(1)
+    return found
+
+
+def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
+    """Whether the edge is sharper than its pixels allow, (B,): cut at both sides, by clipping or a tone curve.
+
+    A pixel as wide as its pitch lets nothing through at 1 cycle/px. About it, a response is held against that of
+    the pixel times 1/(1 + (f/f0)^2), which falls slower than any lens and motion does, with the same MTF50.
+    scatter: standard deviation of MTF50 as a share, (B,).
+    """
+    cosine = 1 / torch.sqrt(1 + profile.tilt**2)
+    sine = torch.sqrt((1 - cosine**2).clamp_min(0))
+    reached = torch.isfinite(mtf50)
+    at50 = torch.where(reached, mtf50, 0.6)[:, None]
+    optics = (0.5 / _pixel(at50, cosine, sine)).clamp(max=1.0)
+    fall = (1 / optics - 1) * (_TAIL / at50) ** 2
+    allowed = ((_pixel(_TAIL, cosine, sine) / (1 + fall)) ** 2).sum(1)
+    waves = _waves(profile.coefficients.shape[1])
+    power = ((profile.coefficients @ waves) ** 2).sum(1)
+    noise = profile.root @ waves
+    covariance = noise.mT @ noise
+    mean = covariance.diagonal(dim1=1, dim2=2).sum(1)
+    square = (covariance**2).sum((1, 2)).clamp_min(1e-30)
+    # A sum of squares as a scaled chi square, and that as a normal number (Satterthwaite; Wilson and Hilferty).
+    freedom = mean**2 / square
+    ratio = (power - allowed) / mean.clamp_min(1e-15)
+    shift = 2 / (9 * freedom.clamp_min(1e-3))
+    normal = (ratio.clamp_min(0) ** (1 / 3) - (1 - shift)) / shift.sqrt()
+    matters = power - allowed > len(_TAIL) * 0.02**2
+    bare = 0.6034 / cosine
+    sharper = reached & (mtf50 / bare - 1 > torch.maximum(5 * scatter, torch.full_like(scatter, SHARPER - 1)))
+    return (matters & (normal > profile.certain(1))) | sharper
+
+
+def displaced(spline: Spline, sides: Sides, mtf50: Tensor) -> Tensor:
+    """Whether rows are displaced against each other by more than noise moves them, (B,), and what it costs MTF50.
+
+    A row's own place follows from its misfit along the edge's slope. Displacements of variance s^2 lower the
+    response at f by 2 (pi f s)^2, and MTF50 by that over its logarithmic slope, -2 ln 2 for a Gaussian. The median
+    over rows stands for all of them: a hot pixel moves one.
+    """
+    off, pull = spline.pixels.off(spline.coefficients)
+    curvature = spline.pixels.by_row(pull * pull).clamp_min(1e-12)
+    place = spline.pixels.by_row(pull * off) / curvature
+    noise = _noise(spline, sides, spline.pixels.value - off)
+    expected = spline.pixels.by_row(pull * pull * noise) / curvature**2
+    rows = place.shape[1]
+    ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / _CHI_SQUARE_MEDIAN
+    certain = ratio - 1 > 5 * _MEDIAN_ERROR * math.sqrt(2 / rows)
+    excess = ((ratio - 1) * expected.mean(1)).clamp_min(0)
+    cost = 2 * (math.pi * mtf50.nan_to_num(0, 0, 0)) ** 2 * excess / (2 * math.log(2))
+    return certain & (cost > DISPLACED)
+
+
+def smoothed(spline: Spline, sides: Sides) -> Tensor:
+    """Whether the sides have certainly less noise than the edge between them, (B,): denoised, compressed, curved.
+
+    Of light, noise in between lies between theirs. The median over pixels, for a hot one changes nothing.
+    """
+    off, _ = spline.pixels.off(spline.coefficients)
+    share = spline.pixels.value - off
+    ratio = off**2 / _noise(spline, sides, share).clamp_min(1e-18)
+    found = []
+    region = spline.pixels.row // spline.pixels.height
+    for index in range(spline.pixels.batch):
+        core = ratio[(region == index) & (share > 0.1) & (share < 0.9)]
+        few = len(core) < 20
+        certain = 1 if few else 1 + 5 * _MEDIAN_ERROR * math.sqrt(2 / len(core))
+        found.append(not few and float(core.median()) / _CHI_SQUARE_MEDIAN > max(UNEVEN_NOISE, certain))
+    noisy = sides.variance.amax(1) > 1e-8 * sides.step**2
+    return torch.tensor(found) & noisy
+
+
+def _noise(spline: Spline, sides: Sides, share: Tensor) -> Tensor:
+    """Variance expected of each pixel at ``share`` (n,) of the step, from the sides', (n,)."""
+    variance = sides.variance / sides.step[:, None] ** 2
+    at = spline.pixels.row // spline.pixels.height
+    return torch.lerp(variance[at, 0], variance[at, 1], share.clamp(0, 1))
+
+
+def _moving(count: int, width: int) -> Tensor:
+    """Matrix of the mean over ``width`` neighbours, (count, count)."""
+    away = torch.arange(count)[:, None] - torch.arange(count)
+    return (away.abs() <= width // 2).to(torch.float64) / width
+
+
+def _pixel(frequency: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
+    """Modulus of the response of a square pixel along the normal, (B, F)."""
+    across, along = cosine[:, None] * frequency, sine[:, None] * frequency
+    return (torch.sinc(across) * torch.sinc(along)).abs()
+
+
+def _waves(count: int) -> Tensor:
+    """Real and imaginary parts of the response at ``_TAIL`` as sums over coefficients, (count, 2 F)."""
+    place = KNOT_PX * (torch.arange(count - 1, dtype=torch.float64) - (count - 2) / 2)
+    angle = 2 * math.pi * place[:, None] * _TAIL
+    waves = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1) * (torch.sinc(KNOT_PX * _TAIL) ** 3).repeat(2)
+    return pad(waves, (0, 0, 1, 0)) - pad(waves, (0, 0, 0, 1))
