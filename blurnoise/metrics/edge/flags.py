@@ -23,6 +23,7 @@ class Flag(Enum):
     TOO_ABRUPT = "the edge is sharper than its pixels allow: clipped, or sharpened and cut"
     DISPLACED = "rows are displaced against each other: jitter, which lowers the response"
     SMOOTHED = "the edge is noisier than both its sides: denoised, compressed, or after a tone curve"
+    NOISE_CORRELATED = "noise is correlated over too many rows for its intervals: columns, or a strong filter"
     WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
     NON_LINEAR_SUSPECTED = "the edge is lopsided, or its bright side quieter: clipping, a tone curve, shifted colours"
 

@@ -24,9 +24,9 @@ from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 FALSE_ALARM = 1e-3
-LOPSIDED = 0.004
+LOPSIDED = 0.005
 """Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping."""
-OVERSHOOT = 0.005
+OVERSHOOT = 0.008
 """Share of the step by which an edge may go beyond its sides: light only adds, so no blur does."""
 DIP = 0.1
 """Share of its lower neighbour by which the line spread may dip between two humps."""
@@ -38,6 +38,7 @@ SHARPER = 1.03
 """MTF50 over that of bare pixels."""
 _TAIL = torch.arange(0.8, 1.21, 0.025, dtype=torch.float64)
 """Cycles/px about 1, where pixels average everything away."""
+_SPARE = 1.15  # a spline's power there is off by as much
 _CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 _MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of their mean, sqrt(2/n)
 
@@ -56,9 +57,11 @@ class Profile:
     tilt: Tensor
 
     @classmethod
-    def of(cls, spline: Spline, position_px: Tensor) -> Profile:
+    def of(cls, spline: Spline, position_px: Tensor, block: int = 1) -> Profile:
+        """block: rows whose noise belongs together; at least 16 of them are kept apart."""
+        block = max(1, min(block, position_px.shape[1] // 16))
         free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
-        return cls(spline.coefficients, spline.pulls(), free * free.flip(1), slope(position_px))
+        return cls(spline.coefficients, spline.pulls(block), free * free.flip(1), slope(position_px))
 
     @property
     def place_px(self) -> Tensor:
@@ -72,7 +75,7 @@ class Profile:
 
     def certain(self, places: Tensor | int) -> Tensor:
         """Errors by which one of ``places`` numbers must be off to be no accident: a number, or (B,)."""
-        freedom = max(self.root.shape[1] - 4, 4)
+        freedom = max(self.root.shape[1] - 1, 4)
         tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
         z = -torch.special.ndtri(tail)
         # Student's quantile by Cornish and Fisher.
@@ -82,24 +85,22 @@ class Profile:
 def lopsided(profile: Profile) -> Tensor:
     """Whether the edge differs from itself turned by half a turn, (B,): clipping, tone curves, shifted colours.
 
-    Its place, the sum of its sides' levels and shading across it are what may differ. Averaged over three knots.
+    Its place, the sum of its sides' levels and shading across it are what may differ. Averaged over 3 and 7 knots.
     """
     c, free, x = profile.coefficients, profile.free, profile.place_px
     line = pad(c[:, 2:] - c[:, :-2], (1, 1))
     even, odd = line + line.flip(1), c - c.flip(1)
-    nuisance = torch.stack([even * free, free, x * odd * free], dim=2)
-    basis = torch.linalg.qr(nuisance).Q
+    basis = torch.linalg.qr(torch.stack([even * free, free, x * odd * free], dim=2)).Q
     one = torch.eye(c.shape[1], dtype=torch.float64)
-    three = _moving(c.shape[1], 3)
-    # Rows of: average, take what may differ out, add the turned edge.
-    change = three @ (one - basis @ basis.mT) * free[:, None] @ (one + one.flip(0))
-    off = (change @ c[..., None])[..., 0] - (three @ (one - basis @ basis.mT) @ free[..., None])[..., 0]
-    off = off * free
-    error = profile.error(change.mT)
-    large = off.abs() > torch.maximum(
-        torch.full_like(off, LOPSIDED), profile.certain(free.sum(1) / 2)[:, None] * error
-    )
-    return large.any(1)
+    left = (one - basis @ basis.mT) * free[:, None]  # of a difference, without what may differ
+    found = torch.zeros(len(c), dtype=torch.bool)
+    for knots in (3, 7):
+        functional = (_moving(c.shape[1], knots) @ left).mT
+        off = ((c + c.flip(1) - 1)[:, None] @ functional)[:, 0]
+        error = profile.error(functional + functional.flip(1))
+        limit = (profile.certain(free.sum(1))[:, None] * error).clamp_min(LOPSIDED)
+        found |= (off.abs() > limit).any(1)
+    return found
 
 
 def overshoots(profile: Profile) -> Tensor:
@@ -150,7 +151,7 @@ def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
     at50 = torch.where(reached, mtf50, 0.6)[:, None]
     optics = (0.5 / _pixel(at50, cosine, sine)).clamp(max=1.0)
     fall = (1 / optics - 1) * (_TAIL / at50) ** 2
-    allowed = ((_pixel(_TAIL, cosine, sine) / (1 + fall)) ** 2).sum(1)
+    allowed = _SPARE * ((_pixel(_TAIL, cosine, sine) / (1 + fall)) ** 2).sum(1)
     waves = _waves(profile.coefficients.shape[1])
     power = ((profile.coefficients @ waves) ** 2).sum(1)
     noise = profile.root @ waves

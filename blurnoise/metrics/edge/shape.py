@@ -95,14 +95,15 @@ def locate(values: Tensor) -> tuple[Located, Flags]:
     return Located(beside, line.position_px, reach.px, sides), flags
 
 
-def shape_of(found: Located) -> Shape:
-    """Measure edges that no flag withholds.
+def shape_of(found: Located, block: int = 1) -> Shape:
+    """Measure edges that no flag withholds; block: rows of them whose noise belongs together.
 
     The line is found again from the dark area of every row within the edge's reach, where less noise lies.
     """
     sides = found.sides
     zone = found.upright.within(int(found.reach_px.max().ceil()) + 2)
-    scaled = (zone.values - sides.level[:, :1, None]) / sides.step[:, None, None]
+    left, right = (level[..., None] for level in sides.level_by_row().unbind(2))
+    scaled = (zone.values - left) / (right - left)
     columns = scaled.shape[2]
     place = torch.arange(columns) - columns // 2
     own = (zone.inside > 0) & (place.abs() <= found.reach_px.ceil()[:, None, None] + 1)
@@ -110,7 +111,7 @@ def shape_of(found: Located) -> Shape:
     again = smooth(zone.first + dark_px, order=LINE_ORDER)
     noise = sides.variance / sides.step[:, None] ** 2
     spline, line = refine(replace(zone, values=scaled), again, found.reach_px, noise)
-    return Shape(sides, spline, line, found.reach_px)
+    return Shape(sides, spline.by_blocks(block) if block > 1 else spline, line, found.reach_px)
 
 
 def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor) -> Flags:
@@ -120,7 +121,7 @@ def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered:
     """
     few = largest_phase_gap_px(shape.position_px) > LARGEST_GAP_PX[mode]
     blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
-    profile = Profile.of(shape.spline, shape.position_px)
+    profile = Profile.of(shape.spline, shape.position_px, int(shape.sides.block.max()))
     return {
         Flag.TOO_FEW_PHASES: few,
         Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | (lopsided(profile) & ~few),
@@ -129,6 +130,7 @@ def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered:
         Flag.TOO_ABRUPT: too_abrupt(profile, mtf50, scattered) & ~few,
         Flag.DISPLACED: displaced(shape.spline, shape.sides, mtf50),
         Flag.SMOOTHED: smoothed(shape.spline, shape.sides),
+        Flag.NOISE_CORRELATED: shape.sides.correlated,
         Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
     }
 
@@ -151,6 +153,9 @@ def _quieter(sides: Sides) -> Tensor:
     """Whether the bright side has certainly less noise than the dark one, (B,); rounding errors do not count."""
     bright = (sides.step > 0).long()[:, None]
     of_bright, of_dark = (sides.variance.gather(1, side)[:, 0] for side in (bright, 1 - bright))
-    error = torch.sqrt((2 / sides.count.sum(1)).sum(1))  # of the ratio's logarithm
+    about = sides.square - sides.count * sides.variance[:, None]
+    own = torch.linalg.vector_norm(about, dim=1) / sides.square.sum(1).clamp_min(1e-30)
+    # Of the ratio's logarithm, from the scatter of rows: one hot pixel makes a variance of its side uncertain.
+    error = torch.sqrt((own**2).maximum(2 / sides.count.sum(1)).sum(1))
     noisy = of_dark > NOISELESS * sides.step**2
     return noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)

@@ -11,12 +11,12 @@ Domain: upright regions, values scaled so that the sides are 0 and 1, distances 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
+from torch.nn.functional import avg_pool2d, pad
 
 from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
 
@@ -57,13 +57,20 @@ class Spline:
         """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
         return self.coefficients[:, None] + (weights - 1) @ self.pulls()
 
-    def pulls(self) -> Tensor:
-        """By how much each row, were it there once more, would move the coefficients, (B, H, 2 K + 1).
+    def by_blocks(self, block: int) -> Spline:
+        """The same with the covariance that a bootstrap over blocks of rows finds: of noise that is not white."""
+        root = self.pulls(block)
+        return replace(self, covariance=root.mT @ root)
 
-        Their squares, summed over rows, are what a bootstrap over rows finds as the coefficients' covariance.
+    def pulls(self, block: int = 1) -> Tensor:
+        """By how much each block of rows, were it there once more, would move the coefficients, (B, n, 2 K + 1).
+
+        Their squares, summed over blocks, are what a bootstrap over them finds as the coefficients' covariance.
         """
         # What each row adds to the normal equations beyond what the fit explains.
         scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
+        if block > 1:
+            scores = pad(scores, (0, 0, 0, -scores.shape[1] % block)).unflatten(1, (-1, block)).sum(2)
         return scores @ self.inverse * self.inflation[:, None, None]
 
 
