@@ -20,11 +20,11 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from blurnoise.metrics.edge.geometry import slope
-from blurnoise.metrics.edge.sides import Sides
+from blurnoise.metrics.edge.sides import NOISELESS, Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 FALSE_ALARM = 1e-3
-LOPSIDED = 0.005
+LOPSIDED = 0.004
 """Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping."""
 OVERSHOOT = 0.008
 """Share of the step by which an edge may go beyond its sides: light only adds, so no blur does."""
@@ -32,13 +32,13 @@ DIP = 0.1
 """Share of its lower neighbour by which the line spread may dip between two humps."""
 DISPLACED = 0.02
 """Share of MTF50 that displaced rows may cost."""
-UNEVEN_NOISE = 9.0
-"""Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5."""
+UNEVEN_NOISE = 12.0
+"""Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5 to 10."""
 SHARPER = 1.03
 """MTF50 over that of bare pixels."""
 _TAIL = torch.arange(0.8, 1.21, 0.025, dtype=torch.float64)
 """Cycles/px about 1, where pixels average everything away."""
-_SPARE = 1.15  # a spline's power there is off by as much
+_SPARE = 1.3  # a spline's power there is off by as much
 _CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 _MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of their mean, sqrt(2/n)
 
@@ -131,7 +131,7 @@ def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
         lower = torch.where(left < right, at_left, at_right)
         hump = torch.minimum(left, right)
         of_both = torch.sqrt(error**2 + error.gather(1, lower) ** 2)
-        places = (profile.free.sum(1) / width) ** 2
+        places = (profile.free.sum(1) / width) ** 3  # two humps and what lies between them
         dips = (hump - line > profile.certain(places)[:, None] * of_both) & (hump - line > DIP * hump)
         peak = line.amax(1, keepdim=True)
         found |= of & (dips & (hump > DIP * peak)).any(1)
@@ -204,7 +204,7 @@ def smoothed(spline: Spline, sides: Sides) -> Tensor:
         few = len(core) < 20
         certain = 1 if few else 1 + 5 * _MEDIAN_ERROR * math.sqrt(2 / len(core))
         found.append(not few and float(core.median()) / _CHI_SQUARE_MEDIAN > max(UNEVEN_NOISE, certain))
-    noisy = sides.variance.amax(1) > 1e-8 * sides.step**2
+    noisy = sides.variance.amax(1) > NOISELESS * sides.step**2
     return torch.tensor(found) & noisy
 
 

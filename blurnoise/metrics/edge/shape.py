@@ -22,7 +22,15 @@ from blurnoise.metrics.edge.plausibility import (
     too_abrupt,
     two_humps,
 )
-from blurnoise.metrics.edge.sides import REACH_FACTOR, REACH_PX, STRIP_PX, Sides, measure_sides, reach_of
+from blurnoise.metrics.edge.sides import (
+    NOISELESS,
+    REACH_FACTOR,
+    REACH_PX,
+    STRIP_PX,
+    Sides,
+    measure_sides,
+    reach_of,
+)
 from blurnoise.metrics.edge.spline import BLOCK_PX, LINE_ORDER, Spline, refine
 
 Flags = dict[Flag, Tensor]
@@ -38,8 +46,6 @@ UNEVEN = 0.025
 """Mean misfit of a block, as a share of the step, that counts as noise at least: shading and curves leave as much."""
 NOISY = 0.08
 """Standard deviation of MTF50, as a share of it, from which noise dominates."""
-NOISELESS = 1e-8
-"""Noise variance, as a share of the step squared, below which there is no noise to compare."""
 CERTAIN = 5.0
 """Standard errors that such a suspicion must have."""
 
@@ -152,10 +158,9 @@ def doubts(mtf50: Tensor, scattered: Tensor) -> Flags:
 def _quieter(sides: Sides) -> Tensor:
     """Whether the bright side has certainly less noise than the dark one, (B,); rounding errors do not count."""
     bright = (sides.step > 0).long()[:, None]
-    of_bright, of_dark = (sides.variance.gather(1, side)[:, 0] for side in (bright, 1 - bright))
-    about = sides.square - sides.count * sides.variance[:, None]
-    own = torch.linalg.vector_norm(about, dim=1) / sides.square.sum(1).clamp_min(1e-30)
-    # Of the ratio's logarithm, from the scatter of rows: one hot pixel makes a variance of its side uncertain.
-    error = torch.sqrt((own**2).maximum(2 / sides.count.sum(1)).sum(1))
+    # A row's noise, the median over rows: a hot pixel makes one row loud.
+    of_row = (sides.square / sides.count.clamp_min(1)).median(1).values
+    of_bright, of_dark = (of_row.gather(1, side)[:, 0] for side in (bright, 1 - bright))
+    error = 1.25 * torch.sqrt((2 / sides.count.sum(1)).sum(1))  # of the ratio's logarithm
     noisy = of_dark > NOISELESS * sides.step**2
     return noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)

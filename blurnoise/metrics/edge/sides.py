@@ -24,6 +24,8 @@ SLOPING = 0.1
 """Share of the step by which a side may rise over its length before it is no side at all."""
 STRUCTURE = 0.1
 """Share of the step by which anything beside the edge may stand out."""
+NOISELESS = 1e-8
+"""Noise variance, as a share of the step squared, below which there is no noise."""
 _BLOCK_PX = 8
 
 
@@ -131,18 +133,11 @@ def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Si
     pixels = count.sum(1)
     variance = square.sum(1) / (pixels - 3).clamp_min(1)
     too_small = (pixels < 2 * upright.values.shape[1]).any(1)
+    level = torch.stack(levels, dim=-1)
     noise = correlation_of(left)
-    return Sides(
-        torch.stack(levels, dim=-1),
-        variance,
-        count,
-        total,
-        square,
-        too_small,
-        noise.power_at_0,
-        noise.block,
-        noise.too_long,
-    )
+    noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
+    power_at_0, block = torch.where(noisy, noise.power_at_0, 1.0), torch.where(noisy, noise.block, 1)
+    return Sides(level, variance, count, total, square, too_small, power_at_0, block, noisy & noise.too_long)
 
 
 def _outward(columns: Tensor) -> Tensor:
