@@ -28,7 +28,7 @@ LOPSIDED = 0.004
 """Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping."""
 OVERSHOOT = 0.008
 """Share of the step by which an edge may go beyond its sides: light only adds, so no blur does."""
-DIP = 0.1
+DIP = 0.5
 """Share of its lower neighbour by which the line spread may dip between two humps."""
 DISPLACED = 0.02
 """Share of MTF50 that displaced rows may cost."""
@@ -36,9 +36,12 @@ UNEVEN_NOISE = 12.0
 """Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5 to 10."""
 SHARPER = 1.03
 """MTF50 over that of bare pixels."""
-_TAIL = torch.arange(0.8, 1.21, 0.025, dtype=torch.float64)
+_BARE = 0.6034
+"""MTF50 of a pixel, cycles/px: sinc(f) = 1/2."""
+_CLOSE, _WIDE = (1 + torch.linspace(-half, half, 9, dtype=torch.float64) for half in (0.06, 0.2))
 """Cycles/px about 1, where pixels average everything away."""
-_SPARE = 1.3  # a spline's power there is off by as much
+_SPARE, _TAIL_MATTERS = 1.3, 0.015
+"""By which factor, and by which response beside it, a spline's power there is off."""
 _CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 _MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of their mean, sqrt(2/n)
 
@@ -116,8 +119,10 @@ def overshoots(profile: Profile) -> Tensor:
 def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
     """Whether the line spread dips between two humps, (B,): two edges, or motion that lingers at its ends.
 
-    It is averaged over an eighth of the reach, at least half a pixel.
+    It is averaged over an eighth of the reach, at least half a pixel. Humps closer to the dip than 3/4 px do not
+    count: so does a filter of the picture's own pixels ring.
     """
+    apart = round(0.75 / KNOT_PX)
     found = torch.zeros(len(profile.coefficients), dtype=torch.bool)
     widths = (reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
     for width in widths.unique().tolist():
@@ -125,48 +130,41 @@ def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
         one = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
         functional = one[:, width:] - one[:, :-width]
         line, error = profile.coefficients @ functional, profile.error(functional)
-        left, at_left = line.cummax(1)
-        right, at_right = (each.flip(1) for each in line.flip(1).cummax(1))
-        at_right = line.shape[1] - 1 - at_right
-        lower = torch.where(left < right, at_left, at_right)
-        hump = torch.minimum(left, right)
-        of_both = torch.sqrt(error**2 + error.gather(1, lower) ** 2)
+        left, at_left = (each[:, : -2 * apart] for each in line.cummax(1))
+        right, at_right = (each.flip(1)[:, 2 * apart :] for each in line.flip(1).cummax(1))
+        lower = torch.where(left < right, at_left, line.shape[1] - 1 - at_right)
+        hump, low = torch.minimum(left, right), line[:, apart:-apart]
+        of_both = torch.sqrt(error[:, apart:-apart] ** 2 + error.gather(1, lower) ** 2)
         places = (profile.free.sum(1) / width) ** 3  # two humps and what lies between them
-        dips = (hump - line > profile.certain(places)[:, None] * of_both) & (hump - line > DIP * hump)
-        peak = line.amax(1, keepdim=True)
-        found |= of & (dips & (hump > DIP * peak)).any(1)
+        limit = torch.maximum(profile.certain(places)[:, None] * of_both, DIP * hump)
+        found |= of & ((hump - low > limit) & (hump > 0.1 * line.amax(1, keepdim=True))).any(1)
     return found
 
 
 def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
     """Whether the edge is sharper than its pixels allow, (B,): cut at both sides, by clipping or a tone curve.
 
-    A pixel as wide as its pitch lets nothing through at 1 cycle/px. About it, a response is held against that of
-    the pixel times 1/(1 + (f/f0)^2), which falls slower than any lens and motion does, with the same MTF50.
-    scatter: standard deviation of MTF50 as a share, (B,).
+    A pixel as wide as its pitch lets nothing through at 1 cycle/px, and little about it, whatever the lens, the
+    motion and filters of the picture do to the rest. Close about it and in a wider band, the power is held against
+    that pixel's; and so is MTF50. scatter: its standard deviation as a share, (B,).
     """
     cosine = 1 / torch.sqrt(1 + profile.tilt**2)
     sine = torch.sqrt((1 - cosine**2).clamp_min(0))
-    reached = torch.isfinite(mtf50)
-    at50 = torch.where(reached, mtf50, 0.6)[:, None]
-    optics = (0.5 / _pixel(at50, cosine, sine)).clamp(max=1.0)
-    fall = (1 / optics - 1) * (_TAIL / at50) ** 2
-    allowed = _SPARE * ((_pixel(_TAIL, cosine, sine) / (1 + fall)) ** 2).sum(1)
-    waves = _waves(profile.coefficients.shape[1])
-    power = ((profile.coefficients @ waves) ** 2).sum(1)
-    noise = profile.root @ waves
-    covariance = noise.mT @ noise
-    mean = covariance.diagonal(dim1=1, dim2=2).sum(1)
-    square = (covariance**2).sum((1, 2)).clamp_min(1e-30)
-    # A sum of squares as a scaled chi square, and that as a normal number (Satterthwaite; Wilson and Hilferty).
-    freedom = mean**2 / square
-    ratio = (power - allowed) / mean.clamp_min(1e-15)
-    shift = 2 / (9 * freedom.clamp_min(1e-3))
-    normal = (ratio.clamp_min(0) ** (1 / 3) - (1 - shift)) / shift.sqrt()
-    matters = power - allowed > len(_TAIL) * 0.02**2
-    bare = 0.6034 / cosine
-    sharper = reached & (mtf50 / bare - 1 > torch.maximum(5 * scatter, torch.full_like(scatter, SHARPER - 1)))
-    return (matters & (normal > profile.certain(1))) | sharper
+    bare = _BARE / cosine
+    found = mtf50.isfinite() & (mtf50 / bare - 1 > (5 * scatter).clamp_min(SHARPER - 1))
+    for band in (_CLOSE, _WIDE):
+        allowed = _SPARE * (_pixel(band, cosine, sine) ** 2).sum(1) + len(band) * _TAIL_MATTERS**2
+        waves = _waves(profile.coefficients.shape[1], band)
+        power = ((profile.coefficients @ waves) ** 2).sum(1)
+        noise = profile.root @ waves
+        covariance = noise.mT @ noise
+        mean = covariance.diagonal(dim1=1, dim2=2).sum(1)
+        # A sum of squares as a scaled chi square, and that as a normal number (Satterthwaite; Wilson and Hilferty).
+        freedom = mean**2 / (covariance**2).sum((1, 2)).clamp_min(1e-30)
+        shift = 2 / (9 * freedom.clamp_min(1e-3))
+        ratio = (power - allowed).clamp_min(0) / mean.clamp_min(1e-15)
+        found |= (ratio ** (1 / 3) - (1 - shift)) / shift.sqrt() > profile.certain(1)
+    return found
 
 
 def displaced(spline: Spline, sides: Sides, mtf50: Tensor) -> Tensor:
@@ -227,9 +225,9 @@ def _pixel(frequency: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
     return (torch.sinc(across) * torch.sinc(along)).abs()
 
 
-def _waves(count: int) -> Tensor:
-    """Real and imaginary parts of the response at ``_TAIL`` as sums over coefficients, (count, 2 F)."""
+def _waves(count: int, band: Tensor) -> Tensor:
+    """Real and imaginary parts of the response at ``band`` as sums over coefficients, (count, 2 F)."""
     place = KNOT_PX * (torch.arange(count - 1, dtype=torch.float64) - (count - 2) / 2)
-    angle = 2 * math.pi * place[:, None] * _TAIL
-    waves = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1) * (torch.sinc(KNOT_PX * _TAIL) ** 3).repeat(2)
+    angle = 2 * math.pi * place[:, None] * band
+    waves = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1) * (torch.sinc(KNOT_PX * band) ** 3).repeat(2)
     return pad(waves, (0, 0, 1, 0)) - pad(waves, (0, 0, 0, 1))

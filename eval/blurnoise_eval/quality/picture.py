@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -20,6 +22,7 @@ from blurnoise.encoding import linear_from_srgb
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.edge_information import (
+    NOT_WHITE,
     capacity_radial,
     capacity_square,
     neq_0,
@@ -49,7 +52,11 @@ TITLES = {
 }
 """The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
+FEWEST_FIELDS = 3
+"""Of a grey scale: two make a straight line."""
 _NOISELESS = "no noise: what is measured against it has no bound"
+_NOT_WHITE = "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white"
+_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
 _RESAMPLES = 200
 _FEWEST_LEVELS = 255  # of a converter
 
@@ -66,6 +73,46 @@ class Linear:
     black_level: float
     unit: Literal["DN", "of white"]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Oecf:
+    """A camera's opto-electronic conversion function: the light that makes a digital number, both rising.
+
+    Measured on the fields of a grey scale; straight in between. light: in any unit, 0 for none.
+    """
+
+    numbers: tuple[float, ...]
+    light: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name, values in (("numbers", self.numbers), ("light", self.light)):
+            finite = all(math.isfinite(value) and value >= 0 for value in values)
+            rising = all(a < b for a, b in pairwise(values))
+            if not (finite and rising and len(values) >= FEWEST_FIELDS):
+                raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+
+    @classmethod
+    def read(cls, path: Path) -> Oecf:
+        """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+
+        Raises ``OSError``, and ``ValueError`` for other content.
+        """
+        fields = []
+        for index, line in enumerate(path.read_text(encoding="utf-8").split("\n")):
+            try:
+                number, light = (float(cell) for cell in line.split(","))
+            except ValueError:
+                if index and line.strip():
+                    raise ValueError(
+                        f"oecf: line {index + 1} of {path} must be two numbers with a comma, got {line!r}"
+                    ) from None
+                continue
+            fields.append((number, light))
+        if not fields:
+            raise ValueError(f"oecf: {path} holds no line of two numbers with a comma")
+        numbers, light_of = zip(*sorted(fields), strict=True)
+        return cls(numbers, light_of)
 
 
 @dataclass(frozen=True)
@@ -114,12 +161,16 @@ def linear(
     *,
     black_level: float | None = None,
     full_scale: float | None = None,
+    oecf: Oecf | None = None,
 ) -> Linear:
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
-    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture. Raises
-    ``ValueError`` for them beside sRGB coding, and for numbers that do not fit.
+    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
+    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
+    coding, and for numbers that do not fit.
     """
+    if oecf is not None:
+        return _by_oecf(picture, oecf, coding, black_level, full_scale)
     bits = 8 * picture.itemsize
     planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
     notes: tuple[str, ...] = ("colour: measured as luminance (ITU-R BT.709)",) if len(planes) == 3 else ()
@@ -132,7 +183,7 @@ def linear(
                 )
         if coding == "auto":
             notes += ("8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are",)
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", notes)
+        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
     if full_scale is None and _piled_up(planes, largest):
         full_scale = largest
@@ -148,7 +199,21 @@ def linear(
             f"full scale taken as {most:g}, the largest number is {largest:g}: clipping at fewer bits goes unseen "
             "without --full-scale",
         )
-    return Linear(planes, top, black, "DN", notes)
+    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
+
+
+def _by_oecf(
+    picture: Image, oecf: Oecf, coding: Coding, black_level: float | None, full_scale: float | None
+) -> Linear:
+    for name, given in (("coding", coding != "auto"), ("black_level", black_level), ("full_scale", full_scale)):
+        if given:
+            raise ValueError(f"{name}: goes without --oecf, which says what every number means")
+    numbers, light = (np.asarray(values) for values in (oecf.numbers, oecf.light))
+    whole = np.interp(np.atleast_3d(picture).transpose(2, 0, 1), numbers, light)
+    least, most = float(light[0]), float(light[-1])
+    # What lies beyond the curve's ends stands at them, and counts as clipped.
+    planes = torch.from_numpy((whole - least) / (most - least))
+    return Linear(planes, 1.0, 0.0, "of white", (f"made linear by a grey scale of {len(numbers)} fields",))
 
 
 def _piled_up(planes: Tensor, largest: float) -> bool:
@@ -193,6 +258,8 @@ def measure(
         doubts = [flag.value for flag in Flag if flag in edge.flags]
         if any("noiseless" in estimate.flags for estimate in estimates.values()):
             doubts.append(_NOISELESS)
+        if any(NOT_WHITE in estimate.flags for estimate in estimates.values()):
+            doubts.append(_NOT_WHITE)
         number = None if second is None else second + 1
         measured.append(Measured(index + 1, roi, edge, number, estimates, tuple(doubts)))
     return measured
