@@ -21,15 +21,15 @@ _CERTAIN = 4.0
 """Standard errors of a correlation that is no accident: one in 3 000 edges with white noise at the lags looked at."""
 _FADED = 1.5
 """Standard errors below which a correlation has ended."""
-_LENGTHS_PER_BLOCK = 3
-_FEWEST_BLOCKS = 5
+_LENGTHS_PER_BLOCK, _REACHES_PER_BLOCK = 4, 2
+_FEWEST_BLOCKS = 7
 
 
 @dataclass(frozen=True)
 class Correlation:
     """power_at_0: NPS(0) over the variance, (B,), 1 where noise is white. block: rows that are drawn together, (B,).
 
-    too_long: (B,) bool, the rows hold fewer than five lengths over which their noise is correlated.
+    too_long: (B,) bool, there are fewer than seven such blocks.
     """
 
     power_at_0: Tensor
@@ -42,9 +42,9 @@ def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
     across, error_across = _at_lags(sides, dim=2, most=_ACROSS_PX)
     along, error_along = _at_lags(sides, dim=1, most=min(_ALONG_PX, sides[0][0].shape[1] // 3))
     height = sides[0][0].shape[1]
-    length_x, length_y = _length(across, error_across), _length(along, error_along)
-    wanted = torch.where(length_y > 1, _LENGTHS_PER_BLOCK * length_y, 1.0)
-    block = 2 ** torch.log2(wanted).ceil().long()
+    (length_x, _), (length_y, alive) = _length(across, error_across), _length(along, error_along)
+    wanted = torch.where(length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0)
+    block = wanted.ceil().long()
     most = max(height // _FEWEST_BLOCKS, 1)
     return Correlation(length_x * length_y, block.clamp(1, most), wanted > most)
 
@@ -66,13 +66,14 @@ def _at_lags(sides: Sequence[tuple[Tensor, Tensor]], *, dim: int, most: int) -> 
     return torch.stack(products, dim=1) / count, 1 / count.sqrt()
 
 
-def _length(correlation: Tensor, error: Tensor) -> Tensor:
-    """Sum over all lags up to where the correlation fades, 1 where nothing is certain, (B,)."""
+def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
+    """Sum over all lags up to where the correlation fades, 1 where nothing is certain, and that lag, (B,) each."""
     near = correlation[:, :8].sum(1) / torch.linalg.vector_norm(error[:, :8], dim=1)
     first = correlation[:, :2].amax(1) / error[:, 0]
     alive = (correlation > _FADED * error).to(torch.int64).cumprod(1)
     sums = 1 + 2 * (correlation * alive).sum(1)
-    return torch.where(torch.maximum(near, first) > _CERTAIN, sums.clamp_min(1), 1.0)
+    certain = torch.maximum(near, first) > _CERTAIN
+    return torch.where(certain, sums.clamp_min(1), 1.0), alive.sum(1)
 
 
 def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:

@@ -24,8 +24,11 @@ from blurnoise.metrics.edge.sides import NOISELESS, Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 FALSE_ALARM = 1e-3
-LOPSIDED = 0.004
-"""Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping."""
+LOPSIDED, LOPSIDED_COMPRESSED = 0.004, 0.008
+"""Share of the step by which the edge may differ from itself turned by half a turn: 1 % of clipping.
+
+Where the noise is correlated, as compression leaves it, what it leaves of the edge is that uneven, too.
+"""
 OVERSHOOT = 0.008
 """Share of the step by which an edge may go beyond its sides: light only adds, so no blur does."""
 DIP = 0.5
@@ -58,13 +61,14 @@ class Profile:
     root: Tensor
     free: Tensor
     tilt: Tensor
+    white: bool
 
     @classmethod
     def of(cls, spline: Spline, position_px: Tensor, block: int = 1) -> Profile:
         """block: rows whose noise belongs together; at least 16 of them are kept apart."""
-        block = max(1, min(block, position_px.shape[1] // 16))
+        kept = max(1, min(block, position_px.shape[1] // 16))
         free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
-        return cls(spline.coefficients, spline.pulls(block), free * free.flip(1), slope(position_px))
+        return cls(spline.coefficients, spline.pulls(kept), free * free.flip(1), slope(position_px), block == 1)
 
     @property
     def place_px(self) -> Tensor:
@@ -101,7 +105,8 @@ def lopsided(profile: Profile) -> Tensor:
         functional = (_moving(c.shape[1], knots) @ left).mT
         off = ((c + c.flip(1) - 1)[:, None] @ functional)[:, 0]
         error = profile.error(functional + functional.flip(1))
-        limit = (profile.certain(free.sum(1))[:, None] * error).clamp_min(LOPSIDED)
+        least = LOPSIDED if profile.white else LOPSIDED_COMPRESSED
+        limit = (profile.certain(free.sum(1))[:, None] * error).clamp_min(least)
         found |= (off.abs() > limit).any(1)
     return found
 
