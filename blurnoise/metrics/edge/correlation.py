@@ -43,7 +43,9 @@ def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
     along, error_along = _at_lags(sides, dim=1, most=min(_ALONG_PX, sides[0][0].shape[1] // 3))
     height = sides[0][0].shape[1]
     (length_x, _), (length_y, alive) = _length(across, error_across), _length(along, error_along)
-    wanted = torch.where(length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0)
+    wanted = torch.where(
+        length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0
+    )
     block = wanted.ceil().long()
     most = max(height // _FEWEST_BLOCKS, 1)
     return Correlation(length_x * length_y, block.clamp(1, most), wanted > most)
@@ -58,7 +60,9 @@ def _at_lags(sides: Sequence[tuple[Tensor, Tensor]], *, dim: int, most: int) -> 
         for (off, there), mean in zip(sides, power, strict=True):
             size = off.shape[dim] - lag
             if size > 0:
-                product += (off.narrow(dim, 0, size) * off.narrow(dim, lag, size)).sum((1, 2)) / mean.clamp_min(1e-30)
+                product += (off.narrow(dim, 0, size) * off.narrow(dim, lag, size)).sum(
+                    (1, 2)
+                ) / mean.clamp_min(1e-30)
                 count += (there.narrow(dim, 0, size) * there.narrow(dim, lag, size)).sum((1, 2))
         products.append(product)
         pairs.append(count.clamp_min(1))

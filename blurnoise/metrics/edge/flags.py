@@ -25,7 +25,9 @@ class Flag(Enum):
     SMOOTHED = "the edge is noisier than both its sides: denoised, compressed, or after a tone curve"
     NOISE_CORRELATED = "noise is correlated over too many rows for its intervals: columns, or a strong filter"
     WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
-    NON_LINEAR_SUSPECTED = "the edge is lopsided, or its bright side quieter: clipping, a tone curve, shifted colours"
+    NON_LINEAR_SUSPECTED = (
+        "the edge is lopsided, or its bright side quieter: clipping, a tone curve, shifted colours"
+    )
 
 
 WITHHELD = frozenset(

@@ -68,7 +68,9 @@ class Profile:
         """block: rows whose noise belongs together; at least 16 of them are kept apart."""
         kept = max(1, min(block, position_px.shape[1] // 16))
         free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
-        return cls(spline.coefficients, spline.pulls(kept), free * free.flip(1), slope(position_px), block == 1)
+        return cls(
+            spline.coefficients, spline.pulls(kept), free * free.flip(1), slope(position_px), block == 1
+        )
 
     @property
     def place_px(self) -> Tensor:
@@ -78,7 +80,8 @@ class Profile:
 
     def error(self, functional: Tensor) -> Tensor:
         """Standard errors of coefficients @ functional, (K, n) or (B, K, n): (B, n)."""
-        return torch.linalg.vector_norm(self.root @ functional, dim=1)
+        error: Tensor = torch.linalg.vector_norm(self.root @ functional, dim=1)
+        return error
 
     def certain(self, places: Tensor | int) -> Tensor:
         """Errors by which one of ``places`` numbers must be off to be no accident: a number, or (B,)."""
@@ -86,7 +89,8 @@ class Profile:
         tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
         z = -torch.special.ndtri(tail)
         # Student's quantile by Cornish and Fisher.
-        return z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
+        t: Tensor = z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
+        return t
 
 
 def lopsided(profile: Profile) -> Tensor:
@@ -130,7 +134,7 @@ def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
     apart = round(0.75 / KNOT_PX)
     found = torch.zeros(len(profile.coefficients), dtype=torch.bool)
     widths = (reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
-    for width in widths.unique().tolist():
+    for width in set(widths.tolist()):
         of = widths == width
         one = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
         functional = one[:, width:] - one[:, :-width]
@@ -234,5 +238,7 @@ def _waves(count: int, band: Tensor) -> Tensor:
     """Real and imaginary parts of the response at ``band`` as sums over coefficients, (count, 2 F)."""
     place = KNOT_PX * (torch.arange(count - 1, dtype=torch.float64) - (count - 2) / 2)
     angle = 2 * math.pi * place[:, None] * band
-    waves = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1) * (torch.sinc(KNOT_PX * band) ** 3).repeat(2)
+    waves = torch.cat([torch.cos(angle), torch.sin(angle)], dim=1) * (torch.sinc(KNOT_PX * band) ** 3).repeat(
+        2
+    )
     return pad(waves, (0, 0, 1, 0)) - pad(waves, (0, 0, 0, 1))

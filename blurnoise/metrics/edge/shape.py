@@ -162,5 +162,6 @@ def _quieter(sides: Sides) -> Tensor:
     of_row = (sides.square / sides.count.clamp_min(1)).median(1).values
     of_bright, of_dark = (of_row.gather(1, side)[:, 0] for side in (bright, 1 - bright))
     error = 1.25 * torch.sqrt((2 / sides.count.sum(1)).sum(1))  # of the ratio's logarithm
-    noisy = of_dark > NOISELESS * sides.step**2
+    # What a filter or compression leaves of the noise says nothing of light.
+    noisy = (of_dark > NOISELESS * sides.step**2) & (sides.block == 1)
     return noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)

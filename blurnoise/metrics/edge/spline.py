@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, pad
+from torch.nn.functional import avg_pool2d
 
 from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
 
@@ -71,7 +71,7 @@ class Spline:
         # What each row adds to the normal equations beyond what the fit explains.
         scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
         if block > 1:
-            scores = pad(scores, (0, 0, 0, -scores.shape[1] % block)).unflatten(1, (-1, block)).sum(2)
+            scores = torch.stack([rows.sum(1) for rows in torch.split(scores, block, 1)], dim=1)
         return scores @ self.inverse * self.inflation[:, None, None]
 
 

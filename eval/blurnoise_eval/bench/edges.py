@@ -30,8 +30,13 @@ ENOUGH = 2.0
 CAUGHT, SPARED = 0.95, 0.02
 """Least share of deceitful edges withheld or flagged, and largest share of honest ones."""
 SETTINGS = {"usual": usual, "any": any_setting}
-_TRUE_OF_HONEST = {Flag.NOISE_DOMINATED, Flag.EDGE_LEAVES_REGION, Flag.REGION_TOO_SMALL}
-"""What says of an honest edge what is so: noise moves MTF50, or the region drawn is too small for it."""
+_TRUE_OF_HONEST = {
+    Flag.NOISE_DOMINATED,
+    Flag.NOISE_CORRELATED,
+    Flag.EDGE_LEAVES_REGION,
+    Flag.REGION_TOO_SMALL,
+}
+"""What says of an honest edge what is so: of its noise, or that the region drawn is too small for it."""
 NOISES: tuple[tuple[str, float | None], ...] = (
     ("white", None), ("Gaussian 0.5 px", 0.5), ("Gaussian 0.8 px", 0.8), ("Gaussian 1.5 px", 1.5), ("columns", 0.0)
 )  # fmt: skip
@@ -107,7 +112,10 @@ class Bench:
             "extent": asdict(self.extent),
             "losses": self.losses(),
             "rows": [_record(row) for row in self.rows],
-            "noises": [asdict(row) | {"neq_0": row.neq_0 if math.isfinite(row.neq_0) else None} for row in self.noises],
+            "noises": [
+                asdict(row) | {"neq_0": row.neq_0 if math.isfinite(row.neq_0) else None}
+                for row in self.noises
+            ],
         }
 
 

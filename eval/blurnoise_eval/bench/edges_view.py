@@ -24,7 +24,11 @@ def chart(bench: Bench) -> Figure:
         place = range(len(rows))
         axes.barh(place, [row.withheld for row in rows], color=_WITHHELD, label="withheld")
         axes.barh(
-            place, [row.flagged for row in rows], left=[row.withheld for row in rows], color=_FLAGGED, label="flagged"
+            place,
+            [row.flagged for row in rows],
+            left=[row.withheld for row in rows],
+            color=_FLAGGED,
+            label="flagged",
         )
         for share in (CAUGHT, SPARED):
             axes.axvline(share, color="0.45", lw=1, ls=(0, (4, 3)))
@@ -55,7 +59,9 @@ def tables(bench: Bench) -> list[Table]:
     by_case: dict[str, list[str]] = {}
     for row in bench.rows:
         error = f"{row.error:+.1%}" if math.isfinite(row.error) else "-"
-        by_case.setdefault(row.case, []).extend([f"{100 * row.withheld:.0f} + {100 * row.flagged:.0f}", error])
+        by_case.setdefault(row.case, []).extend(
+            [f"{100 * row.withheld:.0f} + {100 * row.flagged:.0f}", error]
+        )
     last = [row.case for row in bench.rows if row.deceives][-1]
     for case, cells in by_case.items():
         shares.add_row(case, *cells, end_section=case == last)

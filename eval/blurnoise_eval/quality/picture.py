@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -33,6 +31,7 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.quality.oecf import Oecf
 
 Coding = Literal["auto", "srgb", "linear"]
 
@@ -52,10 +51,10 @@ TITLES = {
 }
 """The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
 _NOISELESS = "no noise: what is measured against it has no bound"
-_NOT_WHITE = "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white"
+_NOT_WHITE = (
+    "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white"
+)
 _UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
 _RESAMPLES = 200
 _FEWEST_LEVELS = 255  # of a converter
@@ -73,46 +72,6 @@ class Linear:
     black_level: float
     unit: Literal["DN", "of white"]
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Oecf:
-    """A camera's opto-electronic conversion function: the light that makes a digital number, both rising.
-
-    Measured on the fields of a grey scale; straight in between. light: in any unit, 0 for none.
-    """
-
-    numbers: tuple[float, ...]
-    light: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        for name, values in (("numbers", self.numbers), ("light", self.light)):
-            finite = all(math.isfinite(value) and value >= 0 for value in values)
-            rising = all(a < b for a, b in pairwise(values))
-            if not (finite and rising and len(values) >= FEWEST_FIELDS):
-                raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
-
-    @classmethod
-    def read(cls, path: Path) -> Oecf:
-        """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-        Raises ``OSError``, and ``ValueError`` for other content.
-        """
-        fields = []
-        for index, line in enumerate(path.read_text(encoding="utf-8").split("\n")):
-            try:
-                number, light = (float(cell) for cell in line.split(","))
-            except ValueError:
-                if index and line.strip():
-                    raise ValueError(
-                        f"oecf: line {index + 1} of {path} must be two numbers with a comma, got {line!r}"
-                    ) from None
-                continue
-            fields.append((number, light))
-        if not fields:
-            raise ValueError(f"oecf: {path} holds no line of two numbers with a comma")
-        numbers, light_of = zip(*sorted(fields), strict=True)
-        return cls(numbers, light_of)
 
 
 @dataclass(frozen=True)
@@ -205,15 +164,15 @@ def linear(
 def _by_oecf(
     picture: Image, oecf: Oecf, coding: Coding, black_level: float | None, full_scale: float | None
 ) -> Linear:
-    for name, given in (("coding", coding != "auto"), ("black_level", black_level), ("full_scale", full_scale)):
+    for name, given in (
+        ("coding", coding != "auto"),
+        ("black_level", black_level),
+        ("full_scale", full_scale),
+    ):
         if given:
             raise ValueError(f"{name}: goes without --oecf, which says what every number means")
-    numbers, light = (np.asarray(values) for values in (oecf.numbers, oecf.light))
-    whole = np.interp(np.atleast_3d(picture).transpose(2, 0, 1), numbers, light)
-    least, most = float(light[0]), float(light[-1])
-    # What lies beyond the curve's ends stands at them, and counts as clipped.
-    planes = torch.from_numpy((whole - least) / (most - least))
-    return Linear(planes, 1.0, 0.0, "of white", (f"made linear by a grey scale of {len(numbers)} fields",))
+    planes = torch.from_numpy(oecf.light_of(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64)))
+    return Linear(planes, 1.0, 0.0, "of white", (f"made linear by a grey scale of {len(oecf.light)} fields",))
 
 
 def _piled_up(planes: Tensor, largest: float) -> bool:
