@@ -46,6 +46,7 @@ def test_honest_edges_are_left_alone_on_held_out_seeds(case: Case) -> None:
     assert row.caught <= SPARED, row
 
 
+@pytest.mark.slow
 def test_cases_deceive_by_more_than_3_percent_or_cannot_be_measured() -> None:
     """What a case does is wrong, not only odd; denoising and the sums of errors of a bar come out near the truth."""
     near = {"non-local means", "bright bar 2 px wide"}
