@@ -328,7 +328,7 @@ def test_a_flagged_number_carries_its_mark() -> None:
 
 
 def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> None:
-    """An S that raises MTF50 by a third: with the scale's 21 fields it is back within 1 %."""
+    """An S that raises MTF50 by 18 %: with the scale's 21 fields it is back within 2 %."""
     at, light = Setting(sigma_px=1.0, offset_px=(0.3, 0.1), noise=0.002), np.linspace(0, 1, 21)
 
     def curve(value: Any) -> Any:
@@ -343,7 +343,7 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> 
     write_picture(path, (65535 * curve(at.noisy(at.edge(), Draw.of(1)).numpy())).round().astype(np.uint16))
     roi = ("--roi", "0,0,120,100")
     (bent,), (right,) = (told(capsys, path, *roi, *more)["regions"] for more in ((), ("--oecf", scale)))
-    assert bent["mtf50"] > 1.25 * at.mtf50
+    assert bent["mtf50"] > 1.15 * at.mtf50
     assert right["mtf50"] == pytest.approx(at.mtf50, rel=0.02)
     assert right["flags"] == ""
 

@@ -22,7 +22,6 @@ FOUND = {
     "half steps 6 px apart": Flag.TWO_EDGES,
     "row jitter 0.5 px": Flag.DISPLACED,
     "non-local means": Flag.SMOOTHED,
-    "JPEG quality 50": Flag.SMOOTHED,
 }
 
 
