@@ -14,7 +14,7 @@ from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
-What = Literal["simulate", "sweep", "blur", "noise", "metrics", "augment", "training"]
+What = Literal["simulate", "sweep", "blur", "noise", "metrics", "edges", "augment", "training"]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
 TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}
 TRAINING_QUICK = {"scenes": 96, "pictures": 480, "seeds": 2, "held_out": 8}
@@ -91,6 +91,7 @@ def bench(
       blur       every way to blur by motion, time beside error
       noise      every way to draw noise, time beside distance from the exact law
       metrics    every way to measure a slanted edge, time beside error
+      edges      edges that deceive, and honest ones: how many of them are withheld or flagged
       sweep      a sweep against bare onnxruntime
       augment    what the augmentations cost beside a training step
       training   whether training with the exposure augmentation helps
@@ -164,6 +165,8 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
         blur_view,
         chain,
         chain_view,
+        edges,
+        edges_view,
         metrics,
         metrics_view,
         noise,
@@ -172,6 +175,7 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
 
     rooms = {
         "blur": (blur, blur_view),
+        "edges": (edges, edges_view),
         "metrics": (metrics, metrics_view),
         "noise": (noise, noise_view),
         "simulate": (chain, chain_view),
