@@ -91,9 +91,7 @@ def sweep(
         float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
     ] = 100.0,
     grid: Grid,
-    repeats: Annotated[
-        int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
-    ] = None,
+    repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
@@ -124,7 +122,7 @@ def sweep(
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
+    from blurnoise_eval.sweep.evaluation import evaluate
 
     in_range("threshold", threshold, 0.0, 1.0)
     workers = given.threads(threads)
@@ -144,7 +142,7 @@ def sweep(
         max_megapixels=max_megapixels,
         reads=given.read(models),
     )
-    plan = SweepPlan(grid, repeats=usual_repeats(pictures) if repeats is None else repeats, seed=seed)
+    plan = SweepPlan(grid, repeats=repeats, seed=seed)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(
