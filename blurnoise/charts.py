@@ -168,7 +168,9 @@ def stop_sign(
     else:
         picture = torch.full((1, 3, height, width), float(background))
     behind = picture[0, :, top:bottom, left:right]
-    behind += torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED])) - shares.sum(0) * behind
+    behind += (
+        torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED])) - shares.sum(0) * behind
+    )
     return picture
 
 

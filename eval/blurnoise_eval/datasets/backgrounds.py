@@ -26,7 +26,8 @@ def background(number: int, rng: Generator, size_px: int) -> Floats:
     """Background ``number`` of a series that takes the kinds in turn, drawn from ``rng``."""
     level = rng.uniform(*_MEANS)
     logarithm = _KINDS[number % len(_KINDS)](rng, size_px, level) + _tint(rng)
-    return np.exp(logarithm).clip(_DARKEST, _BRIGHTEST).astype(np.float32).transpose(2, 0, 1)[None]
+    reflectance = np.exp(logarithm).clip(_DARKEST, _BRIGHTEST)
+    return np.asarray(reflectance.transpose(2, 0, 1)[None], np.float32)
 
 
 # Each returns natural logarithms of reflectance, (N, N, 1) or (N, N, 3), about ``level``.
