@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer
-from blurnoise._core.limits import limited
 from blurnoise._core.rng import LAST_SEED
 from blurnoise_eval.datasets.backgrounds import background
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
@@ -71,6 +70,10 @@ def rendered_texts(
 def _pictures(
     what: str, target: Callable[[_Sign], Target], sizes_px: Sequence[float], count: int, seed: int
 ) -> PictureSet:
+    from blurnoise.charts import stop_sign_box
+
+    for size in sizes_px:
+        stop_sign_box(size, **_FRAME)
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)
     pictures: list[Picture] = []
@@ -100,7 +103,7 @@ def _sharing(sizes_px: Sequence[float]) -> list[list[float]]:
     groups: list[list[float]] = []
     for size in sizes_px:
         last = groups[-1] if groups else []
-        height = sum(limited("size_px", each) for each in [*last, size]) * (1 + SIZE_SPREAD)
+        height = sum([*last, size]) * (1 + SIZE_SPREAD)
         if last and height + (len(last) + 2) * _APART_PX <= RENDERED_SIZE_PX:
             last.append(size)
         else:

@@ -163,8 +163,9 @@ class Store:
         if held != (identity, content):
             with self._transaction() as db:
                 db.execute(
-                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?) ON CONFLICT DO UPDATE SET"
-                    " identity = excluded.identity, content = excluded.content, width_px = ifnull(excluded.width_px, width_px),"
+                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?) ON CONFLICT (image) DO UPDATE SET"
+                    " identity = excluded.identity, content = excluded.content,"
+                    " width_px = ifnull(excluded.width_px, width_px),"
                     " height_px = ifnull(excluded.height_px, height_px)",
                     (image, identity, content, width_px, height_px),
                 )

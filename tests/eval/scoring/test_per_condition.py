@@ -226,7 +226,12 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         told: list[int] = []
         clean, exposed = score_rows(store, ["m"], lambda _: truth, told.append)
         asked: list[Any] = []
-        moving = list(score_rows(store, ["m"], lambda _: truth, moves=lambda row: asked.append(dict(row))))
+
+        def moves(row: Any) -> tuple[None, None]:
+            asked.append(dict(row))
+            return None, None
+
+        moving = list(score_rows(store, ["m"], lambda _: truth, moves=moves))
         assert moving == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]

@@ -48,6 +48,7 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     cell |= {"n_detections": len(detections), "simulate_ms": 1.5, "infer_ms": 2.5, "error": None}
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
     target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
+    target |= {"confidence_swept": 0.05}
     target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
     rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
     return CellResult({**shared, **cell, "example": None}, rows, detections)
