@@ -310,3 +310,13 @@ def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
     database.close()
     with pytest.raises(StoreError, match="another version"):
         Store(tmp_path)
+
+
+def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.note_picture("a", "2 bytes", "content", 64, 48)
+        store.note_picture("b", "3 bytes", "another")  # whose size nobody knows
+        store.note_picture("a", "touched since", "content")  # the same picture, so of the same size
+        store.add([result(0, image="a")])
+        assert store.pictures() == {"a": ("touched since", "content")}
+        assert store.picture_sizes() == {"a": (64, 48)}
