@@ -116,8 +116,8 @@ def sweep(
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
       blurnoise sweep --ocr -o run                                       the rendered STOP, read
 
-    Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
-    the same command is given again.
+    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
+    goes on where it was when the same command is given again.
     """
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range

@@ -21,7 +21,7 @@ SIZE_SPREAD = 0.05
 """A sign is up to this share smaller or larger than its group says, so that no answer is one raster's."""
 _MOST_PICTURES = 10_000
 _SIGNS_PX = (100, 50, 32)
-_APART_PX = 16.0  # signs from one another and from the border, at least
+_APART_PX = 24.0  # signs from one another and from the border, at least
 _SMEAR_PX = 45.0  # to either side of a sign: half the longest motion that a sweep tests by default
 _FRAME: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
 

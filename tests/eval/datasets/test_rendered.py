@@ -53,7 +53,7 @@ def test_signs_stand_apart_with_room_for_their_smear(seed: int) -> None:
     assert every[..., 0].min() >= 45 <= RENDERED_SIZE_PX - every[..., 2].max()
     for of_picture in every:
         tops, bottoms = np.sort(of_picture[:, 1]), np.sort(of_picture[:, 3])
-        assert (np.append(tops, RENDERED_SIZE_PX) - np.insert(bottoms, 0, 0)).min() >= 16 - 1e-9
+        assert (np.append(tops, RENDERED_SIZE_PX) - np.insert(bottoms, 0, 0)).min() >= 24 - 1e-9
     assert {target.group for each in found for target in each.targets or ()} == {
         f"stop sign {size} px" for size in sizes
     }
