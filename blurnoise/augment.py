@@ -26,7 +26,7 @@ from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited, limited_per_imag
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
-from blurnoise.light import effects
+from blurnoise.light import effects, motion
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop
 from blurnoise.radiometry import photoelectrons
@@ -283,7 +283,7 @@ def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
 def swept_half_px(params: Params) -> Tensor:
     """Half the displacement during the exposure, (B, 2), px, >= 0: what is swept to either side of a place."""
     velocity = velocity_px_s(params["speed_px_s"], params["direction_deg"])
-    return velocity.abs() * params["exposure_s"][:, None] / 2
+    return motion.swept_half_px(velocity * params["exposure_s"][:, None])
 
 
 def moved_corners(corners: Tensor, params: Params, cameras: Sequence[Camera]) -> Tensor:

@@ -151,7 +151,7 @@ def _sweep(
             from blurnoise_models import matched_filter
 
             model = matched_filter.build(Path(folder) / "heavy.onnx", input_px=HEAVY_INPUT_PX)
-        pictures = image_folder(images) if images else rendered_signs()
+        pictures = image_folder(images) if images else rendered_signs(count=3)
         if heavy:
             pictures = replace(pictures, pictures=pictures.pictures[:1])
         facts = sweep_speed(given.detector(model, contract), pictures, threads, Path(folder))

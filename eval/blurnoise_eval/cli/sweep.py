@@ -91,9 +91,7 @@ def sweep(
         float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
     ] = 100.0,
     grid: Grid,
-    repeats: Annotated[
-        int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
-    ] = None,
+    repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
@@ -119,13 +117,13 @@ def sweep(
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
       blurnoise sweep --ocr -o run                                       the rendered STOP, read
 
-    Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
-    the same command is given again.
+    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
+    goes on where it was when the same command is given again.
     """
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
+    from blurnoise_eval.sweep.evaluation import evaluate
 
     in_range("threshold", threshold, 0.0, 1.0)
     workers = given.threads(threads)
@@ -145,8 +143,7 @@ def sweep(
         max_megapixels=max_megapixels,
         reads=given.read(models),
     )
-    count = usual_repeats(pictures) if repeats is None else repeats
-    plan = SweepPlan(grid, repeats=count, seed=seed, grey_anchor=grey_anchor)
+    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(

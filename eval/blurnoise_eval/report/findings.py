@@ -18,6 +18,7 @@ from blurnoise_eval.report.tradeoff import ROBUSTNESS
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
+SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what the box decides
 
 
 def window_text(answer: dict[str, Any]) -> str:
@@ -71,9 +72,8 @@ def summary(data: RunData) -> list[str]:
     if not data.answers:
         return ["The pictures hold no targets, so no exposure can be recommended."]
     names = model_names(data)
-    if len(names) == 1:
-        return _answer_lines(data)
-    return [*_ranking(data), *_leaders(data)]
+    lines = _answer_lines(data) if len(names) == 1 else [*_ranking(data), *_leaders(data)]
+    return [*lines, *_swept(data)]
 
 
 def _answer_lines(data: RunData) -> list[str]:
@@ -131,6 +131,27 @@ def _leaders(data: RunData) -> list[str]:
             value, model = max(rows, key=lambda row: row[0])
             leaders.append(f"{name}: {model} ({value:.2f})")
     return [f"Ahead in {'; '.join(leaders)}."] if leaders else []
+
+
+def _swept(data: RunData) -> list[str]:
+    """Where it matters most whether a target's box is that at mid-exposure or all that its motion sweeps."""
+    lines = []
+    for name in model_names(data):
+        rates = [
+            (row["detection_rate_swept"] - row["detection_rate"], row)
+            for row in data.scores
+            if row["model"] == name and row.get("detection_rate_swept") is not None
+        ]
+        differing = [each for each in rates if abs(each[0]) >= SWEPT_DIFFERENCE]
+        if differing:
+            _, row = max(differing, key=lambda each: abs(each[0]))
+            lines.append(
+                f"{name} is held to boxes at mid-exposure; against all that the motion sweeps the detection rate "
+                f"differs by {SWEPT_DIFFERENCE:g} and more in {len(differing)} of {len(rates)} conditions, most at "
+                f"{data.settings.condition_text(row)}: {row['detection_rate']:.2f}, swept "
+                f"{row['detection_rate_swept']:.2f}."
+            )
+    return lines
 
 
 def _what(data: RunData, last: str = "and") -> str:

@@ -67,7 +67,7 @@ def write_report(data: RunData, folder: Path) -> Path:
         with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
             warnings.filterwarnings("ignore", "Glyph .* missing from font")
             drawing = io.BytesIO()
-            draw(data).savefig(drawing, format="png", dpi=150)
+            draw(data).savefig(drawing, format="png", dpi=150, pil_kwargs={"compress_level": 1})
         write_whole(folder / "figures" / name, drawing.getvalue())
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),

@@ -17,7 +17,7 @@ FOUND_SCORE = 0.25
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
 MoveBoxes = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""From boxes (N, 4) in the scene to where they stand in a picture of it, at mid-exposure."""
+"""From boxes (N, 4) in the scene to others in a picture of it: at mid-exposure, or swept by the motion."""
 _RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 
@@ -44,6 +44,17 @@ def target_confidences(
     right = detections.class_ids[:, None] == np.asarray(class_ids, np.int64)
     right &= iou(detections.boxes_xyxy, boxes_xyxy) >= MATCH_IOU
     return np.asarray(np.where(right, detections.scores[:, None], 0).max(axis=0, initial=0), np.float32)
+
+
+def swept_within(swept_xyxy: ArrayLike, moved_xyxy: ArrayLike, size_px: ArrayLike) -> NDArray[np.float64]:
+    """What motion sweeps, boxes (N, 4), not beyond the border of pictures of ``size_px``, (width, height) or (N, 2).
+
+    What of the boxes at mid-exposure, ``moved_xyxy``, lies beyond it stays.
+    """
+    swept, moved = (np.asarray(each, np.float64).reshape(-1, 4) for each in (swept_xyxy, moved_xyxy))
+    low = np.maximum(swept[:, :2], np.minimum(moved[:, :2], 0.0))
+    high = np.minimum(swept[:, 2:], np.maximum(moved[:, 2:], np.asarray(size_px, np.float64)))
+    return np.concatenate([low, high], axis=1)
 
 
 def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDArray[np.bool_]:

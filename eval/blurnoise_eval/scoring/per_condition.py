@@ -22,19 +22,22 @@ def score_rows(
     truth_of: Callable[[str], Truth | None],
     progress: Callable[[int], None] = lambda rows: None,
     *,
-    moves: Callable[[Mapping[str, Any]], MoveBoxes | None] = lambda row: None,
+    moves: Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]] = lambda row: (
+        None,
+        None,
+    ),
 ) -> Iterator[dict[str, Any]]:
     """One row per model and condition, the untouched pictures first: a column for each of ``SCORES``.
 
     truth_of: a model's truth, None for a reader. moves: where the conditions of a row have moved the truth's
-    boxes. Pictures that could not be read do not count; those on which the model failed count as answered by
-    nothing.
+    boxes, and what these sweep. Pictures that could not be read do not count; those on which the model failed count
+    as answered by nothing.
     """
     for model in models:
         truth = truth_of(model)
         for row in queries.condition_means(store, model, FOUND_SCORE):
             cells = [] if truth is None else list(queries.detections_at(store, model, row))
-            judged = Judged(row, truth, cells, None if row["clean"] else moves(row))
+            judged = Judged(row, truth, cells, *((None, None) if row["clean"] else moves(row)))
             progress(1)
             shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS)}
             yield shared | {score.name: score.of(judged) for score in SCORES}

@@ -25,8 +25,8 @@ def condition_means(store: Store, model: str, found_score: float) -> list[Row]:
     """
     same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
-      SELECT seen.*, n_targets, target_confidence, detection_rate, confidence_when_found, read_confidence,
-        exact_match, character_error_rate
+      SELECT seen.*, n_targets, target_confidence, detection_rate, confidence_when_found, target_confidence_swept,
+        detection_rate_swept, read_confidence, exact_match, character_error_rate
       FROM (
         SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors
         FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
@@ -34,6 +34,8 @@ def condition_means(store: Store, model: str, found_score: float) -> list[Row]:
         SELECT {_SHARED}, COUNT(*) AS n_targets, AVG(confidence) AS target_confidence,
           AVG(confidence >= {found_score}) AS detection_rate,
           AVG(CASE WHEN confidence >= {found_score} THEN confidence END) AS confidence_when_found,
+          AVG(confidence_swept) AS target_confidence_swept,
+          AVG(confidence_swept >= {found_score}) AS detection_rate_swept,
           AVG(read_confidence) AS read_confidence, AVG(text = truth) AS exact_match,
           AVG(character_error_rate) AS character_error_rate
         FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}

@@ -73,7 +73,7 @@ def evaluate(
     seen_by = _camera(camera)
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
-    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, SweepPlan)
+    plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),
@@ -205,14 +205,9 @@ def usual_pictures(models: Sequence[Model]) -> PictureSet:
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
 
 
-def usual_repeats(pictures: PictureSet) -> int:
-    """Noise fields per picture: rendered ones are few."""
-    return 3 if pictures.kind == "rendered" else 1
-
-
-def usual_plan(pictures: PictureSet) -> SweepPlan:
-    """The conditions that a sweep tests if not told."""
-    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default}, usual_repeats(pictures))
+def usual_plan() -> SweepPlan:
+    """The conditions that a sweep tests if not told, with a noise field for each picture."""
+    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
 def _camera(camera: str | Camera) -> Camera:

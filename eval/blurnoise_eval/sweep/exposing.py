@@ -5,7 +5,7 @@ Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit, sRGB-coded; out as the camera
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,12 +21,14 @@ from blurnoise_eval.scoring.matching import MoveBoxes
 
 
 class Frame(NamedTuple):
-    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, and where it moves boxes."""
+    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, where it moves boxes and what they
+    sweep."""
 
     cell: Cell
     image: NDArray[np.uint8]
     simulate_ms: float
     move_boxes: MoveBoxes | None = None
+    sweep_boxes: MoveBoxes | None = None
 
 
 class Scene:
@@ -53,15 +55,18 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Fram
     exposures = [at.exposure(camera, cell.seed) for cell, at in exposed]
     taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
-        yield Frame(cell, frame.picture, frame.simulate_ms, box_mover(exposure))
+        yield Frame(cell, frame.picture, frame.simulate_ms, box_mover(exposure), box_sweeper(exposure))
 
 
 def box_mover(exposure: Exposure) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to where they are in the picture at mid-exposure; None: they stay."""
-    if not effects.displace():
-        return None
+    return _mover(exposure.move_boxes) if effects.displace() else None
 
-    def move(boxes_xyxy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(exposure.move_boxes(torch.from_numpy(boxes_xyxy)).numpy(), float)
 
-    return move
+def box_sweeper(exposure: Exposure) -> MoveBoxes:
+    """Takes a scene's boxes (N, 4) to what they cover in the course of the exposure, beyond the picture too."""
+    return _mover(exposure.sweep_boxes)
+
+
+def _mover(boxes: Callable[[torch.Tensor], torch.Tensor]) -> MoveBoxes:
+    return lambda boxes_xyxy: np.asarray(boxes(torch.from_numpy(boxes_xyxy)).numpy(), float)

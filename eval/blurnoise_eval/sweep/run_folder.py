@@ -26,7 +26,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import truths, write_truth
-from blurnoise_eval.sweep.exposing import box_mover
+from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
@@ -210,12 +210,13 @@ def _scores(store: Store, models: list[str], progress: Callable[[int], None]) ->
     return scores
 
 
-def _moves(store: Store) -> Callable[[Mapping[str, Any]], MoveBoxes | None]:
-    """Where a row's conditions take the boxes of the scene."""
+def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
+    """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
 
-    def mover(row: Mapping[str, Any]) -> MoveBoxes | None:
-        return box_mover(Conditions(**{name: row[name] for name in NAMES}).exposure(camera))
+    def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
+        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera)
+        return box_mover(exposure), box_sweeper(exposure)
 
     return mover
 

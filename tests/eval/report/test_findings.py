@@ -96,3 +96,18 @@ def test_what_light_on_photographs_means_is_told(tmp_path: Path) -> None:
     assert not assumed
     assert told is not None
     assert "18 % reflectance is the mean" in told
+
+
+def test_where_the_swept_box_decides_is_said(tmp_path: Path) -> None:
+    data = made_run(tmp_path, models=TWO, n_examples=0)
+    assert not any("sweeps" in line for line in findings.summary(data))
+    name = data.scores[-1]["model"]
+    alike = [{**row, "detection_rate_swept": row["detection_rate"]} for row in data.scores]
+    assert findings.summary(replace(data, scores=alike)) == findings.summary(data)
+    own = [place for place, row in enumerate(alike) if row["model"] == name and not row["clean"]]
+    for place, (at_rest, swept) in zip(own, ((0.5, 0.58), (0.5, 0.65), (0.1, 0.9)), strict=False):
+        alike[place] |= {"detection_rate": at_rest, "detection_rate_swept": swept}
+    (line,) = (line for line in findings.summary(replace(data, scores=alike)) if "sweeps" in line)
+    assert line.startswith(f"{name} is held to boxes at mid-exposure")
+    assert " in 2 of " in line
+    assert line.endswith(f"{data.settings.condition_text(alike[own[2]])}: 0.10, swept 0.90.")

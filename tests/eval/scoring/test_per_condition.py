@@ -94,6 +94,26 @@ def test_scores_are_those_of_pycocotools(seed: int) -> None:
     assert len(set(expected.values())) == len(expected)
 
 
+def test_beyond_a_hundred_detections_of_a_class_none_counts() -> None:
+    """As pycocotools counts: of each class and picture; the targets are found by the weakest of 130."""
+    truth, found = street(0)
+    rng = np.random.default_rng(3)
+    crowded = {}
+    for name, each in found.items():
+        corners = rng.uniform(0, 300, (230, 2))
+        boxes = np.concatenate([each.boxes_xyxy, np.concatenate([corners, corners + 40], axis=1)])
+        scores = np.concatenate([each.scores * 0.2, rng.uniform(0, 0.5, 230)])
+        classes = np.concatenate([each.class_ids, np.repeat([0, 4], 115)])
+        crowded[name] = Detections(boxes, scores, classes)
+    scores = Judge(truth)([(name, 0, each) for name, each in crowded.items()])
+    expected = by_pycocotools(truth, crowded)
+    assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
+    fewer = {
+        name: each[np.arange(len(each)) < 100] for name, each in crowded.items()
+    }  # of all classes together
+    assert by_pycocotools(truth, fewer)["ar100"] < expected["ar100"]
+
+
 def test_repeats_are_pictures_of_their_own() -> None:
     truth, found = street(5)
     judge = Judge(truth)
@@ -226,7 +246,12 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         told: list[int] = []
         clean, exposed = score_rows(store, ["m"], lambda _: truth, told.append)
         asked: list[Any] = []
-        moving = list(score_rows(store, ["m"], lambda _: truth, moves=lambda row: asked.append(dict(row))))
+
+        def moves(row: Any) -> tuple[None, None]:
+            asked.append(dict(row))
+            return None, None
+
+        moving = list(score_rows(store, ["m"], lambda _: truth, moves=moves))
         assert moving == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]

@@ -191,7 +191,7 @@ def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert [each.path for each in by_command[0]] == [each.path for each in by_python[0]] == [STOP_SIGN]
     assert by_command[1] == by_python[1] == Camera.preset("imx250")
     assert [each.identity for each in by_command[2]] == [each.identity for each in by_python[2]]
-    assert by_command[3] == by_python[3] == usual_plan(datasets.rendered_signs())
+    assert by_command[3] == by_python[3] == usual_plan()
     with Store(tmp_path / "command") as first, Store(tmp_path / "python") as second:
         assert first.about("identity") == second.about("identity")
 
