@@ -12,7 +12,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, CameraName, Grid, Json, axis_options, one_of
 from blurnoise_eval.cli.console import print_assumptions
-from blurnoise_eval.cli.report import Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -97,6 +97,7 @@ def sweep(
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
+    cluster: Cluster = None,
     engine: Annotated[
         str,
         Option(
@@ -124,9 +125,11 @@ def sweep(
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
 
     in_range("threshold", threshold, 0.0, 1.0)
+    cluster_of("", cluster)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
@@ -154,6 +157,7 @@ def sweep(
         plan,
         output,
         threshold=threshold,
+        cluster=cluster,
         engine=engine,
         threads=workers,
         progress=True,
