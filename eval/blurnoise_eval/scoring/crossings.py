@@ -31,7 +31,9 @@ def coordinate(x: ArrayLike, logarithmic: bool) -> Array:
     return np.log(values) if logarithmic and (values > 0).all() else values
 
 
-def windows(x: Sequence[float], y: Sequence[float], threshold: float, logarithmic: bool = True) -> list[Stretch]:
+def windows(
+    x: Sequence[float], y: Sequence[float], threshold: float, logarithmic: bool = True
+) -> list[Stretch]:
     """Stretches of x, increasing, in which y(x) is at or above ``threshold``."""
     at = coordinate(x, logarithmic)
     back = _back(x, logarithmic)

@@ -153,6 +153,21 @@ def answers(surface: Surface, threshold: float) -> list[Answer]:
     return found
 
 
+def flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """An answer's row in plain cells: of its windows the one with the recommended exposure, or the first."""
+    lists = ("exposures_s", "confidence", "low", "high", "saturated")
+    kept = {name: value for name, value in row.items() if name not in lists and "windows" not in name}
+    spans = list(zip(row["windows_s"], row["windows_low_s"], row["windows_high_s"], strict=True))
+    chosen = row["recommended_s"]
+    held = [span for span in spans if chosen is not None and span[0][0] <= chosen <= span[0][1]]
+    names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
+    ends: list[float | None] = [None] * len(names)
+    if spans:
+        (low, high), low_bounds, high_bounds = (held or spans)[0]
+        ends = [low, *low_bounds, high, *high_bounds]
+    return {**kept, "n_windows": len(spans), **dict(zip(names, ends, strict=True))}
+
+
 def natural(text: str) -> list[tuple[int, float, str]]:
     """A sort key that puts 32 px before 100 px."""
     parts = re.split(r"(\d+)", text)
@@ -160,7 +175,11 @@ def natural(text: str) -> list[tuple[int, float, str]]:
 
 
 def _answer(
-    shared: tuple[str, str, Mapping[str, float]], n_targets: int, curve: Curve, threshold: float, shares: Array
+    shared: tuple[str, str, Mapping[str, float]],
+    n_targets: int,
+    curve: Curve,
+    threshold: float,
+    shares: Array,
 ) -> Answer:
     mean, n, crossed = curve.mean.tolist(), curve.n_clusters, curve.crossed(threshold)
     sure = [any(low <= x <= high for low, high in crossed.sure) for x in curve.x]
@@ -214,7 +233,7 @@ def _pictures_to_tell(curve: Curve, threshold: float) -> int | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         needed = n * (certainty.critical(n.max()) * error / margin) ** 2
     above = margin > 0
-    count = needed[above].min() if above.any() else needed.max()
+    count = float(needed[above].min() if above.any() else needed.max())
     if not count <= _MOST_PICTURES:
         return None
     return max(certainty.FEWEST, int(n.max()) + 1, math.ceil(count))

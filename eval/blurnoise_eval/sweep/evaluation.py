@@ -100,8 +100,9 @@ class Evaluation:
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
     ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where confidence
     stays at or above ``threshold``, and the exposure to use. ``outcome``: what was computed now, None for a run
-    opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is. ``output``: where page, tables and figures are
-    written, by default the run's folder; another is for a run that can only be read. Raises
+    opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is.
+    ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
+    can only be read. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
@@ -204,9 +205,7 @@ class Evaluation:
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(_bar("score", steps, self._progress))
-            return read_run(
-                store, threshold=self.threshold, cluster=self.cluster, progress=advance
-            )
+            return read_run(store, threshold=self.threshold, cluster=self.cluster, progress=advance)
 
 
 def usual_pictures(models: Sequence[Model]) -> PictureSet:

@@ -59,7 +59,7 @@ def brightest(exposure: Exposure) -> int:
     noise below it still counts."""
     camera = exposure.camera
     margin_dn = math.ceil(3 * camera.read_noise_e * camera.system_gain_dn_per_e)
-    limit_dn = max(camera.clip_dn - margin_dn, 1)
+    limit_dn = max(int(camera.clip_dn) - margin_dn, 1)
     return int(tones_8bit(camera, exposure.gain_db)[limit_dn])
 
 

@@ -20,10 +20,11 @@ from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
-from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
+from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.scoring.plane import mean_over_plane
 from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -188,13 +189,18 @@ def read_run(
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
-    """Write scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
     curves = [
         {name: value for name, value in row.items() if name not in ("x", "confidence")}
         for row in data.endurances
     ]
     written = []
-    for name, rows in (("scores.csv", data.scores), ("curves.csv", curves), ("models.csv", data.models)):
+    for name, rows in (
+        ("answers.csv", [flat(row) for row in data.answers]),
+        ("scores.csv", data.scores),
+        ("curves.csv", curves),
+        ("models.csv", data.models),
+    ):
         columns = list(rows[0]) if rows else []
         write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
         written.append(folder / name)
@@ -244,7 +250,8 @@ def _missing_cells(store: Store, n_pictures: int) -> int:
 def _summary(
     store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
 ) -> dict[str, Any]:
-    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike."""
+    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike;
+    uniform: over the plane that they cover, whatever the grid."""
     own = [row for row in scores if row["model"] == model["name"]]
     clean = [performance(row) for row in own if row["clean"]]
     exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
@@ -260,6 +267,7 @@ def _summary(
         "p": p,
         "mpc": mpc,
         "rpc": mpc / p if p and mpc is not None else None,
+        "mpc_uniform": mean_over_plane((row for row in own if not row["clean"]), performance),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
         **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},
