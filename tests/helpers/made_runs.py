@@ -136,6 +136,7 @@ def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
         "ar100",
     )
     row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
+    row["mpc_uniform"] = row["mpc"]
     if kind == "reader":
         row |= {"ap50": None, "ar100": None}
     row |= {"false_positives_per_image": 0.25, "calibration_error": None}

@@ -23,7 +23,7 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     settings = settings_of(found)
     several = len({answer["model"] for answer in found}) > 1
     say(
-        f"Exposures, ms, that keep the mean confidence at or above {threshold:g}, with 95 % intervals",
+        f"Exposures, ms, that keep mean confidence at or above {threshold:g}, 95 % intervals",
         "over pictures; <= and >=: as far as was tested. use: one of them, its confidence,",
         "and what it loses at most against the best tested; (use): a guess.",
     )
@@ -34,7 +34,8 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
         named = (model, group) if several else (group,)
         counted = max(answers, key=lambda answer: answer["n_pictures"])
         few = " (few)" if counted["few_pictures"] else ""
-        say("", ", ".join((*named, settings.text(setting), words.pictures_text(counted) + few)))
+        where = settings.text(setting).replace(" · ", ", ")
+        say("", ", ".join((*named, where, words.pictures_text(counted) + few)))
         say(_line("px/s", "works from, to", "use", "confidence", "loses"))
         for answer in answers:
             x, y = velocity_of(answer)
