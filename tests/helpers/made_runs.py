@@ -124,17 +124,7 @@ def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float])
 
 def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
     row: dict[str, Any] = {"model": model, "kind": kind, "measure": "AP"}
-    names = (
-        "p",
-        "mpc",
-        "mpc_uniform",
-        "rpc",
-        "auc_exposure",
-        "auc_blur",
-        "target_confidence",
-        "ap50",
-        "ar100",
-    )
+    names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
     row["mpc_uniform"] = row["mpc"]
     if kind == "reader":

@@ -24,8 +24,8 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     several = len({answer["model"] for answer in found}) > 1
     say(
         f"Exposures, ms, that keep mean confidence at or above {threshold:g}, 95 % intervals",
-        "over pictures; <= and >=: as far as was tested. use: one of them, its confidence,",
-        "and what it loses at most against the best tested; (use): a guess.",
+        "over pictures; <= and >=: as far as was tested. use: one of them, its",
+        "confidence, and what it loses at most against the best tested; (use): a guess.",
     )
     blocks: dict[tuple[str, str, Setting], list[dict[str, Any]]] = {}
     for answer in found:

@@ -81,7 +81,9 @@ def test_an_end_of_the_tested_range_is_no_edge() -> None:
 
 def test_a_dip_that_may_be_one_widens_the_failure_point_not_the_first_window() -> None:
     """Surely above until 2, surely below until 4, then perhaps above once more: it fails for good at 2 or at 6."""
-    crossed = Crossed((0.0, 9.0), ((0.0, 3.0), (5.0, 5.5)), ((0.0, 2.0),), ((0.0, 4.0), (4.5, 6.0)), certain=True)
+    crossed = Crossed(
+        (0.0, 9.0), ((0.0, 3.0), (5.0, 5.5)), ((0.0, 2.0),), ((0.0, 4.0), (4.5, 6.0)), certain=True
+    )
     assert crossed.fails_between == (2.0, 6.0)
     assert crossed.around(3.0) == (2.0, 4.0)
     assert crossed.around(5.5) == (4.5, 6.0)
@@ -120,7 +122,9 @@ def test_intervals_of_edges_and_areas_hold(pictures: int, targets: int) -> None:
             own = rng.normal(0, 0.1, (2, pictures, targets, 1))
             shift = shift * np.sqrt(1 - (0.1 / PICTURE_DECADES) ** 2) + own
         values = logistic(np.array(EXPOSURES_S), *shift)
-        curve = Curve(EXPOSURES_S, values.sum(axis=1), np.full(values.sum(axis=1).shape, values.shape[1]), True)
+        curve = Curve(
+            EXPOSURES_S, values.sum(axis=1), np.full(values.sum(axis=1).shape, values.shape[1]), True
+        )
         crossed = curve.crossed(THRESHOLD)
         bounds = [crossed.around(crossed.windows[0][0]), crossed.around(crossed.windows[-1][1])]
         bounds += [crossed.fails_between, curve.area()[1]]
