@@ -11,8 +11,9 @@ from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
 from blurnoise_eval.scoring.certainty import FEWEST
-from blurnoise_eval.scoring.exposure_window import EQUALLY_SATURATED
 
+SAID_SATURATED = 0.01
+"""Of the picture's values: so many at a limit of the sensor are worth a word."""
 CANNOT_TELL, WORKS, NONE_WORKS = "cannot tell", "works", "no exposure works"
 Answer = dict[str, Any]
 
@@ -99,7 +100,7 @@ def reservations(answer: Answer) -> list[str]:
     if chosen is None:
         return found
     share = answer["saturated_at_recommended"]
-    if share is not None and share > EQUALLY_SATURATED:
+    if share is not None and share > SAID_SATURATED:
         found.append(f"{100 * share:.0f} % of the picture's values saturated")
     tested = answer["exposures_s"]
     if len(tested) > 1 and chosen == tested[0] and answer["open_low"]:

@@ -22,8 +22,8 @@ from blurnoise_eval.scoring.surfaces import Surface
 
 NEAR_BEST = 0.02
 """Confidences this close to the window's best count as equally good when one exposure is recommended."""
-EQUALLY_SATURATED = 0.01
-"""So do shares of saturated values this close to the least."""
+EQUALLY_SATURATED = 0.05
+"""So do shares of saturated values this close to the least: lamps and glints are in many pictures."""
 SPARE_STOPS = 2.0
 """That are enough: four times the light or the speed may come before an edge of the window."""
 _MOST_PICTURES = 9999  # that are asked for

@@ -287,6 +287,15 @@ def test_saturation_decides_between_equals_only() -> None:
     assert chosen(better, saturated=shares) == 0.005
 
 
+def test_bright_light_is_no_pull_towards_the_shortest_tested() -> None:
+    """The built-in detector, sign of 100 px, 5000 lux at rest: from 2 ms on nearly all is white, still it is found."""
+    near = {0.001: 0.906, 0.002: 0.911, 0.005: 0.919, 0.01: 0.925, 0.015: 0.925, 0.02: 0.919, 0.03: 0.0}
+    shares = (0.041, 0.961, 0.961, 0.961, 0.962, 0.962, 1.0)
+    wider = {0.00002: 0.918, 0.00005: 0.914, 0.0001: 0.91, 0.0002: 0.906, 0.0005: 0.905} | near
+    assert chosen(near, saturated=shares) == 0.001
+    assert chosen(wider, saturated=(0.0, 0.0, 0.0, 0.0, 0.017, *shares)) == 0.001
+
+
 def test_only_what_surely_works_is_recommended_if_anything_does() -> None:
     sure = (False, True, False, False, True, False)
     assert chosen(PLATEAU, sure=sure) == 0.002
