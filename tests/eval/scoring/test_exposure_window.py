@@ -288,7 +288,7 @@ def test_saturation_decides_between_equals_only() -> None:
 
 
 def test_bright_light_is_no_pull_towards_the_shortest_tested() -> None:
-    """The built-in detector, sign of 100 px, 5000 lux at rest: from 2 ms on nearly all is white, still it is found."""
+    """The built-in detector, sign of 100 px, 5000 lux at rest: from 2 ms on nearly all is white, still found."""
     near = {0.001: 0.906, 0.002: 0.911, 0.005: 0.919, 0.01: 0.925, 0.015: 0.925, 0.02: 0.919, 0.03: 0.0}
     shares = (0.041, 0.961, 0.961, 0.961, 0.962, 0.962, 1.0)
     wider = {0.00002: 0.918, 0.00005: 0.914, 0.0001: 0.91, 0.0002: 0.906, 0.0005: 0.905} | near
