@@ -12,7 +12,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
 from blurnoise_eval.cli.console import print_assumptions
-from blurnoise_eval.cli.report import Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -96,6 +96,7 @@ def sweep(
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
+    cluster: Cluster = None,
     engine: Annotated[
         str,
         Option(
@@ -123,9 +124,11 @@ def sweep(
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate
 
     in_range("threshold", threshold, 0.0, 1.0)
+    cluster_of("", cluster)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
@@ -153,6 +156,7 @@ def sweep(
         plan,
         output,
         threshold=threshold,
+        cluster=cluster,
         engine=engine,
         threads=workers,
         progress=True,

@@ -42,7 +42,15 @@ FIGURES: Figures = {
     "confidence_speed.png": figures.confidence_speed,
     "examples.png": figures.contact_sheet,
 }
-TABLES = ("models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv", "results.json")
+TABLES = (
+    "answers.csv",
+    "models.csv",
+    "scores.csv",
+    "curves.csv",
+    "results.csv",
+    "targets.csv",
+    "results.json",
+)
 COMPARISONS: Figures = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
 
 
@@ -90,6 +98,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
     return {
         "title": manifest["title"],
         "threshold": manifest["threshold"],
+        "cluster": manifest.get("cluster"),
         "models": names,
         "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
         "camera_name": camera.get("name", "camera"),

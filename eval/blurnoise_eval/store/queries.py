@@ -65,9 +65,13 @@ def detections_at(
 
 
 def exposed_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in exposed pictures; those of a model, group and setting of further axes together."""
-    order = ", ".join(SETTING)
-    return store.rows(f'SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", {order}')
+    """Rows of targets in exposed pictures, with the share of the picture's values that is ``saturated``; those of a
+    model, group and setting of further axes together."""
+    order = ", ".join(f"targets.{name}" for name in SETTING)
+    return store.rows(
+        "SELECT targets.*, cells.saturated FROM targets JOIN cells USING (cell_id, model) WHERE targets.clean = 0"
+        f' ORDER BY targets.model, "group", {order}'
+    )
 
 
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:

@@ -19,8 +19,8 @@ _SHARED = (
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
-  detection_rate REAL, n_detections INTEGER, simulate_ms REAL, infer_ms REAL, error TEXT, example TEXT,
-  detections BLOB, PRIMARY KEY (cell_id, model));
+  detection_rate REAL, n_detections INTEGER, saturated REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
+  example TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib import metadata
 from itertools import groupby
 from pathlib import Path
@@ -17,11 +18,14 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc, surfaces
-from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
+from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
+from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.scoring.plane import mean_over_plane
+from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.blocks import cells_per_picture
@@ -32,7 +36,6 @@ from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
-_BOOTSTRAP_SEED = 0
 _LISTED = 8  # labels that a warning names
 
 
@@ -139,9 +142,15 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
 
 
 def read_run(
-    store: Store, *, threshold: float, progress: Callable[[int], None] = lambda scores: None
+    store: Store,
+    *,
+    threshold: float,
+    cluster: str | None = None,
+    progress: Callable[[int], None] = lambda scores: None,
 ) -> RunData:
     """Everything that the report of this run shows; ``progress`` is told of each condition scored.
+
+    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
 
     Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
     """
@@ -152,21 +161,20 @@ def read_run(
     scores = _scores(store, list(order), progress)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    every = surfaces(queries.exposed_targets(store))
+    every = surfaces(queries.exposed_targets(store), cluster_of=partial(cluster_of, pattern=cluster))
     for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
         alike = list(of_group)
         for surface in alike:
-            # Its own generator each: a model's intervals do not depend on what else is in the run.
-            found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-            found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-        found_endurances += endurances_across(alike, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+            found_answers += answers(surface, threshold)
+            found_endurances += endurances(surface, threshold)
+        found_endurances += endurances_across(alike, threshold)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {"threshold": threshold, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest |= {"threshold": threshold, "cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
@@ -182,13 +190,18 @@ def read_run(
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
-    """Write scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
     curves = [
         {name: value for name, value in row.items() if name not in ("x", "confidence")}
         for row in data.endurances
     ]
     written = []
-    for name, rows in (("scores.csv", data.scores), ("curves.csv", curves), ("models.csv", data.models)):
+    for name, rows in (
+        ("answers.csv", [flat(row) for row in data.answers]),
+        ("scores.csv", data.scores),
+        ("curves.csv", curves),
+        ("models.csv", data.models),
+    ):
         columns = list(rows[0]) if rows else []
         write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
         written.append(folder / name)
@@ -239,7 +252,8 @@ def _missing_cells(store: Store, n_pictures: int) -> int:
 def _summary(
     store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
 ) -> dict[str, Any]:
-    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike."""
+    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike;
+    uniform: over the plane that they cover, whatever the grid."""
     own = [row for row in scores if row["model"] == model["name"]]
     clean = [performance(row) for row in own if row["clean"]]
     exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
@@ -255,6 +269,7 @@ def _summary(
         "p": p,
         "mpc": mpc,
         "rpc": mpc / p if p and mpc is not None else None,
+        "mpc_uniform": mean_over_plane((row for row in own if not row["clean"]), performance),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
         **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},

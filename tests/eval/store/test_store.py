@@ -45,7 +45,13 @@ def row(index: int, **changes: Any) -> dict[str, Any]:
 def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **changes: Any) -> CellResult:
     shared = row(index, **changes)
     cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
-    cell |= {"n_detections": len(detections), "simulate_ms": 1.5, "infer_ms": 2.5, "error": None}
+    cell |= {
+        "n_detections": len(detections),
+        "saturated": 0.25,
+        "simulate_ms": 1.5,
+        "infer_ms": 2.5,
+        "error": None,
+    }
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
     target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
     target |= {"confidence_swept": 0.05}
