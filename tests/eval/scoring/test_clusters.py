@@ -29,5 +29,5 @@ def test_frames_of_one_drive_are_one() -> None:
 
 @pytest.mark.parametrize("pattern", ["(", "a{2,1}", "*", "(?P<x"])
 def test_other_patterns_are_refused(pattern: str) -> None:
-    with pytest.raises(ValueError, match="cluster = .*: must be a regular expression"):
+    with pytest.raises(ValueError, match=r"cluster = .*: must be a regular expression"):
         cluster_of("a", pattern)
