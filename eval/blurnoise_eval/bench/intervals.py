@@ -107,7 +107,7 @@ def steps(extent: Extent) -> int:
 
 def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda share: None) -> Bench:
     """Draw samples of pictures, and hold every candidate's interval to what the whole population has."""
-    rows = []
+    rows: list[Row] = []
     for place, population in enumerate(POPULATIONS):
         truth = _truth(population, np.random.default_rng([extent.seed, place]))
         for pictures in extent.pictures:
@@ -143,7 +143,11 @@ def _truth(population: Population, generator: np.random.Generator) -> _Truth:
     totals = np.zeros((3, len(EXPOSURES_S)))
     for _ in range(_TRUTH):
         seen = population.draw(generator, 100, 100)
-        totals += [_sum(seen.first).sum((0, 1)), _sum(seen.second).sum((0, 1)), _count(seen.first).sum((0, 1))]
+        totals += [
+            _sum(seen.first).sum((0, 1)),
+            _sum(seen.second).sum((0, 1)),
+            _count(seen.first).sum((0, 1)),
+        ]
     whole = population.draw(generator, 30_000, 1)
     ranking = ranked(whole.first[:, :, 0], generator, as_one=True)
     return _Truth(totals[0] / totals[2], totals[1] / totals[2], float(ranking.ap50(np.ones(1))))
@@ -175,19 +179,19 @@ def _rows(
     number = np.tensordot(weights, sample.counts, 1)
     drawn = [np.tensordot(weights, sums, 1) / number for sums in (sample.first, sample.second)]
     share, gap = (0.0, 1.0), (-1.0, 1.0)
-    known = {
-        "mean confidence": (truth.first, centre[0], departure[0], drawn[0], share),
-        "AUC": tuple(mean_over(EXPOSURES_S, v) for v in (truth.first, centre[0], departure[0], drawn[0]))
-        + (share,),
-        "difference": (
-            truth.first - truth.second, centre[0] - centre[1], departure[0] - departure[1], drawn[0] - drawn[1], gap,
-        ),
+    curves = (truth.first, centre[0], departure[0], drawn[0])
+    others = (truth.second, centre[1], departure[1], drawn[1])
+    known: dict[str, tuple[Any, ...]] = {
+        "mean confidence": (*curves, share),
+        "AUC": (*(mean_over(EXPOSURES_S, curve) for curve in curves), share),
+        "difference": (*(one - other for one, other in zip(curves, others, strict=True)), gap),
         "AP50": (
-            truth.ap50, sample.ap50, certainty.jackknife(sample.ap50, sample.without), sample.drawn, share,
+            *(truth.ap50, sample.ap50, certainty.jackknife(sample.ap50, sample.without), sample.drawn),
+            share,
         ),
-    }  # fmt: skip
-    for quantity, (true, *of_sample, within) in known.items():
-        for candidate, ends in _ends(*of_sample, within).items():
+    }
+    for quantity, (true, middle, away, resampled, within) in known.items():
+        for candidate, ends in _ends(middle, away, resampled, within).items():
             width = float(np.nanmedian(ends.high - ends.low))
             yield _row(population, quantity, pictures, candidate, _holds(ends, true), width)
     yield from _edges(population, pictures, sample, truth)
@@ -202,7 +206,7 @@ def _edges(population: Population, pictures: int, sample: _Sample, truth: _Truth
     fine = np.linspace(0, len(x) - 1, (len(x) - 1) * _FINE + 1)
     within = (-level, 1 - level)
 
-    def at(place: Array) -> dict[str, Ends]:
+    def at(place: Array) -> Mapping[str, Ends]:
         """Intervals of z's mean at exposures between the tested ones."""
         before = np.minimum(place.astype(int), len(x) - 2)
         share = place - before
@@ -230,9 +234,7 @@ def _edges(population: Population, pictures: int, sample: _Sample, truth: _Truth
             yield _row(population, quantity, pictures, candidate, _holds(ends, 0.0), width)
 
 
-def _ends(
-    centre: Array, departure: Array, drawn: Array, within: tuple[float, float]
-) -> Mapping[str, Ends]:
+def _ends(centre: Array, departure: Array, drawn: Array, within: tuple[float, float]) -> Mapping[str, Ends]:
     """Every candidate's interval, in the order of ``CANDIDATES``; the last two are the package's own."""
     low, high = np.nanquantile(drawn, (0.025, 0.975), axis=0)
     return {
@@ -253,9 +255,7 @@ def _holds(ends: Ends, true: Array | float) -> Array:
 def _row(
     population: Population, quantity: str, pictures: int, candidate: str, held: Array, width: float
 ) -> Row:
-    return Row(
-        population.name, quantity, pictures, candidate, float(held.mean()), float(held.min()), width
-    )
+    return Row(population.name, quantity, pictures, candidate, float(held.mean()), float(held.min()), width)
 
 
 def _drawn_weights(pictures: int) -> Array:

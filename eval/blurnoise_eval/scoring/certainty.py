@@ -20,7 +20,7 @@ FEW = 20
 """Clusters below which what is said is flagged."""
 CONFIDENCE = 0.95
 UNSEEN = 0.25
-"""Of a cluster: what the one at the bound counts. By ``blurnoise bench intervals`` a tenth is too few, a half too many."""
+"""Of a cluster: what the one at the bound counts; in ``blurnoise bench intervals`` 0.1 is too little, 0.5 much."""
 DRAWS = 1000
 Array = NDArray[np.float64]
 
@@ -48,27 +48,19 @@ def critical(n: ArrayLike, confidence: float = CONFIDENCE) -> Array:
     return np.asarray(np.where(count > 1, stdtrit(np.maximum(count - 1, 1), (1 + confidence) / 2), np.nan))
 
 
-def test(z: ArrayLike, *, within: tuple[ArrayLike, ArrayLike] | None = None) -> Test:
-    """Statistics of the mean of ``z`` (n, ...) against 0, (...): Student's and Hall's, the lesser and the greater.
-
-    within: the least and the greatest value that a cluster's ``z`` can have; then that of :func:`bounded`.
-    """
+def test(z: ArrayLike) -> Test:
+    """Student's and Hall's statistics of the mean of ``z`` (n, ...) against 0, (...): the lesser and the greater."""
     n, mean, error, lean = _summary(z)
     with np.errstate(divide="ignore", invalid="ignore"):
-        if within is None:
-            student = np.where(error > 0, mean / error, np.sign(mean) * np.inf)
-            student = np.where((error == 0) & (mean == 0), 0.0, student)
-            hall = student + lean * student**2 / 3 + lean**2 * student**3 / 27 + lean / 6
-            hall = np.where(np.isfinite(hall), hall, student)
-            above, below = np.minimum(student, hall), np.maximum(student, hall)
-        else:
-            ends, t = bounded(mean, np.asarray(z, float) - mean, within), critical(n)
-            above, below = (  # at the critical value where an end of the interval is at 0
-                np.where(apart > 0, t * mean / apart, np.sign(mean) * np.inf)
-                for apart in (mean - ends.low, ends.high - mean)
-            )
+        student = np.where(error > 0, mean / error, np.sign(mean) * np.inf)
+        student = np.where((error == 0) & (mean == 0), 0.0, student)
+        hall = student + lean * student**2 / 3 + lean**2 * student**3 / 27 + lean / 6
+    hall = np.where(np.isfinite(hall), hall, student)
     known = n >= FEWEST
-    return Test(np.where(known, above, -np.inf), np.where(known, below, np.inf))
+    return Test(
+        np.where(known, np.minimum(student, hall), -np.inf),
+        np.where(known, np.maximum(student, hall), np.inf),
+    )
 
 
 def mean_of(sums: ArrayLike, counts: ArrayLike) -> Array:
@@ -112,10 +104,8 @@ def interval(
     within: the least and the greatest value that a cluster can have; then :func:`bounded`, else :func:`joined`.
     NaN from fewer than ``FEWEST`` clusters.
     """
-    if within is None:
-        ends = joined(centre, departure, confidence)
-    else:
-        ends = bounded(centre, departure, within, confidence)
+    given = centre, departure
+    ends = joined(*given, confidence) if within is None else bounded(*given, within, confidence)
     known = np.isfinite(np.asarray(departure, float)).sum(axis=0) >= FEWEST
     return Ends(*(np.where(known, end, np.nan) for end in ends))
 

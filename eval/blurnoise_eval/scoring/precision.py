@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.estimates import all_and_without
 from blurnoise_eval.scoring.matching import MOST_DETECTIONS, RECALLS, overlaps
 
 IOUS = np.linspace(0.5, 0.95, 10)
 _LIMITS = np.minimum(IOUS, 1 - 1e-10)
-_AREAS_PX2 = np.array([(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float)  # all, small, medium, large
+_AREAS_PX2 = np.array(
+    [(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float
+)  # all, small, medium, large
 _AT_ONCE = 4_000_000  # numbers that are worked on at a time
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,9 +55,7 @@ class _Found(NamedTuple):
     ignored: Flags
 
 
-def precision(
-    pictures: Iterable[Answered], category_of: Mapping[int, int], clusters: int
-) -> Precision:
+def precision(pictures: Iterable[Answered], category_of: Mapping[int, int], clusters: int) -> Precision:
     """Average precision and recall over categories; ``category_of``: a category's id by a class's number."""
     place_of = {category: place for place, category in enumerate(sorted(set(category_of.values())))}
     every = list(pictures)
@@ -63,12 +64,12 @@ def precision(
             place_of.setdefault(target["category_id"], len(place_of))
     places = {number: place_of[category] for number, category in category_of.items()}
     targets = np.zeros((clusters, len(_AREAS_PX2), max(len(place_of), 1)))
-    parts = [_matched(picture, places, place_of, targets) for picture in every]
-    if not parts:
-        return _averages(targets, np.zeros((1 + clusters, 4, 10, targets.shape[2])), np.zeros((clusters, 10, 1)))
-    found = _Found(*(np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)))
-    order = np.lexsort((-found.score, found.category))
-    found = _Found(*(part[..., order] for part in found))
+    flags = np.zeros((len(_AREAS_PX2), len(IOUS), 0), bool)
+    parts = [_Found(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), flags, flags)]
+    parts += [_matched(picture, places, place_of, targets) for picture in every]
+    joined: list[Any] = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
+    order = np.lexsort((-joined[0], joined[1]))
+    found = _Found(*(part[..., order] for part in joined))
     hits = np.zeros((clusters, len(IOUS), targets.shape[2]))
     for place in range(len(IOUS)):
         own = found.right[0, place] & ~found.ignored[0, place]
@@ -78,25 +79,22 @@ def precision(
 
 def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
     """Means over the categories that have targets; of_each: (1 + clusters, areas, IoUs, categories)."""
-    left = _left(targets)
+    left = all_and_without(targets)
     some = left > 0
     with np.errstate(invalid="ignore", divide="ignore"):
         number = some.sum(axis=-1)[:, :, None].astype(float)
         mean = np.where(some[:, :, None], of_each, 0.0).sum(axis=-1) / number
-        recall = np.where(some[:, 0, None], _left(hits) / left[:, 0, None], 0.0).sum(axis=-1) / number[:, 0]
+        recall = (
+            np.where(some[:, 0, None], all_and_without(hits) / left[:, 0, None], 0.0).sum(axis=-1)
+            / number[:, 0]
+        )
     return Precision(mean, recall)
-
-
-def _left(counts: Array) -> Array:
-    """Totals over clusters (clusters, ...), then those without each, (1 + clusters, ...)."""
-    total = counts.sum(axis=0, keepdims=True)
-    return np.concatenate([total, total - counts])
 
 
 def _matched(
     picture: Answered, places: Mapping[int, int], place_of: Mapping[int, int], targets: Array
-) -> tuple[Any, ...]:
-    """The fields of a :class:`_Found` of one picture; its targets are counted in ``targets``."""
+) -> _Found:
+    """Of one picture; its targets are counted in ``targets``."""
     detections = picture.detections
     known = np.array([places.get(int(number), -1) for number in detections.class_ids], np.int64)
     kept: list[NDArray[np.int64]] = [
@@ -123,7 +121,7 @@ def _matched(
             right[:, :, own[near]] = taken
             ignored[:, :, own[near]] = np.where(taken, beside, ignored[:, :, own[near]])
     cluster = np.full(len(index), picture.cluster)
-    return detections.scores[index].astype(float), category, cluster, right, ignored
+    return _Found(detections.scores[index].astype(float), category, cluster, right, ignored)
 
 
 def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
@@ -167,7 +165,7 @@ def _ranked(found: _Found, targets: Array) -> Array:
     areas, ious, count = found.right.shape
     right = (found.right & ~found.ignored).reshape(-1, count)
     wrong = ~(found.right | found.ignored).reshape(-1, count)
-    left = np.repeat(_left(targets), ious, axis=1)  # 1 + clusters, areas x IoUs, categories
+    left = np.repeat(all_and_without(targets), ious, axis=1)  # 1 + clusters, areas x IoUs, categories
     result = np.zeros((1 + clusters, areas * ious, categories))
     per_line = right.sum(axis=1) * (1 + clusters)
     start = 0
@@ -187,7 +185,9 @@ def _of_lines(found: _Found, right: Flags, wrong: Flags, left: Array) -> Array:
         return np.zeros(left.shape)
     segment = line * categories + found.category[hit]
     counts = _per_cluster(rows, found.cluster[hit], np.arange(len(hit)), len(hit))
-    following = (np.cumsum(right.ravel()) - 1 + 1).reshape(right.shape)  # of a wrong one: the next hit
+    following = np.asarray(
+        np.cumsum(right.ravel()).reshape(right.shape), np.int64
+    )  # of a wrong one: the next hit
     wrong_line, miss = np.nonzero(wrong)
     after = following[wrong_line, miss]
     there = after < len(hit)
@@ -216,4 +216,4 @@ def _of_lines(found: _Found, right: Flags, wrong: Flags, left: Array) -> Array:
 def _per_cluster(rows: int, cluster: NDArray[np.int64], place: NDArray[np.int64], length: int) -> Array:
     """How many stand at each place, (rows, length): of all clusters, then without each."""
     own = np.bincount(cluster * length + place, minlength=(rows - 1) * length).reshape(rows - 1, length)
-    return _left(own.astype(float))
+    return all_and_without(own.astype(float))
