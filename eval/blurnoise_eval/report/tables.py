@@ -36,8 +36,12 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
         cells = [
             {"text": None, "why": score.missing, "best": False}
             if value is None
-            else {"text": _number(value, score.digits) + unit, "why": "", "best": value == best}
-            for value in values
+            else {
+                "text": _number(value, score.digits) + unit + _interval(row, score.name),
+                "why": "",
+                "best": value == best,
+            }
+            for value, row in zip(values, models, strict=True)
         ]
         rows.append({"name": score.title, "meaning": score.meaning, "cells": cells})
     return rows
@@ -132,6 +136,11 @@ def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
         "bars": [bar(a, b) for a, b in answer["windows_s"]] if low < high else None,
         "tick": percent(recommended) if recommended is not None and low < high else None,
     }
+
+
+def _interval(row: dict[str, Any], name: str) -> str:
+    low, high = finite(row.get(f"{name}_low")), finite(row.get(f"{name}_high"))
+    return "" if low is None or high is None else f" ({low:.3f}–{high:.3f})"
 
 
 def _number(value: float, digits: str) -> str:

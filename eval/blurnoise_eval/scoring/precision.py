@@ -62,7 +62,9 @@ def precision(pictures: Iterable[Answered], category_of: Mapping[int, int], clus
     for picture in every:
         for target in picture.targets:
             place_of.setdefault(target["category_id"], len(place_of))
-    places = {number: place_of[category] for number, category in category_of.items()}
+    places = np.full(max(category_of, default=0) + 2, -1)  # by a class's number; the last: none
+    for number, category in category_of.items():
+        places[number] = place_of[category]
     targets = np.zeros((clusters, len(_AREAS_PX2), max(len(place_of), 1)))
     flags = np.zeros((len(_AREAS_PX2), len(IOUS), 0), bool)
     parts = [_Found(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), flags, flags)]
@@ -92,15 +94,14 @@ def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
 
 
 def _matched(
-    picture: Answered, places: Mapping[int, int], place_of: Mapping[int, int], targets: Array
+    picture: Answered, places: NDArray[np.int64], place_of: Mapping[int, int], targets: Array
 ) -> _Found:
     """Of one picture; its targets are counted in ``targets``."""
     detections = picture.detections
-    known = np.array([places.get(int(number), -1) for number in detections.class_ids], np.int64)
-    kept: list[NDArray[np.int64]] = [
-        np.flatnonzero(known == place)[:MOST_DETECTIONS] for place in np.unique(known[known >= 0])
-    ]
-    index = np.concatenate([*kept, np.empty(0, np.int64)])
+    known = places[np.minimum(detections.class_ids, len(places) - 1)]
+    order = np.argsort(known, kind="stable")  # of each category the highest scores first
+    index = order[_rank(known[order]) < MOST_DETECTIONS]
+    index = index[known[index] >= 0]
     category = known[index]
     boxes = detections.boxes_xyxy[index].astype(float)
     area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
@@ -122,6 +123,12 @@ def _matched(
             ignored[:, :, own[near]] = np.where(taken, beside, ignored[:, :, own[near]])
     cluster = np.full(len(index), picture.cluster)
     return _Found(detections.scores[index].astype(float), category, cluster, right, ignored)
+
+
+def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The place of each among its equals."""
+    starts = np.flatnonzero(np.diff(ordered, prepend=-2))
+    return np.arange(len(ordered)) - np.repeat(starts, np.diff(starts, append=len(ordered)))
 
 
 def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
@@ -163,8 +170,8 @@ def _ranked(found: _Found, targets: Array) -> Array:
     """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none."""
     clusters, _, categories = targets.shape
     areas, ious, count = found.right.shape
-    right = (found.right & ~found.ignored).reshape(-1, count)
-    wrong = ~(found.right | found.ignored).reshape(-1, count)
+    right = (found.right & ~found.ignored).reshape(areas * ious, count)
+    wrong = ~(found.right | found.ignored).reshape(areas * ious, count)
     left = np.repeat(all_and_without(targets), ious, axis=1)  # 1 + clusters, areas x IoUs, categories
     result = np.zeros((1 + clusters, areas * ious, categories))
     per_line = right.sum(axis=1) * (1 + clusters)
