@@ -41,7 +41,8 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
     axes: exposure, speed, then light and what else varies: their words, texts and colours, and the numbers of
     those beyond speed. settings: the place of each setting on the axes beyond speed.
     points: model, group, setting, velocity, exposure, mean confidence, low, high, number of targets.
-    scores: model, setting, velocity, exposure, number of pictures, a value per score, then low and high of each. clean: per model,
+    scores: model, setting, velocity, exposure, number of pictures, a value per score, low and
+    high of each. clean: per model,
     the same values when untouched. clean_confidence: per model and group. windows: model, group, setting,
     velocity, ends in s. failures, over blur: model, group, setting, exposure, px (None: never, or throughout),
     low, high, whether the curve had come back, last px tested.
