@@ -42,7 +42,8 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
     axes: exposure, speed, then light and what else varies: their words, texts and colours, and the numbers of
     those beyond speed. settings: the place of each setting on the axes beyond speed.
     points: model, group, setting, velocity, exposure, mean confidence, low, high, number of targets.
-    scores: model, setting, velocity, exposure, number of pictures, then a value per score. clean: per model,
+    scores: model, setting, velocity, exposure, number of pictures, a value per score, low and
+    high of each. clean: per model,
     the same values when untouched. clean_confidence: per model and group. windows: model, group, setting,
     velocity, ends in s, whether it is sure to be there, and the intervals of both ends. failures, over blur:
     model, group, setting, exposure, px (None: never, or throughout), low, high, whether the curve had come back,
@@ -88,6 +89,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             [m_of[row["model"]], s_of[settings.of(row)], v_of[velocity_of(row)], e_of[row["exposure_s"]]]
             + [row["n_images"]]
             + [_short(row[score.name]) for score in chosen]
+            + [_short(row.get(f"{score.name}_{end}")) for score in chosen for end in ("low", "high")]
             for row in data.scores
             if not row["clean"]
         ],

@@ -36,8 +36,12 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
         cells = [
             {"text": None, "why": score.missing, "best": False}
             if value is None
-            else {"text": _number(value, score.digits) + unit, "why": "", "best": value == best}
-            for value in values
+            else {
+                "text": _number(value, score.digits) + unit + _interval(row, score.name),
+                "why": "",
+                "best": value == best,
+            }
+            for value, row in zip(values, models, strict=True)
         ]
         rows.append({"name": score.title, "meaning": score.meaning, "cells": cells})
     return rows
@@ -138,6 +142,11 @@ def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
 
 def _with_interval(value: float, low: float | None, high: float | None) -> str:
     return f"{value:.2f}" if low is None or high is None else f"{value:.2f} ({low:.2f}–{high:.2f})"
+
+
+def _interval(row: dict[str, Any], name: str) -> str:
+    low, high = finite(row.get(f"{name}_low")), finite(row.get(f"{name}_high"))
+    return "" if low is None or high is None else f" ({low:.3f}–{high:.3f})"
 
 
 def _number(value: float, digits: str) -> str:

@@ -62,7 +62,9 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Fram
     taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
         saturated = np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size
-        yield Frame(cell, frame.picture, frame.simulate_ms, box_mover(exposure), box_sweeper(exposure), saturated)
+        yield Frame(
+            cell, frame.picture, frame.simulate_ms, box_mover(exposure), box_sweeper(exposure), saturated
+        )
 
 
 def brightest(exposure: Exposure) -> int:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
@@ -20,6 +21,8 @@ from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
+from blurnoise_eval.scoring.estimates import Estimate, ratio
+from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
 from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
@@ -36,6 +39,7 @@ from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
+_UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 _LISTED = 8  # labels that a warning names
 
 
@@ -158,7 +162,7 @@ def read_run(
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     order = {model["name"]: place for place, model in enumerate(manifest["models"])}
-    scores = _scores(store, list(order), progress)
+    scores, performances = _scores(store, list(order), cluster, progress)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
     every = surfaces(queries.exposed_targets(store), cluster_of=partial(cluster_of, pattern=cluster))
@@ -179,7 +183,9 @@ def read_run(
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,
-        models=[_summary(store, model, scores, found_endurances) for model in manifest["models"]],
+        models=[
+            _summary(store, model, scores, performances, found_endurances) for model in manifest["models"]
+        ],
         scores=scores,
         groups=queries.groups(store),
         skipped=store.skipped(),
@@ -211,16 +217,34 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
 _TOLD = ("label", "confidence", "truth", "text", "read_confidence")
 
 
-def _scores(store: Store, models: list[str], progress: Callable[[int], None]) -> list[dict[str, Any]]:
-    count = queries.count_rows(store)
+def _scores(
+    store: Store, models: list[str], cluster: str | None, progress: Callable[[int], None]
+) -> tuple[list[dict[str, Any]], list[Estimate]]:
+    """Rows of scores, and of each what P, mPC and rPC are made of."""
+    made_of = {"of": queries.count_rows(store), "cluster": cluster}
     kept = store.about("scores")
-    if kept is None or kept["of"] != count:
-        rows = list(score_rows(store, models, truths(store), progress, moves=_moves(store)))
-        kept = {"of": count, "rows": rows}
+    if kept is None or "departures" not in kept or made_of != {name: kept.get(name) for name in made_of}:
+        found = list(score_rows(store, models, truths(store), progress, moves=_moves(store), cluster=cluster))
+        kept = {
+            **made_of,
+            "rows": [each.row for each in found],
+            "departures": [_listed(each.performance.departures) for each in found],
+        }
         if not store.read_only:
             store.set_about("scores", kept)
-    scores: list[dict[str, Any]] = kept["rows"]
-    return scores
+    rows: list[dict[str, Any]] = kept["rows"]
+    performances = [
+        Estimate(performance(row), None if away is None else np.array(away, float))
+        for row, away in zip(rows, kept["departures"], strict=True)
+    ]
+    return rows, performances
+
+
+def _listed(departures: NDArray[np.float64] | None) -> list[float | None] | None:
+    """As JSON has them."""
+    if departures is None:
+        return None
+    return [None if np.isnan(each) else float(each) for each in departures]
 
 
 def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
@@ -250,15 +274,26 @@ def _missing_cells(store: Store, n_pictures: int) -> int:
 
 
 def _summary(
-    store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
+    store: Store,
+    model: dict[str, Any],
+    scores: list[dict[str, Any]],
+    performances: list[Estimate],
+    curves: list[Endurance],
 ) -> dict[str, Any]:
     """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike;
-    uniform: over the plane that they cover, whatever the grid."""
+    uniform: over the plane that they cover, whatever the grid.
+
+    P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
+    """
+    told = [
+        (row, each)
+        for row, each in zip(scores, performances, strict=True)
+        if row["model"] == model["name"] and each.value is not None
+    ]
     own = [row for row in scores if row["model"] == model["name"]]
-    clean = [performance(row) for row in own if row["clean"]]
-    exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
-    p = clean[0] if clean else None
-    mpc = float(np.mean(exposed)) if exposed else None
+    p = next((each for row, each in told if row["clean"]), Estimate(None))
+    mpc = mean_of_estimates([each for row, each in told if not row["clean"]])
+    rpc = ratio(mpc, p)
     held = [each for each in curves if each.model == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
@@ -266,15 +301,17 @@ def _summary(
         "model": model["name"],
         "kind": model["kind"],
         "measure": "AP" if model["kind"] == "detector" else "exact match",
-        "p": p,
-        "mpc": mpc,
-        "rpc": mpc / p if p and mpc is not None else None,
+        **p.columns("p", (0.0, 1.0)),
+        **mpc.columns("mpc", (0.0, 1.0)),
+        **rpc.columns("rpc", None),
         "mpc_uniform": mean_over_plane((row for row in own if not row["clean"]), performance),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
-        **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},
-        "false_positives_per_image": untouched.get("false_positives_per_image"),
-        "calibration_error": untouched.get("calibration_error"),
+        **{
+            f"{name}{end}": untouched.get(f"{name}{end}")
+            for name in _UNTOUCHED
+            for end in ("", "_low", "_high")
+        },
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import per_condition, registry
-from blurnoise_eval.scoring.judged import COCO_SCORES, Judged, Truth, calibration_error, coco_results
+from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.store.schema import CONDITIONS
@@ -34,7 +34,7 @@ class Judge:
     ) -> dict[str, float | None]:
         judged = Judged({}, self.truth, found, move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
-        return {score.name: score.of(judged) for score in registry.SCORES if score.name in own}
+        return {score.name: score.row(judged)[score.name] for score in registry.SCORES if score.name in own}
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -194,6 +194,14 @@ def test_truth_stands_where_the_conditions_move_it() -> None:
     assert judge([(name, 0, each) for name, each in found.items()]) == before  # nothing stays moved
 
 
+def calibration_error(scores: list[float], right: list[bool]) -> float | None:
+    """Of one picture's detections."""
+    alarms = Alarms(
+        np.array(scores, float), np.array(right, bool), np.zeros(len(scores), np.int64), np.ones(1)
+    )
+    return alarms.calibration_error.value
+
+
 def test_calibration_error_by_hand() -> None:
     assert calibration_error([], []) is None
     assert calibration_error([0.75] * 4, [True, True, True, False]) == pytest.approx(0)
@@ -244,19 +252,21 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         store.add([cell("p", right, 0.8), cell("q", nothing, None)])
         store.add([cell("p", nothing, None, "it threw", **at), cell("q", right, None, **at)])
         told: list[int] = []
-        clean, exposed = score_rows(store, ["m"], lambda _: truth, told.append)
+        clean, exposed = (each.row for each in score_rows(store, ["m"], lambda _: truth, told.append))
         asked: list[Any] = []
 
         def moves(row: Any) -> tuple[None, None]:
             asked.append(dict(row))
             return None, None
 
-        moving = list(score_rows(store, ["m"], lambda _: truth, moves=moves))
-        assert moving == [clean, exposed]
+        moving = score_rows(store, ["m"], lambda _: truth, moves=moves)
+        assert [each.row for each in moving] == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]
     shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors")
-    assert tuple(clean) == tuple(exposed) == (*shared, *(score.name for score in registry.SCORES))
+    columns = [f"{score.name}{end}" for score in registry.SCORES for end in ("", "_low", "_high")]
+    assert tuple(clean) == tuple(exposed) == (*shared, *columns)
+    assert all(clean[name] is None for name in columns if name.endswith(("_low", "_high")))  # of two pictures
     assert (clean["clean"], clean["n_images"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)
     assert (clean["ap"], clean["target_confidence"], clean["detection_rate"]) == pytest.approx((1, 0.8, 1))
     assert clean["false_positives_per_image"] == 0
@@ -279,12 +289,12 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
     with Store(tmp_path, create=True) as store:
         store.add([CellResult(shared, rows, nothing)])
-        (row,) = score_rows(store, ["m"], lambda _: None)
+        ((row, exact),) = score_rows(store, ["m"], lambda _: None)
     assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
-    assert performance(row) == 0.4
+    assert performance(row) == exact.value == 0.4
 
 
 def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -293,5 +303,5 @@ def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with Store(tmp_path, create=True) as store:
         cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
         store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
-        (row,) = score_rows(store, ["m"], lambda model: None)
+        ((row, _),) = score_rows(store, ["m"], lambda model: None)
     assert row["alarms"] == 7.0

@@ -5,7 +5,7 @@ function rowsOf(model, {measure, group}) {
     .map(([, , setting, velocity, exposure, y, low, high, n]) =>
       ({at: placed(exposure, velocity, setting), y, low, high, count: `${n} targets`}));
   return run.scores.filter(p => p[0] === model && p[5 + measure] !== null).map(([, setting, velocity, exposure, n, ...values]) =>
-    ({at: placed(exposure, velocity, setting), y: values[measure], low: null, high: null, count: `${n} pictures`}));
+    ({at: placed(exposure, velocity, setting), y: values[measure], low: values[run.measures.length + 2 * measure], high: values[run.measures.length + 2 * measure + 1], count: `${n} pictures`}));
 }
 
 const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confidence[model][group] : run.clean[model][measure];
