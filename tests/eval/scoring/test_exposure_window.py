@@ -305,7 +305,8 @@ def test_only_what_surely_works_is_recommended_if_anything_does() -> None:
 def test_regret_bounds_what_the_choice_loses() -> None:
     """Paired: pictures differ by 0.1, but each loses 0.01 -+ 0.002 from the best exposure to the chosen one.
 
-    t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss, what leans may add a little, though the means' own intervals are 0.04 wide.
+    t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss (skewness may add a little), though the
+    means' own intervals are 0.04 wide.
     """
     level, own = np.array(spread(0.8, 0.1, 25)), np.array(spread(0.0, 0.002, 25))
     own = np.random.default_rng(0).permutation(own)
