@@ -17,7 +17,7 @@ EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
 F_NUMBERS, TEMPERATURES_C = (1.4,), (25.0,)
 GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
-DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error", "ap50_swept")
 READER_SCORES = ("read_confidence", "exact_match", "character_error_rate")
 
 
@@ -119,7 +119,8 @@ def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float])
         own = DETECTOR_SCORES if kind == "detector" else READER_SCORES
         row |= {name: mean * (1 - place / 20) for place, name in enumerate(own)}
     rate = None if mean is None else float(mean > 0.25)
-    return {"model": model, "n_images": 3, "target_confidence": mean, "detection_rate": rate} | at | row
+    means = {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
+    return {"model": model, "n_images": 3} | means | at | row
 
 
 def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
