@@ -28,7 +28,6 @@ WANTED = (0.93, 0.98)
 """Shares of intervals that hold the truth: what is asked for."""
 _DRAWS = 400  # of the percentile bootstrap
 _BATCH = 100  # samples drawn at once
-_TRUTH = 40  # batches of 100 x 100 pictures that stand for the whole population
 _WIDTHS = 100  # samples whose windows are searched for both ends of an edge's interval
 _FINE = 12  # places between two exposures
 
@@ -40,11 +39,13 @@ def taken(quantity: str) -> str:
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is simulated. replications: samples of pictures of each number."""
+    """How much is simulated. replications: samples of pictures of each number. truth: batches of 100 x 100 pictures
+    that stand for the whole population."""
 
     replications: int = 600
     pictures: tuple[int, ...] = (3, 5, 8, 12, 20, 35)
     seed: int = 0
+    truth: int = 40
 
     def __post_init__(self) -> None:
         integer("replications", self.replications, 1, 100_000)
@@ -118,7 +119,7 @@ def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda
     """Draw samples of pictures, and hold every candidate's interval to what the whole population has."""
     rows: list[Row] = []
     for place, population in enumerate(POPULATIONS):
-        truth = _truth(population, np.random.default_rng([extent.seed, place]))
+        truth = _truth(population, extent.truth, np.random.default_rng([extent.seed, place]))
         for pictures in extent.pictures:
             generator = np.random.default_rng([extent.seed, place, pictures])
             rows += _rows(population, pictures, extent.replications, truth, generator)
@@ -148,16 +149,16 @@ class _Sample(NamedTuple):
     drawn: Array
 
 
-def _truth(population: Population, generator: np.random.Generator) -> _Truth:
+def _truth(population: Population, batches: int, generator: np.random.Generator) -> _Truth:
     totals = np.zeros((3, len(EXPOSURES_S)))
-    for _ in range(_TRUTH):
+    for _ in range(batches):
         seen = population.draw(generator, 100, 100)
         totals += [
             _sum(seen.first).sum((0, 1)),
             _sum(seen.second).sum((0, 1)),
             _count(seen.first).sum((0, 1)),
         ]
-    whole = population.draw(generator, 30_000, 1)
+    whole = population.draw(generator, 750 * batches, 1)
     ranking = ranked(whole.first[:, :, 0], generator, as_one=True)
     return _Truth(totals[0] / totals[2], totals[1] / totals[2], float(ranking.ap50(np.ones(1))))
 

@@ -69,19 +69,19 @@ def tables(bench: Bench) -> list[Table]:
     """Per population a row per quantity and number of pictures: coverage of each candidate, width of the taken."""
     made = []
     for population in POPULATIONS:
-        table = Table(
-            title=f"{population.name.capitalize()}: intervals that hold the truth, %", title_justify="left"
-        )
-        for name in ("", "pictures", *CANDIDATES, "taken", "its width"):
-            table.add_column(name, justify="left" if name in ("", "taken") else "right", no_wrap=True)
+        title = f"{population.name.capitalize()}: intervals that hold the truth, %; * the one taken, and its width"
+        table = Table(title=title, title_justify="left")
+        for name in ("", "n", "boot", *CANDIDATES[1:], "width"):
+            table.add_column(name, justify="right" if name else "left", no_wrap=True)
         for quantity in QUANTITIES:
             for n in bench.extent.pictures:
-                rows = {each: bench.row(population.name, quantity, n, each) for each in CANDIDATES}
-                chosen = taken(quantity)
-                cells = [f"{100 * row.coverage:.1f}" for row in rows.values()]
-                width = f"{rows[chosen].width:.3f}" if n >= FEWEST else ""
-                head = quantity if n == bench.extent.pictures[0] else ""
-                table.add_row(head, f"{n}", *cells, chosen if n >= FEWEST else "none", width)
+                rows = [bench.row(population.name, quantity, n, each) for each in CANDIDATES]
+                told = [n >= FEWEST and row.candidate == taken(quantity) for row in rows]
+                cells = [
+                    f"{100 * row.coverage:.1f}{'*' if it else ''}" for row, it in zip(rows, told, strict=True)
+                ]
+                width = "".join(f"{row.width:.3f}" for row, it in zip(rows, told, strict=True) if it)
+                table.add_row(quantity if n == bench.extent.pictures[0] else "", f"{n}", *cells, width)
             table.add_section()
         made.append(table)
     return made

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring import per_condition, registry
+from blurnoise_eval.scoring import certainty, per_condition, registry
 from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.per_condition import performance, score_rows
@@ -275,6 +275,47 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
     assert (exposed["ap"], exposed["errors"], exposed["false_positives_per_image"]) == (0, 1, 0.5)
     assert exposed["target_confidence"] is None
     assert performance(clean) == pytest.approx(1)
+
+
+def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
+    """Ten pictures in two repeats: intervals are those of the means and of COCO's averages with each left out."""
+    truth, found = street(9, 10)
+    at = {"exposure_s": 0.01, "illuminance_lux": 5.0, "velocity_x_px_s": 1.0, "velocity_y_px_s": 0.0}
+    rng = np.random.default_rng(3)
+    confidence = {name: rng.uniform(size=rng.integers(1, 5)).round(3) for name in found}
+    cells = []
+    for repeat in range(2):
+        for name, detections in found.items():
+            shared = {"cell_id": f"{name}{repeat}", "model": "m", "image": name, "repeat": repeat}
+            shared |= {"clean": False, **at}
+            rows = tuple(
+                {**shared, "target_id": place, "group": "g", "confidence": float(value)}
+                for place, value in enumerate(confidence[name])
+            )
+            cells.append(CellResult(shared, rows, detections))
+    with Store(tmp_path, create=True) as store:
+        store.add(cells)
+        ((row, whole),) = score_rows(store, ["m"], lambda _: truth)
+        ((few, _),) = score_rows(store, ["m"], lambda _: truth, cluster=r"(\d)\.jpg$")
+        ((one, _),) = score_rows(store, ["m"], lambda _: truth, cluster="jpg")
+    sums, counts = [np.array([f(confidence[name]) for name in sorted(found)]) for f in (np.sum, len)]
+    expected = certainty.interval(
+        sums.sum() / counts.sum(), certainty.departures(sums, counts), within=(0.0, 1.0)
+    )
+    np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
+    judge = Judge(truth)
+    once = [(name, 0, each) for name, each in sorted(found.items())]
+    ap = judge([*once, *once])["ap"]
+    without = [judge([each for each in once if each[0] != name])["ap"] for name in sorted(found)]
+    assert whole.value == row["ap"] == pytest.approx(ap, abs=1e-6)
+    np.testing.assert_allclose(whole.departures, certainty.jackknife(ap, without), atol=1e-4)
+    assert 0 <= row["ap_low"] < row["ap"] < row["ap_high"] <= 1
+    for name in ("detection_rate", "false_positives_per_image", "calibration_error", "ar100"):
+        assert row[f"{name}_low"] < row[name] < row[f"{name}_high"], name
+    assert row["exact_match_low"] is None
+    assert few["ap_low"] == row["ap_low"]  # the pattern tells every picture apart
+    assert one["ap"] == row["ap"]
+    assert one["ap_low"] is None  # one cluster
 
 
 def test_rows_of_a_reader(tmp_path: Path) -> None:
