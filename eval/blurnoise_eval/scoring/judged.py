@@ -232,13 +232,3 @@ def coco_results(
         category = category_of.get(class_id)
         if category is not None:
             yield {"image_id": image_id, "category_id": category, "bbox": box, "score": score}
-
-
-def _counted(detections: Detections) -> Detections:
-    """The first ``MOST_DETECTIONS`` of each class, highest score first: COCO looks at no others."""
-    if len(detections) <= MOST_DETECTIONS:
-        return detections
-    kept = np.zeros(len(detections), bool)
-    for class_id in np.unique(detections.class_ids):
-        kept[np.flatnonzero(detections.class_ids == class_id)[:MOST_DETECTIONS]] = True
-    return detections[kept]
