@@ -155,21 +155,22 @@ def test_average_precision_by_the_swept_box(blur_px: float, other: float) -> Non
     """
     grown = np.array(BOX) + np.array([-blur_px / 2, 0, blur_px / 2, 0])
     of_smear, of_middle = (judged(box, blur_px / EXPOSURE_S) for box in (grown, np.array(BOX)))
-    assert of_smear.swept_ap50 == pytest.approx(1)
-    assert of_middle.coco["ap50"] == pytest.approx(1)
-    assert of_middle.swept_ap50 == pytest.approx(other)
-    assert of_smear.coco["ap50"] == pytest.approx(other)
+    assert of_smear.swept_ap50.value == pytest.approx(1)
+    assert of_middle.coco["ap50"].value == pytest.approx(1)
+    assert of_middle.swept_ap50.value == pytest.approx(other)
+    assert of_smear.coco["ap50"].value == pytest.approx(other)
 
 
 def test_average_precision_at_rest_is_not_computed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     still = judged(np.array(BOX), 0.0)
     expected = still.coco["ap50"]
-    monkeypatch.setattr(Judged, "_judge", lambda *_: pytest.fail("was computed again"))
-    assert still.swept_ap50 == expected == pytest.approx(1)
+    monkeypatch.setattr(Judged, "_precision", lambda *_: pytest.fail("was computed again"))
+    assert still.swept_ap50 is expected
+    assert expected.value == pytest.approx(1)
 
 
 def test_readers_and_untouched_pictures_have_no_swept_box() -> None:
-    assert Judged({}).swept_ap50 is None
+    assert Judged({}).swept_ap50.value is None
     seen = DetectorView(
         Fake(smear),
         Picture("p", (Target("square", "squares", BOX),), square, "p"),
