@@ -126,7 +126,7 @@ class Curve:
 
     def interval(self, lowest: float = 0.0, highest: float = 1.0) -> certainty.Ends | None:
         """The 95 % interval of the mean, two of (N,), within what such values can be; None from too few clusters."""
-        low, high = certainty.interval(self.mean, self.departures)
+        low, high = certainty.interval(self.mean, self.departures, within=(lowest, highest))
         if not np.isfinite(low).all():
             return None
         return certainty.Ends(np.clip(low, lowest, highest), np.clip(high, lowest, highest))
@@ -141,7 +141,7 @@ class Curve:
         measured = np.isfinite(self.departures)
         part = np.where(measured, self.departures, 0.0) @ weights
         area = float(self.mean @ weights)
-        low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan))
+        low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan), within=(0.0, 1.0))
         return area, (None, None) if np.isnan(low) else (float(low.clip(0, 1)), float(high.clip(0, 1)))
 
     def above(self, threshold: float) -> Array:

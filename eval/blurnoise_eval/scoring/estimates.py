@@ -25,17 +25,22 @@ class Estimate(NamedTuple):
     value: float | None
     departures: Array | None = None
 
-    def interval(self, within: tuple[float, float] | None) -> tuple[float | None, float | None]:
+    def interval(self, within: tuple[float, float | None] | None) -> tuple[float | None, float | None]:
         """Its 95 % interval, None below :data:`~blurnoise_eval.scoring.certainty.FEWEST` clusters.
 
-        within: the least and the greatest value it can have; None for one without both.
+        within: the least and the greatest value it can have; None for one without both. Without a greatest a
+        cluster nobody has seen counts as the worst that was seen, or as 1: no alarm in ten pictures is not none.
         """
         if self.value is None or self.departures is None or not math.isfinite(self.value):
             return None, None
-        low, high = (float(end) for end in certainty.interval(self.value, self.departures, within=within))
+        bounds = None
+        if within is not None:
+            most = self.value + float(np.nanmax(self.departures, initial=0.0))
+            bounds = within[0], max(1.0, most) if within[1] is None else within[1]
+        low, high = (float(end) for end in certainty.interval(self.value, self.departures, within=bounds))
         return (low, high) if math.isfinite(low) and math.isfinite(high) else (None, None)
 
-    def columns(self, name: str, within: tuple[float, float] | None) -> dict[str, float | None]:
+    def columns(self, name: str, within: tuple[float, float | None] | None) -> dict[str, float | None]:
         """As columns of a table: NAME, NAME_low, NAME_high; nothing here lies below 0."""
         low, high = self.interval(within)
         low = low if low is None else max(low, 0.0)

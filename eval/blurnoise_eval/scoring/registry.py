@@ -34,9 +34,9 @@ class Score:
     charted: bool = False
 
     @property
-    def within(self) -> tuple[float, float] | None:
-        """The least and the greatest value, if it has both."""
-        return (0.0, 1.0) if self.scale == "share" else None
+    def within(self) -> tuple[float, float | None]:
+        """The least and the greatest value, None for one without."""
+        return 0.0, 1.0 if self.scale == "share" else None
 
     def row(self, judged: Judged) -> dict[str, float | None]:
         """Its columns: the value and its 95 % interval over clusters of pictures."""

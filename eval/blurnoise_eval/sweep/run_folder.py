@@ -21,7 +21,7 @@ from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
-from blurnoise_eval.scoring.estimates import Estimate, ratio
+from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
 from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.matching import MoveBoxes
@@ -292,7 +292,9 @@ def _summary(
     ]
     own = [row for row in scores if row["model"] == model["name"]]
     p = next((each for row, each in told if row["clean"]), Estimate(None))
-    mpc = mean_of_estimates([each for row, each in told if not row["clean"]])
+    exposed = [(row, each) for row, each in told if not row["clean"]]
+    mpc = mean_of_estimates([each for _, each in exposed])
+    uniform = through([each for _, each in exposed], partial(_over_plane, [row for row, _ in exposed]))
     rpc = ratio(mpc, p)
     held = [each for each in curves if each.model == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
@@ -304,7 +306,7 @@ def _summary(
         **p.columns("p", (0.0, 1.0)),
         **mpc.columns("mpc", (0.0, 1.0)),
         **rpc.columns("rpc", None),
-        "mpc_uniform": mean_over_plane((row for row in own if not row["clean"]), performance),
+        **uniform.columns("mpc_uniform", (0.0, 1.0)),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
         **{
@@ -316,6 +318,11 @@ def _summary(
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),
     }
+
+
+def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> float | None:
+    of_row = iter(values)  # in the order of the rows
+    return mean_over_plane(rows, lambda row: next(of_row))
 
 
 def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import EXPOSURE
-from blurnoise_eval.report import RunData, page, tables, words, write_report
+from blurnoise_eval.report import RunData, interactive, page, tables, words, write_report
 from made_runs import EXPOSURES_S, made_run
 from read_pages import Page
 
@@ -303,3 +303,26 @@ def test_a_missing_picture_is_said_and_does_not_stop_the_report(tmp_path: Path) 
     Path(data.examples[0]["path"]).unlink()
     Path(data.examples[1]["path"]).write_bytes(b"no picture")
     assert Page(write_report(data, tmp_path)).text.count("picture file is missing") == 2
+
+
+def test_scores_bring_their_intervals(tmp_path: Path) -> None:
+    """Low and high of each score stand behind the values; in the table of models in brackets."""
+    data = made_run(tmp_path, models=TWO)
+    for row in data.scores:
+        row |= (
+            {"ap50_low": row["ap50"] - 0.25, "ap50_high": row["ap50"] + 0.25}
+            if row["ap50"] is not None
+            else {}
+        )
+    data.models[0] |= {"p": 0.5, "p_low": 0.25, "p_high": 0.75}
+    groups = sorted({answer["group"] for answer in data.answers})
+    numbers = interactive.numbers(data, groups)
+    names = [score.name for score in interactive.choices(data)]
+    place = names.index("ap50")
+    for _, _, _, _, _, *values in numbers["scores"]:
+        value, (low, high) = values[place], values[len(names) + 2 * place :][:2]
+        assert (low, high) == pytest.approx((value - 0.25, value + 0.25), abs=2e-4)
+        assert values[len(names) + 2 * names.index("detection_rate")] is None
+    cells = next(row["cells"] for row in tables.model_rows(data) if row["name"] == "P")
+    assert cells[0]["text"] == "0.500 (0.250–0.750)"
+    assert "(" not in (cells[1]["text"] or "")

