@@ -28,7 +28,7 @@ from blurnoise.auto_exposure import AutoExposure, mean_luma
 from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import scene_reflectance
-from blurnoise.light import effects
+from blurnoise.light import effects, motion
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop
 from blurnoise.radiometry import photoelectrons
@@ -329,7 +329,7 @@ def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
 def swept_half_px(params: Params) -> Tensor:
     """Half the displacement during the exposure, (B, 2), px, >= 0: what is swept to either side of a place."""
     velocity = velocity_px_s(params["speed_px_s"], params["direction_deg"])
-    return velocity.abs() * params["exposure_s"][:, None] / 2
+    return motion.swept_half_px(velocity * params["exposure_s"][:, None])
 
 
 def moved_corners(corners: Tensor, params: Params, cameras: Sequence[Camera]) -> Tensor:

@@ -127,24 +127,28 @@ def stop_sign(
     width_px: int | None = None,
     angle_deg: float = 0.0,
     centre_px: tuple[float, float] | None = None,
-    background: float = 0.18,
+    background: float | Tensor = 0.18,
     supersample: int = 8,
 ) -> Tensor:
-    """US stop sign R1-1 on a grey background, (1, 3, H, W), linear RGB reflectance.
+    """US stop sign R1-1 before a background, (1, 3, H, W), linear RGB reflectance.
 
     ``size_px`` is the octagon's width between opposite flats. White border, red face and the legend STOP have
     the proportions of the 30 in sign: border 0.75 in, letters 10 in high. ``centre_px`` is the sign's centre
     (x, y), by default the picture's; the picture is twice the sign's size if ``height_px`` and ``width_px``
-    are None. :func:`stop_sign_box` gives the sign's bounding box for the same arguments.
+    are None. ``background``: a grey, or a picture (1, 3, H, W), whose size is the result's.
+    :func:`stop_sign_box` gives the sign's bounding box for the same arguments.
 
     Raises ``TypeError`` or ``ValueError`` for counts that are no positive integers within limits, a size, an angle
-    or a centre beyond them, a background outside [0, 1], or a sign that does not lie
+    or a centre beyond them, a background outside [0, 1] or of another shape, or a sign that does not lie
     wholly inside the picture.
     """
+    if isinstance(background, Tensor):
+        height_px, width_px = _size_of(background, height_px, width_px)
+    else:
+        checks.in_range("background", background, 0.0, 1.0)
     box = stop_sign_box(
         size_px, height_px=height_px, width_px=width_px, angle_deg=angle_deg, centre_px=centre_px
     )
-    checks.in_range("background", background, 0.0, 1.0)
     counted("supersample", supersample)
     height, width, centre = _sign_frame(size_px, height_px, width_px, centre_px)
     cos, sin = math.cos(_radians(angle_deg)), math.sin(_radians(angle_deg))
@@ -159,9 +163,14 @@ def stop_sign(
 
     left, top, right, bottom = math.floor(box[0]), math.floor(box[1]), math.ceil(box[2]), math.ceil(box[3])
     shares = _area_mean(coverage, (left, top, right, bottom), centre, supersample)
-    contrast = torch.tensor([SIGN_WHITE, SIGN_RED]) - background
-    picture = torch.full((1, 3, height, width), float(background))
-    picture[0, :, top:bottom, left:right] += torch.einsum("khw,kc->chw", shares, contrast)
+    if isinstance(background, Tensor):
+        picture = background.float().clone()
+    else:
+        picture = torch.full((1, 3, height, width), float(background))
+    behind = picture[0, :, top:bottom, left:right]
+    behind += (
+        torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED])) - shares.sum(0) * behind
+    )
     return picture
 
 
@@ -191,17 +200,33 @@ def stop_sign_box(
 
 
 def stop_sign_text_box(
-    size_px: float, *, height_px: int | None = None, width_px: int | None = None
+    size_px: float,
+    *,
+    height_px: int | None = None,
+    width_px: int | None = None,
+    centre_px: tuple[float, float] | None = None,
 ) -> tuple[float, float, float, float]:
     """Box (x0, y0, x1, y1), px, of the word STOP that :func:`stop_sign` draws upright for these arguments.
 
     Tight: from the left of S to the right of P, and the letters' height. Raises as :func:`stop_sign` does.
     """
-    stop_sign_box(size_px, height_px=height_px, width_px=width_px)
-    _, _, (x, y) = _sign_frame(size_px, height_px, width_px, None)
+    stop_sign_box(size_px, height_px=height_px, width_px=width_px, centre_px=centre_px)
+    _, _, (x, y) = _sign_frame(size_px, height_px, width_px, centre_px)
     scale = size_px / _SIGN_IN
     left, right, half = _S_X_IN - _S_HALF_IN, _P_X_IN + _P_HALF_IN, _LETTER_IN / 2
     return x + left * scale, y - half * scale, x + right * scale, y + half * scale
+
+
+def _size_of(background: Tensor, height_px: int | None, width_px: int | None) -> tuple[int, int]:
+    """Height and width of a background (1, 3, H, W), which are those that are stated, if any are."""
+    found = tuple(checks.image_batch("background", background).shape)
+    height, width = found[2] if height_px is None else height_px, found[3] if width_px is None else width_px
+    if found != (1, 3, height, width):
+        raise ValueError(f"background: shape must be (1, 3, {height}, {width}), got {found}")
+    low, high = (float(end) for end in background.aminmax())
+    if low < 0 or high > 1:
+        raise ValueError(f"background: must lie within [0, 1], spans [{low:g}, {high:g}]")
+    return height, width
 
 
 def _sign_frame(

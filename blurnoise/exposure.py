@@ -80,10 +80,17 @@ class Exposure:
 
     def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
         """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
+        return effects.moved_boxes(boxes_xyxy, self._point)
+
+    def sweep_boxes(self, boxes_xyxy: Tensor) -> Tensor:
+        """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
+        return effects.swept_boxes(boxes_xyxy, self._point)
+
+    @property
+    def _point(self) -> OperatingPoint[float]:
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
-        at = OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y))
-        return effects.moved_boxes(boxes_xyxy, at)
+        return OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y))
 
 
 class Frame(NamedTuple):

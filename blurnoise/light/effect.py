@@ -56,3 +56,7 @@ class LightEffect(ABC):
     def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
         """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were."""
         return boxes_xyxy
+
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+        """What targets at ``boxes_xyxy`` (N, 4) cover during the exposure; by default :meth:`move_boxes`."""
+        return self.move_boxes(boxes_xyxy, at)

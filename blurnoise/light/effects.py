@@ -64,6 +64,13 @@ def moved_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
     return boxes_xyxy
 
 
+def swept_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    """What boxes (N, 4) of the scene cover of the picture in the course of the exposure, after all effects."""
+    for effect in EFFECTS:
+        boxes_xyxy = effect.sweep_boxes(boxes_xyxy, at)
+    return boxes_xyxy
+
+
 def _joined(first: Blur, second: Blur) -> Blur | None:
     """Both blurs as one; None for two motions, whose displacements do not add."""
     if first.displacement_px is not None and second.displacement_px is not None:

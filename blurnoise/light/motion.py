@@ -36,6 +36,11 @@ class Motion(LightEffect):
         """By its transfer function."""
         return blur.motion_blur(light, at.displacement_px, border=border)
 
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+        """Grown by half the displacement to either side."""
+        half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
+        return boxes_xyxy + torch.cat([-half, half])
+
     def how(self, at: OperatingPoint[float]) -> str:
         """The length."""
         shares = at.camera.defocus_radius_px > 0 and not at.camera.defocus_counts_pixel
@@ -45,6 +50,11 @@ class Motion(LightEffect):
     def key(self, at: OperatingPoint[float]) -> Hashable:
         """The displacement."""
         return at.displacement_px
+
+
+def swept_half_px(displacement_px: Tensor) -> Tensor:
+    """What displacements (..., 2), px, sweep to either side of a place at mid-exposure, (..., 2), >= 0."""
+    return displacement_px.abs() / 2
 
 
 MOTION = Motion()

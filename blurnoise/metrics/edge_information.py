@@ -1,7 +1,8 @@
 """Information in slanted edges: Shannon capacity, noise-equivalent quanta and SNR, each with an interval.
 
 Domain: edges of :func:`blurnoise.metrics.slanted_edge` in digital numbers with the black level removed, measured
-with a bootstrap. Noise is taken for white: its power spectrum is its variance, on the average over both sides.
+with a bootstrap. Noise is taken for white: its power spectrum is its variance, on the average over both sides. Where
+it certainly is not, NEQ(0) takes its power at frequency 0, and every number carries the flag "noise_not_white".
 
 Noise in a measured response makes curved functions of it come out wrong: of log2(1 + S/N), with power cut at 0, the
 upward strokes stay where there is no response left. Resamples carry that noise twice, so their mean C* is off by
@@ -26,6 +27,7 @@ from blurnoise.metrics.edge.flags import words
 from blurnoise.metrics.edge.measurement import SlantedEdge
 from blurnoise.metrics.estimate import Estimate
 
+NOT_WHITE = "noise_not_white"
 _GRID = torch.arange(129, dtype=torch.float64) / 256
 """Cycles/px of both axes of two-dimensional integrals: half the step that 128 px resolve."""
 _RESAMPLES_2D = 60
@@ -65,9 +67,10 @@ def neq_0(edge: SlantedEdge) -> Estimate:
         return Estimate(math.nan)
     if edge.noise_variance_bright <= 0:
         return Estimate(math.nan, flags=frozenset({"noiseless"}))
-    drawn = edge.resamples.bright**2 / edge.resamples.noise_variance_bright
+    drawn = edge.resamples.bright**2 / (edge.resamples.noise_variance_bright * edge.noise_power_at_0)
     low, high = torch.quantile(drawn, torch.tensor([0.025, 0.975], dtype=drawn.dtype)).tolist()
-    return Estimate(edge.bright**2 / edge.noise_variance_bright, low, high)
+    value = edge.bright**2 / (edge.noise_variance_bright * edge.noise_power_at_0)
+    return Estimate(value, low, high, _not_white(edge) | words(edge.flags))
 
 
 def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
@@ -164,7 +167,7 @@ def _estimate(
     for name, edge in named.items():
         checks.an_instance(name, edge, SlantedEdge)
     edges = tuple(named.values())
-    flags = words(flag for edge in edges for flag in edge.flags)
+    flags = words(flag for edge in edges for flag in edge.flags) | _not_white(*edges)
     if any(math.isnan(edge.bright) for edge in edges):
         return Estimate(math.nan, flags=flags)
     plain = float(number([_measurement(edge) for edge in edges])[0])
@@ -178,6 +181,12 @@ def _estimate(
     value = 2 * plain - mean
     value, low, high = (max(0.0, number) for number in (value, value + low - mean, value + high - mean))
     return Estimate(value, low, high, flags)
+
+
+def _not_white(*edges: SlantedEdge) -> frozenset[str]:
+    """A flag for what takes noise for white."""
+    # NaN of an edge that was withheld is not 1 either, but has no number to flag.
+    return frozenset({NOT_WHITE} if any(abs(edge.noise_power_at_0 - 1) > 0 for edge in edges) else ())
 
 
 def _measurement(edge: SlantedEdge) -> _Told:

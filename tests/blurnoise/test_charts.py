@@ -230,6 +230,35 @@ def test_sign_has_the_area_and_centre_of_its_octagon(
     assert math.dist((float(found[0]), float(found[1])), centre) < 1 / 8
 
 
+def test_sign_before_a_picture_covers_what_it_covers_of_grey() -> None:
+    """Every pixel is the share of white, of red and of what is behind; the picture behind stays as it was."""
+    generator = torch.Generator().manual_seed(1)
+    behind = torch.rand((1, 3, 61, 73), generator=generator)
+    kept, at = behind.clone(), {"size_px": 31.3, "angle_deg": 8.0, "centre_px": (30.2, 33.7)}
+    seen = stop_sign(**at, background=behind)  # type: ignore[arg-type]
+    assert torch.equal(behind, kept)
+    assert seen.shape == behind.shape
+    white, red = sign_shares(stop_sign(**at, height_px=61, width_px=73, background=0.0), 0.0)  # type: ignore[arg-type]
+    expected = (
+        torch.tensor(SIGN_WHITE)[:, None, None] * white
+        + torch.tensor(SIGN_RED)[:, None, None] * red
+        + behind[0] * (1 - white - red)
+    )
+    torch.testing.assert_close(seen[0].double(), expected.double(), atol=1e-5, rtol=0)
+    grey = stop_sign(**at, height_px=61, width_px=73, background=0.3)  # type: ignore[arg-type]
+    same = stop_sign(**at, background=torch.full((1, 3, 61, 73), 0.3))  # type: ignore[arg-type]
+    torch.testing.assert_close(same, grey, atol=1e-6, rtol=0)
+
+
+def test_text_box_goes_with_the_sign() -> None:
+    frame = {"height_px": 90, "width_px": 100}
+    middle, moved = (
+        stop_sign_text_box(60, **frame, centre_px=centre) for centre in ((50.0, 45.0), (61.5, 39.25))
+    )
+    assert middle == stop_sign_text_box(60, **frame)
+    assert [b - a for a, b in zip(middle, moved, strict=True)] == pytest.approx([11.5, -5.75, 11.5, -5.75])
+
+
 # The drawing, in inches on the 30 in sign: letter, centre x, half width, area.
 _S_TURN = math.asin(1.95 / 2.35)  # slope of the S's spine, against the vertical
 LETTERS = {
@@ -378,6 +407,19 @@ def test_sign_may_fill_the_picture_exactly() -> None:
         (lambda: stop_sign(-5), ValueError, "size_px = -5"),
         (lambda: stop_sign("big"), TypeError, "size_px = 'big'"),
         (lambda: stop_sign(5, background=-0.1), ValueError, "background = -0.1"),
+        (lambda: stop_sign(5, background=torch.zeros(3, 9, 9)), ValueError, "background: shape must be"),
+        (lambda: stop_sign(5, background=torch.zeros(1, 1, 9, 9)), ValueError, r"\(1, 3, 9, 9\), got"),
+        (
+            lambda: stop_sign(5, height_px=8, background=torch.zeros(1, 3, 9, 9)),
+            ValueError,
+            r"\(1, 3, 8, 9\)",
+        ),
+        (lambda: stop_sign(5, background=torch.full((1, 3, 9, 9), 1.5)), ValueError, r"spans \[1.5, 1.5\]"),
+        (
+            lambda: stop_sign(5, background=torch.zeros(1, 3, 9, 9).byte()),
+            TypeError,
+            "background: must be float",
+        ),
         (lambda: stop_sign(5, supersample=0), ValueError, "supersample = 0"),
         (lambda: stop_sign(5, angle_deg=math.nan), ValueError, "angle_deg = nan"),
         (lambda: stop_sign(5, width_px=0), ValueError, "width_px = 0"),

@@ -17,7 +17,7 @@ EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
 F_NUMBERS, TEMPERATURES_C = (1.4,), (25.0,)
 GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
-DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error", "ap50_swept")
 READER_SCORES = ("read_confidence", "exact_match", "character_error_rate")
 
 
@@ -119,13 +119,15 @@ def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float])
         own = DETECTOR_SCORES if kind == "detector" else READER_SCORES
         row |= {name: mean * (1 - place / 20) for place, name in enumerate(own)}
     rate = None if mean is None else float(mean > 0.25)
-    return {"model": model, "n_images": 3, "target_confidence": mean, "detection_rate": rate} | at | row
+    means = {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
+    return {"model": model, "n_images": 3} | means | at | row
 
 
 def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
     row: dict[str, Any] = {"model": model, "kind": kind, "measure": "AP"}
     names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
+    row["mpc_uniform"] = row["mpc"]
     if kind == "reader":
         row |= {"ap50": None, "ar100": None}
     row |= {"false_positives_per_image": 0.25, "calibration_error": None}
@@ -151,7 +153,24 @@ def _answer(
         "open_high": curve[-1] >= THRESHOLD,
         "recommended_s": exposures_s[top] if windows else None,
         "confidence_at_recommended": curve[top] if windows else None,
+        "n_pictures": 24 if interval else 5,
+        "few_pictures": not interval,
+        "verdict": ("works" if windows else "no exposure works") if interval else "cannot tell",
+        "pictures_to_tell": None if interval else 40,
+        "windows_low_s": [_about(low, exposures_s, interval) for low, _ in windows],
+        "windows_high_s": [_about(high, exposures_s, interval) for _, high in windows],
+        "sure_windows_s": windows if interval else [],
+        "recommended_low": max(0.0, curve[top] - 0.06) if windows and interval else None,
+        "recommended_high": min(1.0, curve[top] + 0.04) if windows and interval else None,
+        "regret_95": 0.012 if windows and interval else None,
+        "saturated": [0.0] * len(curve),
+        "saturated_at_recommended": 0.0 if windows else None,
     }
+
+
+def _about(end: float, exposures_s: tuple[float, ...], interval: bool) -> list[float | None]:
+    within = interval and exposures_s[0] < end < exposures_s[-1]
+    return [0.9 * end, 1.1 * end] if within else [None, None]
 
 
 def _windows(exposures_s: tuple[float, ...], curve: list[float]) -> list[list[float]]:
@@ -203,6 +222,10 @@ def _endurance(axis: str, x: list[float], y: list[float], interval: bool) -> dic
         "fails_low": bounds[0],
         "fails_high": bounds[1],
         "non_monotonic": returned,
+        "auc_low": max(0.0, float(np.mean(y)) - 0.05) if interval else None,
+        "auc_high": min(1.0, float(np.mean(y)) + 0.05) if interval else None,
+        "n_pictures": 24 if interval else 5,
+        "few_pictures": not interval,
     }
 
 

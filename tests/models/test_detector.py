@@ -18,7 +18,7 @@ import torch
 from blurnoise_eval.datasets import coco, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.matching import average_precision, hits, target_confidence
+from blurnoise_eval.scoring.matching import average_precision, hits, target_confidence, target_confidences
 from blurnoise_models.detector import STOP_SIGN, THRESHOLD
 from blurnoise_models.scenes import scene
 
@@ -41,21 +41,23 @@ def found(detections: Detections) -> int:
 
 
 def confidence(size_px: int, *, exposure_s: float, lux: float, blur_px: float = 0.0) -> float:
-    """Of the drawn sign on grey, mean over three noise fields."""
-    (picture,) = rendered_signs((size_px,))
-    scenes = torch.from_numpy(picture.load()).permute(2, 0, 1).float().div(255).expand(3, -1, -1, -1)
+    """Of the drawn sign, mean over a background of each kind."""
+    pictures = rendered_signs((size_px,), count=4).pictures
+    scenes = np.stack([picture.load() for picture in pictures])
     dn = simulate(
-        scenes.contiguous(),
+        torch.from_numpy(scenes).permute(0, 3, 1, 2).float().div(255).contiguous(),
         CAMERA,
         exposure_s=exposure_s,
         illuminance_lux=lux,
         velocity_px_s=(blur_px / exposure_s, 0.0),
-        generator=[1, 2, 3],
+        generator=[1, 2, 3, 4],
     )
     seen = develop_8bit(dn, CAMERA).permute(0, 2, 3, 1).contiguous().numpy()
-    assert picture.targets is not None
-    box = picture.targets[0].box_xyxy
-    return float(np.mean([target_confidence(detector().detect(each), box, 0) for each in seen]))
+    boxes = [target.box_xyxy for picture in pictures for target in picture.targets or ()]
+    answers = [detector().detect(each) for each in seen]
+    return float(
+        np.mean([target_confidence(answer, box, 0) for answer, box in zip(answers, boxes, strict=True)])
+    )
 
 
 def first_below(values: Sequence[float], confidences: Sequence[float]) -> float:
@@ -82,6 +84,15 @@ def test_finds_the_signs_of_scenes_it_has_not_seen() -> None:
         for answer, each in zip(answers, scenes, strict=True)
     )
     assert false <= 0.1 * len(scenes)
+
+
+def test_finds_every_sign_of_the_default_sweep() -> None:
+    """Of every size, before every background, clean; and nothing else there."""
+    for picture in rendered_signs():
+        answer = detector().detect(picture.load())
+        boxes = [target.box_xyxy for target in picture.targets or ()]
+        assert target_confidences(answer, boxes, [0] * len(boxes)).min() >= 0.8
+        assert found(answer) == len(boxes)
 
 
 def test_a_longer_blur_takes_larger_signs() -> None:

@@ -17,11 +17,12 @@ from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics import regions
+from blurnoise.metrics.edge.correlation import block_weights
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
-from blurnoise.metrics.edge.numbers import intervals, numbers, row_weights
-from blurnoise.metrics.edge.response import Response, exact_response, peak
+from blurnoise.metrics.edge.numbers import intervals, numbers
+from blurnoise.metrics.edge.response import Response, exact_response, peak, scatter
 from blurnoise.metrics.edge.shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
@@ -55,7 +56,9 @@ class SlantedEdge:
     angle_deg: as in :mod:`blurnoise.charts`, 0° vertical and bright on the right, 90° bright at the top.
     mtf50, mtf50p: where the response is half of that at 0, half of its peak. dark, bright: levels without black
     level; cnr: their difference over the root of their mean noise variance, edge_snr_db: 20 log10 of it.
-    intervals: 95 % of each scalar by its name, by bootstrap over rows; inf where 50 % may never be reached.
+    noise_power_at_0: of the noise power spectrum at frequency 0, over the variance; 1 where noise is white.
+    intervals: 95 % of each scalar by its name, by bootstrap over rows, or over blocks of them whose noise belongs
+    together; inf where 50 % may never be reached.
     frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less what noise
     adds to it: right on the average, hence below 0 where only noise is left; sfr is its root, at least 0.
     distance_px, esf, lsf: (K,), the edge's shape along its normal, bright at positive distances, lsf per px.
@@ -78,6 +81,7 @@ class SlantedEdge:
     bright: float = math.nan
     noise_variance_dark: float = math.nan
     noise_variance_bright: float = math.nan
+    noise_power_at_0: float = math.nan
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     frequencies: Tensor = _NONE
     power: Tensor = _NONE
@@ -143,10 +147,13 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
     """Measure near-vertical edges (B, H, W); horizontal: the regions were transposed."""
     found, flags = locate(values)
     edges = [SlantedEdge(mode, names) for names in _named(flags, len(values))]
-    kept = [index for index, edge in enumerate(edges) if not edge.flags & WITHHELD]
-    if kept:
-        weights = row_weights(bootstrap, values.shape[1], seed) if bootstrap else None
-        shape = shape_of(found.only(kept))
+    alike: dict[int, list[int]] = {}
+    for index, block in enumerate(found.sides.block.tolist()):
+        if not edges[index].flags & WITHHELD:
+            alike.setdefault(block, []).append(index)
+    for block, kept in alike.items():
+        weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
+        shape = shape_of(found.only(kept), block)
         told = _told(values[kept], shape, mode, horizontal, weights)
         for index, edge, doubtful in zip(kept, told, not_alone(shape).tolist(), strict=True):
             edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
@@ -164,11 +171,14 @@ def _told(
         facing_right = torch.where(rising[:, None, None], values, values.flip(2))
         response = iso_response(facing_right, sides.variance.mean(1), weights)
     scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
-    flags = _named(suspicions(shape, mode, values.shape[2]) | doubts(response, scalars["mtf50"]), len(values))
+    scattered = scatter(response, scalars["mtf50"])
+    against = suspicions(shape, mode, values.shape[2], scalars["mtf50"], scattered)
+    flags = _named(against | doubts(scalars["mtf50"], scattered), len(values))
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
     levels, noises = sides.level.gather(1, ends).tolist(), sides.variance.gather(1, ends).tolist()
     tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
     read = {name: value.tolist() for name, value in scalars.items()}
+    power_at_0 = sides.power_at_0.tolist()
     frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
     samples, ranges = _resamples(response, sides, ends, weights)
     flags = [
@@ -199,6 +209,7 @@ def _told(
                 bright=bright,
                 noise_variance_dark=noise_dark,
                 noise_variance_bright=noise_bright,
+                noise_power_at_0=power_at_0[index],
                 intervals=ranges[index],
                 frequencies=frequencies[index],
                 power=response.power[index],

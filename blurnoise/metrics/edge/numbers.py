@@ -36,14 +36,6 @@ def intervals(resampled: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
 
 
-def row_weights(resamples: int, rows: int, seed: int) -> Tensor:
-    """How often each row is drawn in each of ``resamples`` bootstraps, (resamples, rows)."""
-    generator = torch.Generator().manual_seed(seed)
-    drawn = torch.randint(rows, (resamples, rows), generator=generator)
-    one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
-    return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)
-
-
 def _after_peak(power: Tensor, spacing: Tensor, peak: Tensor) -> Tensor:
     """First frequency beyond the peak at which the response is half the peak's."""
     index = peak.expand(power.shape[:-1])[..., None]

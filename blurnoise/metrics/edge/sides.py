@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from blurnoise.metrics.edge.correlation import correlation_of
 from blurnoise.metrics.edge.geometry import Upright
 
 FLAT = 0.005
@@ -23,6 +24,8 @@ SLOPING = 0.1
 """Share of the step by which a side may rise over its length before it is no side at all."""
 STRUCTURE = 0.1
 """Share of the step by which anything beside the edge may stand out."""
+NOISELESS = 1e-8
+"""Noise variance, as a share of the step squared, below which there is no noise."""
 _BLOCK_PX = 8
 
 
@@ -40,7 +43,9 @@ class Sides:
     """level, variance: of the sides, (B, 2); the variance about a plane through the strip.
 
     count, total, square: sums over the strips' pixels in every row, (B, H, 2), of 1, of the values, and of the
-    squared deviation from that plane: what a bootstrap over rows needs. too_small: (B,) bool.
+    squared deviation from that plane: what a bootstrap over rows needs. too_small: (B,) bool. power_at_0: NPS(0) over
+    the variance, 1 where noise is white; block: rows to draw together; correlated: whether that is too few of them
+    for an interval, (B,) each.
     """
 
     level: Tensor
@@ -49,11 +54,23 @@ class Sides:
     total: Tensor
     square: Tensor
     too_small: Tensor
+    power_at_0: Tensor
+    block: Tensor
+    correlated: Tensor
 
     @property
     def step(self) -> Tensor:
         """Right level minus left level, (B,)."""
         return self.level[:, 1] - self.level[:, 0]
+
+    def level_by_row(self) -> Tensor:
+        """The sides' levels at every row, (B, H, 2), on a straight line: light falls off along an edge."""
+        row = torch.linspace(-1, 1, self.count.shape[1], dtype=torch.float64)[:, None]
+        pixels = self.count.sum(1, keepdim=True)
+        away = row - (self.count * row).sum(1, keepdim=True) / pixels
+        above = self.total - self.count * self.level[:, None]
+        rise = (above * away).sum(1, keepdim=True) / (self.count * away**2).sum(1, keepdim=True)
+        return self.level[:, None] + rise * away
 
     def resampled(self, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Level and variance, (B, n, 2) each, with row r counted weights[:, r] times; weights: (n, H)."""
@@ -103,19 +120,24 @@ def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Si
     end = reach_px + reach_px.clamp_min(STRIP_PX)
     middle = upright.values.shape[2] // 2
     distance = upright.distance_px(position_px)
-    counts, totals, squares, levels = [], [], [], []
+    counts, totals, levels, left = [], [], [], []
     for side, outward in ((slice(None, middle + 1), -1), (slice(middle, None), 1)):
         away, values = outward * distance[..., side], upright.values[..., side]
         strip = upright.inside[..., side] * ((away > reach_px[:, None, None]) & (away <= end[:, None, None]))
         counts.append(strip.sum(2))
         totals.append((values * strip).sum(2))
         levels.append(totals[-1].sum(1) / counts[-1].sum(1).clamp_min(1))
-        squares.append(_about_plane(values, strip, levels[-1]))
+        left.append((_about_plane(values, strip, levels[-1]), strip))
+    squares = [(off**2).sum(2) for off, _ in left]
     count, total, square = (torch.stack(each, dim=-1) for each in (counts, totals, squares))
     pixels = count.sum(1)
     variance = square.sum(1) / (pixels - 3).clamp_min(1)
     too_small = (pixels < 2 * upright.values.shape[1]).any(1)
-    return Sides(torch.stack(levels, dim=-1), variance, count, total, square, too_small)
+    level = torch.stack(levels, dim=-1)
+    noise = correlation_of(left)
+    noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
+    power_at_0, block = torch.where(noisy, noise.power_at_0, 1.0), torch.where(noisy, noise.block, 1)
+    return Sides(level, variance, count, total, square, too_small, power_at_0, block, noisy & noise.too_long)
 
 
 def _outward(columns: Tensor) -> Tensor:
@@ -168,7 +190,7 @@ def _patchy(off: Tensor, count: Tensor, reach_px: Tensor, step: Tensor, noise: T
 
 
 def _about_plane(values: Tensor, mask: Tensor, level: Tensor) -> Tensor:
-    """Sum over each row, (B, H), of squared deviations of the masked values from their plane."""
+    """Deviations of the masked values from their plane, 0 elsewhere, (B, H, W)."""
     batch, rows, columns = values.shape
     row, column = (torch.linspace(-1, 1, count, dtype=torch.float64) for count in (rows, columns))
     masked = mask * (values - level[:, None, None])
@@ -182,5 +204,5 @@ def _about_plane(values: Tensor, mask: Tensor, level: Tensor) -> Tensor:
     sums = torch.stack([masked.sum((1, 2)), masked.sum(2) @ row, masked.sum(1) @ column], dim=1)
     plane = (torch.linalg.pinv(moments, hermitian=True) @ sums[..., None])[..., 0]
     fitted = plane[:, :1, None] + plane[:, 1:2, None] * row[:, None] + plane[:, 2:, None] * column
-    about: Tensor = (masked - mask * fitted) ** 2
-    return about.sum(2)
+    about: Tensor = masked - mask * fitted
+    return about

@@ -11,7 +11,7 @@ Domain: upright regions, values scaled so that the sides are 0 and 1, distances 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import torch
@@ -24,6 +24,7 @@ KNOT_PX = 0.25
 LINE_ORDER = 3
 """Order of the polynomial that the edge may follow: a lens bends straight edges."""
 BLOCK_PX = 5
+_ODD_DEVIATIONS, _ODD_SHARE = 8.0, 0.05  # of the misfits, and of the step, that make a pixel a hot one
 _PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
 
 
@@ -55,10 +56,23 @@ class Spline:
 
     def resampled(self, weights: Tensor) -> Tensor:
         """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
+        return self.coefficients[:, None] + (weights - 1) @ self.pulls()
+
+    def by_blocks(self, block: int) -> Spline:
+        """The same with the covariance that a bootstrap over blocks of rows finds: of noise that is not white."""
+        root = self.pulls(block)
+        return replace(self, covariance=root.mT @ root)
+
+    def pulls(self, block: int = 1) -> Tensor:
+        """By how much each block of rows, were it there once more, would move the coefficients, (B, n, 2 K + 1).
+
+        Their squares, summed over blocks, are what a bootstrap over them finds as the coefficients' covariance.
+        """
         # What each row adds to the normal equations beyond what the fit explains.
         scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
-        pulls = (weights - 1) @ scores @ self.inverse
-        return self.coefficients[:, None] + pulls * self.inflation[:, None, None]
+        if block > 1:
+            scores = torch.stack([rows.sum(1) for rows in torch.split(scores, block, 1)], dim=1)
+        return scores @ self.inverse * self.inflation[:, None, None]
 
 
 def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:
@@ -77,6 +91,7 @@ def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tenso
     wanted = pixels.by_row(pull * off) @ rows
     position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
 
+    upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))
     pixels = _Pixels.of(upright, position_px, reach_px, half)
     fit = _fitted(pixels, reach_px)
     light = fit.coefficients.clamp(0, 1)
@@ -162,6 +177,14 @@ class _Pixels:
         """Sum of ``values`` (n,) over each row, (B, H)."""
         sums = values.new_zeros(self.batch * self.height)
         return sums.index_add_(0, self.row, values).view(self.batch, self.height)
+
+    def odd(self, off: Tensor) -> Tensor:
+        """``off`` (n,) at single pixels that stand far out of the others' misfits, hot or dead ones, else 0."""
+        region = self.row // self.height
+        usual = torch.stack([(off[region == index] ** 2).nanmedian() for index in range(self.batch)])
+        far = off.abs() > (_ODD_DEVIATIONS * (usual / 0.4549).sqrt()).clamp_min(_ODD_SHARE)[region]
+        around = avg_pool2d(self.in_place(far.to(off)), 3, stride=1, padding=1) * 9
+        return torch.where(far & (around.flatten()[self.pixel] < 2.5), off, 0.0)
 
     def sums(self, values: Tensor, *, per_row: bool = False) -> Tensor:
         """Sum of value times B-spline, (B, size), or of each row alone, (B, H, size)."""

@@ -1,8 +1,8 @@
 """The numbers that sum up an arm of a comparison, and how sure they and their differences are.
 
-Scores are arrays (draws, arms, conditions): the first draw is what was measured, the others draw pictures and
-seeds anew (:func:`draws`). The first condition is the clean picture. AP50 and confidence lie in [0, 1]; false
-positives are per picture.
+Scores are arrays (designs, arms, conditions): the first design is what was measured, the others leave a picture out
+or take one seed alone (:func:`designs`). The first condition is the clean picture. AP50 and confidence lie in [0, 1];
+false positives are per picture.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.scoring.estimates import MOST_CLUSTERS
 from blurnoise_eval.scoring.matching import FailurePoint, failure_point, mean_over
 
 Array = NDArray[np.float64]
@@ -29,7 +30,6 @@ THRESHOLD = 0.5
 """A detection counts as false, and a curve as failed, from this confidence (or precision) on."""
 FAILS = {"ap50": "blur where AP50 fails / px", "confidence": "blur where confidence fails / px"}
 """The names of the measures that are failure points, by score."""
-RESAMPLES = 1000
 _NOTHING = 12  # decimals beyond which a difference is rounding
 
 
@@ -43,7 +43,7 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Measure:
-    """One number that sums up an arm. of: from scores to (draws, arms).
+    """One number that sums up an arm. of: from scores to (designs, arms).
 
     verdict: its words in the verdict, None where it has no say there.
     """
@@ -125,33 +125,50 @@ def failure(curve: Array, moving: Mapping[int, float]) -> FailurePoint:
     return failure_point(list(moving.values()), curve[list(moving)].tolist(), THRESHOLD)
 
 
-def draws(pictures: int, arms: int, seeds: int) -> tuple[Array, Array]:
-    """Weights of pictures (1 + RESAMPLES, pictures) and of seeds (1 + RESAMPLES, arms, seeds); first: all alike.
+def designs(pictures: int, arms: int, seeds: int) -> tuple[Array, Array]:
+    """Weights of pictures (1 + P + S, P) and of seeds (1 + P + S, arms, S), for S = seeds.
 
-    Pictures are drawn with replacement, the same for every network and condition, so that arms are compared
-    on the same pictures. Seeds are drawn with replacement for each arm on its own, and their weights
-    stretched about the mean by sqrt(n / (n - 1)): a plain bootstrap of n = 3 seeds would have 2/3 of the
-    variance (the rescaled bootstrap of Rao and Wu, J. Am. Stat. Assoc. 83 (1988) 231). One seed stands for
-    itself; intervals then say nothing about other trainings.
+    First all alike; then each picture left out in turn, the same for every network and condition, so that arms
+    are compared on the same pictures; then each seed alone. What they say together: :func:`interval`. Above
+    ``MOST_CLUSTERS`` pictures as many groups of them are left out.
     """
-    generator = np.random.default_rng(0)
-    drawn = generator.multinomial(pictures, np.full(pictures, 1 / pictures), size=RESAMPLES)
-    shares = generator.multinomial(seeds, np.full(seeds, 1 / seeds), size=(RESAMPLES, arms)) / seeds
-    mean = 1 / seeds
-    stretch = math.sqrt(seeds / (seeds - 1)) if seeds > 1 else 0.0
-    return (
-        np.concatenate([np.ones((1, pictures)), drawn]),
-        np.concatenate([np.full((1, arms, seeds), mean), mean + stretch * (shares - mean)]),
-    )
+    groups = min(pictures, MOST_CLUSTERS)
+    left = (np.arange(pictures) % groups != np.arange(groups)[:, None]).astype(float)
+    of_pictures = np.concatenate([np.ones((1, pictures)), left, np.ones((seeds, pictures))])
+    shared = np.full((1 + groups, arms, seeds), 1 / seeds)
+    alone = np.repeat(np.eye(seeds)[:, None], arms, axis=1)
+    return of_pictures, np.concatenate([shared, alone])
 
 
-def interval(values: Array) -> Interval:
-    """The first value, with the interval of the others; draws without any target do not count."""
-    values = np.round(values, _NOTHING) + 0.0  # no -0.0
-    drawn = values[1:][np.isfinite(values[1:])]
-    if not math.isfinite(values[0]) or not len(drawn):
+def interval(values: Array, seeds: int, rival: Array | None = None) -> Interval:
+    """The first value, or what it is above a rival's, with a 95 % interval over pictures and seeds.
+
+    values: (1 + P + S,) by the designs of :func:`designs`. Variances of the mean over pictures (jackknife) and
+    over seeds (of each arm on its own: their trainings are independent) are added; Student's t has the degrees
+    of freedom of the sum (Satterthwaite, Biometrics Bull. 2 (1946) 110), since three seeds tell little of their
+    spread. With one seed it says nothing about other trainings. None below two pictures with a target.
+    """
+    from scipy.special import stdtrit  # takes 0.1 s
+
+    both = [values] if rival is None else [values, rival]
+    whole = float(np.round(values[0] - (0.0 if rival is None else rival[0]), _NOTHING)) + 0.0  # no -0.0
+    left = values - (0.0 if rival is None else rival)
+    out = left[1 : len(left) - seeds]
+    out = out[np.isfinite(out)]
+    n = len(out)
+    if not math.isfinite(whole) or n < 2:
         return Interval(None, None, None)
-    return Interval(float(values[0]), *map(float, np.quantile(drawn, (0.025, 0.975))))
+    variances = [(n - 1) / n * float(((out - out.mean()) ** 2).sum())]
+    freedoms = [n - 1.0]
+    if seeds > 1:
+        variances += [float(np.var(arm[-seeds:], ddof=1)) / seeds for arm in both]
+        freedoms += [seeds - 1.0] * len(both)
+    total = sum(variances)
+    if not math.isfinite(total) or math.sqrt(total) < 10.0**-_NOTHING:
+        return Interval(whole, whole, whole)
+    freedom = total**2 / sum(part**2 / count for part, count in zip(variances, freedoms, strict=True))
+    half = float(stdtrit(freedom, 0.975)) * math.sqrt(total)
+    return Interval(whole, whole - half, whole + half)
 
 
 def _clean(score: str) -> Callable[[Scores], Array]:

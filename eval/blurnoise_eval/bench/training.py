@@ -9,7 +9,6 @@ Units: exposure s, light lux, speed px/s, blur px.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -20,13 +19,12 @@ import numpy as np
 from blurnoise.camera import Camera
 from blurnoise_eval.bench.compared import (
     FAILS,
-    RESAMPLES,
     THRESHOLD,
     Array,
     Interval,
     Measure,
     Outcome,
-    draws,
+    designs,
     failure,
     interval,
     measures,
@@ -238,7 +236,6 @@ class Bench:
             "sets": self.sets,
             "models": self.models,
             "threshold": THRESHOLD,
-            "resamples": RESAMPLES,
             "summaries": [
                 {"set": s.part, "measure": s.measure, "arm": s.arm, **s.estimate._asdict()}
                 for s in self.summaries
@@ -335,7 +332,8 @@ def _judge(
         "plan": part.plan.to_dict(),
     }
     arms = list(dict.fromkeys(model.arm for model in detectors))
-    of_pictures, of_seeds = draws(len(boxes), len(arms), len(detectors) // len(arms))
+    seeds = len(detectors) // len(arms)
+    of_pictures, of_seeds = designs(len(boxes), len(arms), seeds)
     scores: dict[str, Array] = {}
     turns = dict.fromkeys(arms, 0)
     for model, detector in detectors.items():
@@ -356,18 +354,18 @@ def _judge(
                 mean, false = float(drawn["confidence"][0]), float(drawn["false_positives"][0])
                 bench.rows.append(Row(part.name, model.arm, model.seed, at, precision, mean, false))
                 progress(1)
-    for score, highest in (("ap50", 1.0), ("confidence", 1.0), ("false_positives", math.inf)):
-        np.clip(scores[score], 0.0, highest, out=scores[score])  # stretched weights of seeds may overshoot
-    _compare(bench, part, arms, scores)
+    _compare(bench, part, arms, scores, seeds)
 
 
-def _compare(bench: Bench, part: Part, arms: list[str], scores: dict[str, Array]) -> None:
+def _compare(bench: Bench, part: Part, arms: list[str], scores: dict[str, Array], seeds: int) -> None:
     """Add the measures of the arms, their differences and failures."""
     for asked in measures(part.conditions):
         values = dict(zip(arms, np.moveaxis(asked.of(scores), 1, 0), strict=True))
-        bench.summaries.extend(Summary(part.name, asked.name, arm, interval(values[arm])) for arm in arms)
+        bench.summaries.extend(
+            Summary(part.name, asked.name, arm, interval(values[arm], seeds)) for arm in arms
+        )
         bench.differences.extend(
-            Difference(part.name, asked, rival, interval(values[OURS] - values[rival]))
+            Difference(part.name, asked, rival, interval(values[OURS], seeds, values[rival]))
             for rival in arms
             if OURS in arms and rival != OURS
         )
@@ -386,7 +384,7 @@ def _boxes(pictures: Iterable[Picture]) -> Boxes:
 
 
 def _scores(found: Sequence[Detections], boxes: Boxes, class_id: int, weights: Array) -> dict[str, Array]:
-    """Scores (draws,) of one network under one condition, for pictures weighted (draws, pictures)."""
+    """Scores (designs,) of one network under one condition, for pictures weighted (designs, pictures)."""
     confidence, false, signs = np.zeros((3, len(boxes)))
     for index, (each, of_picture) in enumerate(zip(found, boxes, strict=True)):
         sure = each.scores[each.class_ids == class_id] >= THRESHOLD

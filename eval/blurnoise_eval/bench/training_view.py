@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from rich.table import Table
 
 from blurnoise.radiometry import photoelectrons
-from blurnoise_eval.bench.compared import FAILS, MOVING, RESAMPLES, THRESHOLD
+from blurnoise_eval.bench.compared import FAILS, MOVING, THRESHOLD
 from blurnoise_eval.bench.training import CAMERA, OURS, Bench, Difference
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.system.files import write_whole
@@ -31,9 +31,10 @@ over signs, 0 for a missed one. False positives: detections of at least {THRESHO
 no sign. Fails: the blur from which the curve stays below {THRESHOLD:g}; ">" where it does not fail up to the longest
 tested, which then stands in for it in the differences; "*" where it had been below before and come back.
 
-Intervals: 95 %, from {RESAMPLES} draws of pictures (the same for every network) and of seeds (for each arm on its
-own). They leave out what all networks share: the training scenes, the network's form, the simulator. About one
-interval in twenty misses the truth, so a single small difference proves little.
+Intervals: 95 %, Student's, over pictures (the same for every network, each left out in turn) and over seeds (of
+each arm on its own), with the few degrees of freedom that few seeds leave. They leave out what all networks share:
+the training scenes, the network's form, the simulator. About one interval in twenty misses the truth, so a single
+small difference proves little.
 """
 
 

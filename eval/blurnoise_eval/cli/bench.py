@@ -14,7 +14,7 @@ from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
-What = Literal["simulate", "sweep", "blur", "noise", "metrics", "augment", "training"]
+What = Literal["simulate", "sweep", "blur", "noise", "metrics", "edges", "intervals", "augment", "training"]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
 TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}
 TRAINING_QUICK = {"scenes": 96, "pictures": 480, "seeds": 2, "held_out": 8}
@@ -83,6 +83,13 @@ def bench(
             "those without a sign by what is found in them",
         ),
     ] = None,
+    replications: Annotated[
+        int | None,
+        Option(metavar="N", help="for intervals: samples of each number of pictures (default: 600)"),
+    ] = None,
+    seed: Annotated[
+        int | None, Option(metavar="N", help="for intervals: of the samples (default: 0)")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure on this machine.
@@ -91,6 +98,8 @@ def bench(
       blur       every way to blur by motion, time beside error
       noise      every way to draw noise, time beside distance from the exact law
       metrics    every way to measure a slanted edge, time beside error
+      edges      edges that deceive, and honest ones: how many of them are withheld or flagged
+      intervals  how often intervals hold the truth, in populations made for it
       sweep      a sweep against bare onnxruntime
       augment    what the augmentations cost beside a training step
       training   whether training with the exposure augmentation helps
@@ -114,6 +123,8 @@ def bench(
         "seeds": (seeds, ("training",)),
         "held-out": (held_out, ("training",)),
         "coco": (coco, ("training",)),
+        "replications": (replications is not None, ("intervals",)),
+        "seed": (seed is not None, ("intervals",)),
     }
     for name, (value, rooms) in asked.items():
         if value and what not in rooms:
@@ -125,12 +136,14 @@ def bench(
     elif what == "augment":
         _augment(workers, quick=quick, as_json=as_json)
     elif what == "training":
-        stated = {"scenes": scenes, "pictures": pictures, "seeds": seeds, "held_out": held_out}
+        asked_for = {"scenes": scenes, "pictures": pictures, "seeds": seeds, "held_out": held_out}
         usual = TRAINING_QUICK if quick else TRAINING
-        sizes = {name: usual[name] if size is None else size for name, size in stated.items()}
+        sizes = {name: usual[name] if size is None else size for name, size in asked_for.items()}
         _train(folder, sizes, coco, images, workers, quick=quick, as_json=as_json)
     else:
-        _room(what, folder, workers, quick=quick, as_json=as_json)
+        extent = {"replications": replications, "seed": seed}
+        stated = {name: size for name, size in extent.items() if size is not None}
+        _room(what, folder, workers, stated, quick=quick, as_json=as_json)
 
 
 def _sweep(
@@ -150,20 +163,28 @@ def _sweep(
             from blurnoise_models import matched_filter
 
             model = matched_filter.build(Path(folder) / "heavy.onnx", input_px=HEAVY_INPUT_PX)
-        pictures = image_folder(images) if images else rendered_signs()
+        pictures = image_folder(images) if images else rendered_signs(count=3)
         if heavy:
             pictures = replace(pictures, pictures=pictures.pictures[:1])
         facts = sweep_speed(given.detector(model, contract), pictures, threads, Path(folder))
     print_facts(facts, as_json)
 
 
-def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) -> None:
-    """One room of methods side by side: tables, JSON, charts."""
+def _room(
+    what: str, folder: Path, threads: int, stated: dict[str, int], *, quick: bool, as_json: bool
+) -> None:
+    """One room of methods side by side: tables, JSON, charts. stated: what replaces the usual extent."""
+    from dataclasses import replace
+
     from blurnoise_eval.bench import (
         blur,
         blur_view,
         chain,
         chain_view,
+        edges,
+        edges_view,
+        intervals,
+        intervals_view,
         metrics,
         metrics_view,
         noise,
@@ -172,6 +193,8 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
 
     rooms = {
         "blur": (blur, blur_view),
+        "edges": (edges, edges_view),
+        "intervals": (intervals, intervals_view),
         "metrics": (metrics, metrics_view),
         "noise": (noise, noise_view),
         "simulate": (chain, chain_view),
@@ -179,7 +202,7 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
     room: Any
     view: Any
     room, view = rooms[what]
-    extent = room.QUICK if quick else room.FULL
+    extent = replace(room.QUICK if quick else room.FULL, **stated)
     folder.mkdir(parents=True, exist_ok=True)
     with ProgressBar("bench", room.steps(extent)) as advance:
         bench = room.measure(extent, threads, advance)

@@ -12,49 +12,84 @@ if TYPE_CHECKING:
 
 
 def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
-    """One row per model, target and setting, one column per velocity: the recommended exposure and the window."""
-    from rich.table import Table
+    """A block per model, target and setting, a line per velocity: the verdict, or the window, the exposure to use
+    with its confidence, and what it may lose; 80 columns unless names are long."""
+    from blurnoise_eval.grid.axes import velocity_of
+    from blurnoise_eval.report import words
+    from blurnoise_eval.report.settings import Setting, settings_of
 
-    from blurnoise_eval.grid.axes import LIGHT, velocity_of, velocity_text
-    from blurnoise_eval.report.settings import Setting, settings_of, word
-
+    if not found:
+        return
     settings = settings_of(found)
-    velocities = list(dict.fromkeys(map(velocity_of, found)))
-    several = len({a["model"] for a in found}) > 1
-    table = Table(
-        title=f"Exposure to use, ms, and (range that keeps mean confidence >= {threshold:g}; < > reach the "
-        "shortest or longest tested)",
-        title_justify="left",
+    several = len({answer["model"] for answer in found}) > 1
+    say(
+        f"Exposures, ms, that keep mean confidence at or above {threshold:g}, 95 % intervals",
+        "over pictures; <= and >=: as far as was tested. use: one of them, its",
+        "confidence, and what it loses at most against the best tested; (use): a guess.",
     )
-    for head in (*(["model"] if several else []), "target"):
-        table.add_column(head)
-    for axis in settings.axes:
-        table.add_column(axis.unit if axis is LIGHT else f"{word(axis)} {axis.unit}".strip(), justify="right")
-    for velocity in velocities:
-        table.add_column(velocity_text(velocity))
-    rows: dict[tuple[str, str, Setting], dict[tuple[float, float], str]] = {}
+    blocks: dict[tuple[str, str, Setting], list[dict[str, Any]]] = {}
     for answer in found:
-        row = rows.setdefault((answer["model"], answer["group"], settings.of(answer)), {})
-        row[velocity_of(answer)] = _answer_text(answer)
-    for (model, group, setting), row in rows.items():
+        blocks.setdefault((answer["model"], answer["group"], settings.of(answer)), []).append(answer)
+    for (model, group, setting), answers in blocks.items():
         named = (model, group) if several else (group,)
-        numbers = (f"{axis.shown(value):g}" for axis, value in zip(settings.axes, setting, strict=True))
-        table.add_row(*named, *numbers, *(row.get(velocity, "") for velocity in velocities))
-    show(table)
+        counted = max(answers, key=lambda answer: answer["n_pictures"])
+        few = " (few)" if counted["few_pictures"] else ""
+        where = settings.text(setting).replace(" · ", ", ")
+        say("", ", ".join((*named, where, words.pictures_text(counted) + few)))
+        say(_line("px/s", "works from, to", "use", "confidence", "loses"))
+        for answer in answers:
+            x, y = velocity_of(answer)
+            for line in _answer_lines(f"{x:g}" if y == 0 and x >= 0 else f"{x:g},{y:g}", answer):
+                say(_in_ascii(line))
+
+
+def _line(speed: str, window: str, use: str, confidence: str, loses: str) -> str:
+    return f"{speed:>8s}  {window:33s} {use:>6s}  {confidence:17s} {loses}".rstrip()
+
+
+def _answer_lines(speed: str, answer: dict[str, Any]) -> list[str]:
+    from blurnoise_eval.grid.axes import milliseconds
+    from blurnoise_eval.report import words
+
+    if answer["verdict"] == words.NONE_WORKS:
+        return [_line(speed, f"{words.NONE_WORKS}; {words.best_text(answer)}", "", "", "")]
+    used = answer["recommended_s"]
+    use = "" if used is None else milliseconds(used)
+    confidence = "" if used is None else words.confidence_text(answer)
+    loses = "" if answer["regret_95"] is None else f"{answer['regret_95']:.3f}"
+    if answer["verdict"] == words.CANNOT_TELL:
+        told = f"{answer['verdict']}; {words.needed_text(answer)}"
+        if used is None:
+            return [_line(speed, f"{told}; {words.best_text(answer)}", "", "", "")]
+        return [_line(speed, told, f"({use})", confidence, loses)]
+    windows = [f"{low} to {high}" for low, high in words.window_ends(answer)]
+    lines = [_line(speed, windows[0], use, confidence, loses)]
+    lines += [_line("", f"and {window}", "", "", "") for window in windows[1:]]
+    notes = words.reservations(answer)[answer["few_pictures"] :]  # the block's head says that they are few
+    return [*lines, *(f"{'':12s}{note}" for note in notes)]
+
+
+def _in_ascii(line: str) -> str:
+    for sign, plain in (("≤", "<="), ("≥", ">="), ("–", "-")):
+        line = line.replace(sign, plain)
+    return line
 
 
 def print_models(rows: list[dict[str, Any]]) -> None:
     """One row per model: how well it does when all is clean, how much of that it keeps, how long it takes."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     table = Table(
         title="P: AP, or share of texts read right, in untouched pictures; mPC: its mean over all other "
-        "conditions; AUC: mean confidence over the range",
+        "conditions; uniform: over light x time and motion, whatever the grid; AUC: mean confidence over the range; "
+        "ms: per picture, median and 95 %",
         title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
     )
-    heads = ("model", "P", "mPC", "rPC", "AUC exposure", "AUC blur", "ms per picture (95 %), threads")
-    for head in heads:
-        table.add_column(head, justify="left" if head == "model" else "right")
+    for head in ("model", "P", "mPC", "uniform", "rPC", "AUC exposure", "AUC blur", "ms, threads"):
+        table.add_column(head, justify="left" if head == "model" else "right", overflow="fold")
     for row in rows:
         values = ("-" if row[name] is None else f"{row[name]:.3f}" for name in _MODEL_NUMBERS)
         took = "-"
@@ -64,16 +99,7 @@ def print_models(rows: list[dict[str, Any]]) -> None:
     show(table)
 
 
-_MODEL_NUMBERS = ("p", "mpc", "rpc", "auc_exposure", "auc_blur")
-
-
-def _answer_text(answer: dict[str, Any]) -> str:
-    if answer["recommended_s"] is None:
-        return "none works"
-    ends = [[f"{1e3 * low:.3g}", f"{1e3 * high:.3g}"] for low, high in answer["windows_s"]]
-    ends[0][0] = ("<" if answer["open_low"] else "") + ends[0][0]
-    ends[-1][1] = (">" if answer["open_high"] else "") + ends[-1][1]
-    return f"{1e3 * answer['recommended_s']:g} ({', '.join('-'.join(pair) for pair in ends)})"
+_MODEL_NUMBERS = ("p", "mpc", "mpc_uniform", "rpc", "auc_exposure", "auc_blur")
 
 
 def print_assumptions(contract: Any, model: Path | None) -> None:

@@ -42,6 +42,13 @@ def measure(
     full_scale: Annotated[
         float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
     ] = None,
+    oecf: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE.csv",
+            help="the camera's curve from a grey scale, a line per field: digital number, light",
+        ),
+    ] = None,
     target_size: Annotated[int, Option(metavar="PX", help="side of SNRI's square, 1 to 64")] = 10,
     target_contrast: Annotated[
         float, Option(metavar="C", help="of SNRI's square to the region's mean level")
@@ -65,7 +72,9 @@ def measure(
       blurnoise measure raw.png --black-level 40 --full-scale 4095 --plot edges.png --csv edges.csv
       blurnoise measure photo.jpg --roi 410,96,80,120         this region: left, top, width, height, px
 
-    Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason.
+    Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason; a
+    number that may be wrong has a question mark, and its reason below. A tone curve that is symmetric about the
+    middle of an edge shows in no single edge; --oecf, or edges of another contrast, resolve it.
     SIC radial takes the blur for the same in all directions. SIC square and the NEQ sum cover the square of all
     frequencies: with the nearest edge across the other axis, or without one as if the blur were the same both ways.
     NEQ is that of the bright side; it needs no gain, which cancels, but the black level.
@@ -75,6 +84,7 @@ def measure(
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.drawing.photon_transfer import plot_suffix
     from blurnoise_eval.quality import picture as measuring
+    from blurnoise_eval.quality.oecf import Oecf
     from blurnoise_eval.system.files import write_whole
 
     if plot:
@@ -85,6 +95,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
+        oecf=Oecf.read(oecf) if oecf else None,
     )
     rois, passed = (roi, ()) if roi else measuring.found_regions(light)
     measured = measuring.measure(light, rois, mode=mode, target=target)
@@ -142,10 +153,11 @@ def _print(measured: list[Measured], target: str) -> None:
 
 
 def reading_text(reading: Estimate) -> str:
-    """'0.09882 (0.0981–0.0995)', or a dash for what cannot be told."""
+    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash for what cannot be told."""
     if not reading.told:
         return "-"
-    return f"{_number(reading.value, 4)} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
+    doubted = "?" if reading.flags else ""
+    return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
 
 
 def _number(value: float, digits: int) -> str:

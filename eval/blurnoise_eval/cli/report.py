@@ -15,12 +15,21 @@ if TYPE_CHECKING:
     from blurnoise_eval.sweep.evaluation import Evaluation
 
 Threshold = Annotated[float, Option(metavar="C", help="confidence that is enough")]
+Cluster = Annotated[
+    str | None,
+    Option(
+        metavar="REGEX",
+        help="pictures in whose names this finds the same count as one in every interval, such as the frames of "
+        "one drive: its first group, or else all that it matches (default: each picture for itself)",
+    ),
+]
 
 
 def report(
     run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep")],
     *,
     threshold: Threshold = 0.6,
+    cluster: Cluster = None,
     output: Annotated[
         Path | None,
         Option("-o", "--output", metavar="DIR", help="where to write them (default: RUN)"),
@@ -36,7 +45,7 @@ def report(
     """
     from blurnoise_eval.sweep.evaluation import Evaluation
 
-    tell(Evaluation(run, threshold, output=output, progress=True), as_json=as_json)
+    tell(Evaluation(run, threshold, cluster=cluster, output=output, progress=True), as_json=as_json)
 
 
 def tell(done: Evaluation, *, as_json: bool) -> None:

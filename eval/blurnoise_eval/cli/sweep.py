@@ -12,7 +12,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
 from blurnoise_eval.cli.console import print_assumptions
-from blurnoise_eval.cli.report import Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -91,13 +91,12 @@ def sweep(
         float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
     ] = 100.0,
     grid: Grid,
-    repeats: Annotated[
-        int | None, Option(metavar="N", help="noise fields per picture (default: rendered 3, else 1)")
-    ] = None,
+    repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     threshold: Threshold = 0.6,
+    cluster: Cluster = None,
     engine: Annotated[
         str,
         Option(
@@ -119,15 +118,17 @@ def sweep(
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
       blurnoise sweep --ocr -o run                                       the rendered STOP, read
 
-    Without pictures: rendered stop signs of 100, 50 and 32 px. A sweep that was stopped goes on where it was when
-    the same command is given again.
+    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
+    goes on where it was when the same command is given again.
     """
     exposed_by = given.camera(camera)
     from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.sweep.evaluation import evaluate, usual_repeats
+    from blurnoise_eval.scoring.clusters import cluster_of
+    from blurnoise_eval.sweep.evaluation import evaluate
 
     in_range("threshold", threshold, 0.0, 1.0)
+    cluster_of("", cluster)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
@@ -145,8 +146,7 @@ def sweep(
         max_megapixels=max_megapixels,
         reads=given.read(models),
     )
-    count = usual_repeats(pictures) if repeats is None else repeats
-    plan = SweepPlan(grid, repeats=count, seed=seed, grey_anchor=grey_anchor)
+    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(
@@ -156,6 +156,7 @@ def sweep(
         plan,
         output,
         threshold=threshold,
+        cluster=cluster,
         engine=engine,
         threads=workers,
         progress=True,

@@ -1,55 +1,148 @@
-"""Stop signs rendered by :mod:`blurnoise.charts`, to be found or to be read."""
+"""Stop signs rendered by :mod:`blurnoise.charts` before many backgrounds, to be found or to be read."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise._core.checks import integer
+from blurnoise._core.rng import LAST_SEED
+from blurnoise_eval.datasets.backgrounds import background
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 
 RENDERED_SIZE_PX = 320
-_FRAME: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
+RENDERED_PICTURES = 20
+"""As many as intervals over pictures ask for."""
+SIZE_SPREAD = 0.05
+"""A sign is up to this share smaller or larger than its group says, so that no answer is one raster's."""
+_MOST_PICTURES = 10_000
 _SIGNS_PX = (100, 50, 32)
+_APART_PX = 24.0  # signs from one another and from the border, at least
+_SMEAR_PX = 45.0  # to either side of a sign: half the longest motion that a sweep tests by default
+_FRAME: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
 
 
-def rendered_signs(sizes_px: Sequence[int] = _SIGNS_PX) -> PictureSet:
-    """A stop sign of each size (px across flats) in the middle of an 18 % grey square of 320 px."""
+class _Sign(NamedTuple):
+    """A sign in a picture: its group's size and its own, across flats, and its centre (x, y), px."""
+
+    group_px: float
+    size_px: float
+    centre_px: tuple[float, float]
+
+
+def rendered_signs(
+    sizes_px: Sequence[float] = _SIGNS_PX, *, count: int = RENDERED_PICTURES, seed: int = 0
+) -> PictureSet:
+    """Squares of 320 px with a stop sign of each size (px across flats), before ``count`` backgrounds.
+
+    Signs are within 5 % of their size and stand at random, to fractions of a pixel, one above the other, with room
+    for 90 px of motion along x. Sizes that do not fit beside each other have pictures of their own. Backgrounds
+    are plain, graded, of 1/f texture and cluttered in turn, dark to bright. What picture i shows depends on sizes,
+    ``seed`` and i alone. Raises ``TypeError`` or ``ValueError`` for a size that does not fit, a count that is no
+    integer from 1 to 10000, a seed that is none from 0 on.
+    """
     from blurnoise.charts import stop_sign_box
 
-    targets = [
-        Target("stop sign", f"stop sign {size} px", stop_sign_box(size, **_FRAME)) for size in sizes_px
-    ]
-    return _signs("stop signs", sizes_px, targets)
+    def target(sign: _Sign) -> Target:
+        box = stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+        return Target("stop sign", f"stop sign {sign.group_px:g} px", box)
+
+    return _pictures("stop signs", target, sizes_px, count, seed)
 
 
-def rendered_texts(sizes_px: Sequence[int] = _SIGNS_PX) -> PictureSet:
+def rendered_texts(
+    sizes_px: Sequence[float] = _SIGNS_PX, *, count: int = RENDERED_PICTURES, seed: int = 0
+) -> PictureSet:
     """The pictures of :func:`rendered_signs`; to be read is the word STOP, a third of the sign in height."""
     from blurnoise.charts import stop_sign_text_box
 
-    targets = [
-        Target("text", f"STOP on a sign of {size} px", stop_sign_text_box(size, **_FRAME), text="STOP")
-        for size in sizes_px
-    ]
-    return _signs("texts of stop signs", sizes_px, targets)
+    def target(sign: _Sign) -> Target:
+        box = stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+        return Target("text", f"STOP on a sign of {sign.group_px:g} px", box, text="STOP")
+
+    return _pictures("texts of stop signs", target, sizes_px, count, seed)
 
 
-def _signs(what: str, sizes_px: Sequence[int], targets: Sequence[Target]) -> PictureSet:
-    pictures = tuple(
-        Picture(f"stop-sign-{size}px", (target,), partial(_render, size), f"rendered {size} px", number)
-        for number, (size, target) in enumerate(zip(sizes_px, targets, strict=True), start=1)
-    )
-    source = f"{what} of {', '.join(map(str, sizes_px))} px"
-    return PictureSet("rendered", source, pictures, {target.label: 1 for target in targets})
+def _pictures(
+    what: str, target: Callable[[_Sign], Target], sizes_px: Sequence[float], count: int, seed: int
+) -> PictureSet:
+    from blurnoise.charts import stop_sign_box
+
+    for size in sizes_px:
+        stop_sign_box(size, **_FRAME)
+    integer("count", count, 1, _MOST_PICTURES)
+    integer("seed", seed, 0, LAST_SEED)
+    pictures: list[Picture] = []
+    for sizes in _sharing(sizes_px):
+        listed = "-".join(f"{size:g}" for size in sizes)
+        for number in range(count):
+            signs = _placed(sizes, number, seed)
+            pictures.append(
+                Picture(
+                    f"stop-signs-{listed}px-{number + 1:02}",
+                    tuple(map(target, signs)),
+                    partial(_render, signs, number, seed),
+                    f"rendered {listed} px, {number} of seed {seed}",
+                    len(pictures) + 1,
+                )
+            )
+    source = f"{what} of {', '.join(f'{size:g}' for size in sizes_px)} px before {count} backgrounds"
+    return PictureSet("rendered", source, tuple(pictures), {each.label: 1 for each in _targets(pictures)})
 
 
-def _render(size_px: int) -> NDArray[np.uint8]:
+def _targets(pictures: Sequence[Picture]) -> Iterator[Target]:
+    return (target for picture in pictures for target in picture.targets or ())
+
+
+def _sharing(sizes_px: Sequence[float]) -> list[list[float]]:
+    """The sizes in groups that fit into one picture, in their order."""
+    groups: list[list[float]] = []
+    for size in sizes_px:
+        last = groups[-1] if groups else []
+        height = sum([*last, size]) * (1 + SIZE_SPREAD)
+        if last and height + (len(last) + 2) * _APART_PX <= RENDERED_SIZE_PX:
+            last.append(size)
+        else:
+            groups.append([size])
+    return groups
+
+
+def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, ...]:
+    """Signs of these sizes in picture ``number``, one above the other in random order."""
+    rng = np.random.default_rng([seed, number, 1])
+    most = min(1 + SIZE_SPREAD, max(1.0, RENDERED_SIZE_PX / sum(sizes_px)))
+    own = [size * rng.uniform(1 - SIZE_SPREAD, most) for size in sizes_px]
+    free = max(0.0, RENDERED_SIZE_PX - sum(own))
+    apart = min(_APART_PX, free / (len(own) + 1))
+    gaps = apart + np.diff(np.sort(rng.uniform(0, free - (len(own) + 1) * apart, len(own))), prepend=0.0)
+    placed: dict[int, _Sign] = {}
+    top = 0.0
+    for gap, place in zip(gaps.tolist(), rng.permutation(len(own)).tolist(), strict=True):
+        half = own[place] / 2
+        beside = half + max(0.0, min(_SMEAR_PX, RENDERED_SIZE_PX / 2 - half))
+        x = rng.uniform(beside, RENDERED_SIZE_PX - beside)
+        placed[place] = _Sign(sizes_px[place], own[place], (x, top + gap + half))
+        top += gap + 2 * half
+    return tuple(placed[place] for place in range(len(own)))
+
+
+def _render(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
+    return _rendered(signs, number, seed).copy()
+
+
+@lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
+def _rendered(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
+    import torch
+
     from blurnoise import charts
     from blurnoise.encoding import srgb_from_linear
 
-    linear = charts.stop_sign(size_px, **_FRAME)
-    coded: Any = srgb_from_linear(linear[0]).mul(255).round().byte().permute(1, 2, 0).contiguous().numpy()
+    picture = torch.from_numpy(background(number, np.random.default_rng([seed, number]), RENDERED_SIZE_PX))
+    for sign in signs:
+        picture = charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=picture)
+    coded: Any = srgb_from_linear(picture[0]).mul(255).round().byte().permute(1, 2, 0).contiguous().numpy()
     return np.asarray(coded, np.uint8)

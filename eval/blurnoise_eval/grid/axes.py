@@ -77,11 +77,11 @@ class Coordinate:
     logarithmic: bool = False
 
 
-def milliseconds(exposure_s: float) -> str:
-    """'2.5': three digits of ms, never in powers of ten."""
+def milliseconds(exposure_s: float, digits: int = 3) -> str:
+    """'2.5': so many digits of ms, never in powers of ten."""
     import numpy as np
 
-    return np.format_float_positional(1e3 * exposure_s, 3, fractional=False, trim="-")
+    return np.format_float_positional(1e3 * exposure_s, digits, fractional=False, trim="-")
 
 
 AXES: tuple[Axis, ...] = (

@@ -20,6 +20,7 @@ from blurnoise.encoding import linear_from_srgb
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.edge_information import (
+    NOT_WHITE,
     capacity_radial,
     capacity_square,
     neq_0,
@@ -30,6 +31,7 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.quality.oecf import Oecf
 
 Coding = Literal["auto", "srgb", "linear"]
 
@@ -50,6 +52,10 @@ TITLES = {
 """The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
 _NOISELESS = "no noise: what is measured against it has no bound"
+_NOT_WHITE = (
+    "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white"
+)
+_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
 _RESAMPLES = 200
 _FEWEST_LEVELS = 255  # of a converter
 
@@ -114,12 +120,16 @@ def linear(
     *,
     black_level: float | None = None,
     full_scale: float | None = None,
+    oecf: Oecf | None = None,
 ) -> Linear:
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
-    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture. Raises
-    ``ValueError`` for them beside sRGB coding, and for numbers that do not fit.
+    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
+    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
+    coding, and for numbers that do not fit.
     """
+    if oecf is not None:
+        return _by_oecf(picture, oecf, coding, black_level, full_scale)
     bits = 8 * picture.itemsize
     planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
     notes: tuple[str, ...] = ("colour: measured as luminance (ITU-R BT.709)",) if len(planes) == 3 else ()
@@ -132,7 +142,7 @@ def linear(
                 )
         if coding == "auto":
             notes += ("8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are",)
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", notes)
+        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
     if full_scale is None and _piled_up(planes, largest):
         full_scale = largest
@@ -148,7 +158,21 @@ def linear(
             f"full scale taken as {most:g}, the largest number is {largest:g}: clipping at fewer bits goes unseen "
             "without --full-scale",
         )
-    return Linear(planes, top, black, "DN", notes)
+    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
+
+
+def _by_oecf(
+    picture: Image, oecf: Oecf, coding: Coding, black_level: float | None, full_scale: float | None
+) -> Linear:
+    for name, given in (
+        ("coding", coding != "auto"),
+        ("black_level", black_level),
+        ("full_scale", full_scale),
+    ):
+        if given:
+            raise ValueError(f"{name}: goes without --oecf, which says what every number means")
+    planes = torch.from_numpy(oecf.light_of(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64)))
+    return Linear(planes, 1.0, 0.0, "of white", (f"made linear by a grey scale of {len(oecf.light)} fields",))
 
 
 def _piled_up(planes: Tensor, largest: float) -> bool:
@@ -193,6 +217,8 @@ def measure(
         doubts = [flag.value for flag in Flag if flag in edge.flags]
         if any("noiseless" in estimate.flags for estimate in estimates.values()):
             doubts.append(_NOISELESS)
+        if any(NOT_WHITE in estimate.flags for estimate in estimates.values()):
+            doubts.append(_NOT_WHITE)
         number = None if second is None else second + 1
         measured.append(Measured(index + 1, roi, edge, number, estimates, tuple(doubts)))
     return measured

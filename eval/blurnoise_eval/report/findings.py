@@ -15,38 +15,11 @@ from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS
+from blurnoise_eval.report.words import CANNOT_TELL, WORKS
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
-
-
-def window_text(answer: dict[str, Any]) -> str:
-    """The exposure windows in words, such as '≤ 1 ms (shortest tested) to 22 ms'."""
-    if not answer["windows_s"]:
-        return "no exposure works"
-    if len(answer["exposures_s"]) == 1:
-        return f"{EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
-    ends = [[EXPOSURE.text(low), EXPOSURE.text(high)] for low, high in answer["windows_s"]]
-    if answer["open_low"]:
-        ends[0][0] = f"≤ {ends[0][0]} (shortest tested)"
-    if answer["open_high"]:
-        ends[-1][1] = f"≥ {ends[-1][1]} (longest tested)"
-    return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends)
-
-
-def failure_text(curve: dict[str, Any]) -> str:
-    """Where a curve over blur fails: '12.1 px', 'beyond 24 px' or 'below throughout'."""
-    if curve["fails_at"] is None:
-        return f"beyond {curve['x'][-1]:.3g} px"
-    return "below throughout" if curve["fails_at"] == curve["x"][0] else f"{curve['fails_at']:.3g} px"
-
-
-def interval_text(curve: dict[str, Any]) -> str | None:
-    """The 95 % interval of a failure point over blur, None where it says nothing more than the point."""
-    low, high = curve["fails_low"], curve["fails_high"]
-    if low is None or low == high:
-        return None
-    return f"95 %: {low:.3g} to {high:.3g} px" if high is not None else f"95 %: from {low:.3g} px"
+SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what the box decides
 
 
 def best_common_exposure(answers: list[dict[str, Any]], threshold: float) -> tuple[float, int] | None:
@@ -71,26 +44,30 @@ def summary(data: RunData) -> list[str]:
     if not data.answers:
         return ["The pictures hold no targets, so no exposure can be recommended."]
     names = model_names(data)
-    if len(names) == 1:
-        return _answer_lines(data)
-    return [*_ranking(data), *_leaders(data)]
+    lines = _answer_lines(data) if len(names) == 1 else [*_ranking(data), *_leaders(data)]
+    return [*lines, *_swept(data)]
 
 
 def _answer_lines(data: RunData) -> list[str]:
     answers, threshold = data.answers, data.manifest["threshold"]
-    total, working = len(answers), count_working(answers)
-    if working == 0:
+    total, untold = len(answers), count_untold(answers)
+    reached = any(answer["windows_s"] for answer in answers)
+    if not reached and not untold:
         return [f"No tested exposure reaches a mean confidence of {threshold:g} for any {_what(data, 'or')}."]
     lines = [
-        f"An exposure that keeps the mean confidence at or above {threshold:g} exists in {working} of "
-        f"{total} combinations of {_what(data)}."
+        f"An exposure that keeps the mean confidence at or above {threshold:g} exists in "
+        f"{count_working(answers)} of {total} combinations of {_what(data)}{_untold(untold)}."
     ]
-    if total > 1 and (best := best_common_exposure(answers, threshold)):
+    if total > 1 and reached and (best := best_common_exposure(answers, threshold)):
         lines.append(
-            f"If the camera must use one exposure for all of them: {EXPOSURE.text(best[0])} works in "
-            f"{best[1]} of {total}; no other tested exposure works in more."
+            f"If the camera must use one exposure for all of them: {EXPOSURE.text(best[0])} reaches it in "
+            f"{best[1]} of {total}; no other tested exposure in more."
         )
     return lines
+
+
+def _untold(count: int) -> str:
+    return f"; in {count} the pictures are too few to tell" if count else ""
 
 
 def _ranking(data: RunData) -> list[str]:
@@ -103,7 +80,8 @@ def _ranking(data: RunData) -> list[str]:
     }
     share = {name: count_working(answers) / len(answers) for name, answers in of_model.items()}
     best = max(share.values())
-    if best == 0:
+    untold = count_untold(data.answers)
+    if best == 0 and not untold:
         return [f"No model reaches a mean confidence of {threshold:g} at any tested exposure."]
     order = sorted(share, key=lambda name: -share[name])
     first = [name for name in order if share[name] == best]
@@ -111,13 +89,13 @@ def _ranking(data: RunData) -> list[str]:
     listed = ", ".join(counts[:MAX_LISTED]) + (", …" if len(counts) > MAX_LISTED else "")
     lines = [
         f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of {_what(data)} in "
-        f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}."
+        f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}{_untold(untold)}."
     ]
     common = best_common_exposure(of_model[first[0]], threshold)
     if common and len(of_model[first[0]]) > 1:
         lines.append(
             f"If the camera must use one exposure for all of them: with {first[0]}, {EXPOSURE.text(common[0])} "
-            f"works in {common[1]} of {len(of_model[first[0]])}."
+            f"reaches it in {common[1]} of {len(of_model[first[0]])}."
         )
     return lines
 
@@ -133,14 +111,40 @@ def _leaders(data: RunData) -> list[str]:
     return [f"Ahead in {'; '.join(leaders)}."] if leaders else []
 
 
+def _swept(data: RunData) -> list[str]:
+    """Where it matters most whether a target's box is that at mid-exposure or all that its motion sweeps."""
+    lines = []
+    for name in model_names(data):
+        rates = [
+            (row["detection_rate_swept"] - row["detection_rate"], row)
+            for row in data.scores
+            if row["model"] == name and row.get("detection_rate_swept") is not None
+        ]
+        differing = [each for each in rates if abs(each[0]) >= SWEPT_DIFFERENCE]
+        if differing:
+            _, row = max(differing, key=lambda each: abs(each[0]))
+            lines.append(
+                f"{name} is held to boxes at mid-exposure; against all that the motion sweeps the detection rate "
+                f"differs by {SWEPT_DIFFERENCE:g} and more in {len(differing)} of {len(rates)} conditions, most at "
+                f"{data.settings.condition_text(row)}: {row['detection_rate']:.2f}, swept "
+                f"{row['detection_rate_swept']:.2f}."
+            )
+    return lines
+
+
 def _what(data: RunData, last: str = "and") -> str:
     """'target, light and speed', with what else varies."""
     return _joined(["target", *map(word, data.settings.axes), "speed"], last)
 
 
 def count_working(answers: Iterable[dict[str, Any]]) -> int:
-    """In how many answers some exposure works."""
-    return sum(bool(answer["windows_s"]) for answer in answers)
+    """In how many answers some exposure surely works."""
+    return sum(answer["verdict"] == WORKS for answer in answers)
+
+
+def count_untold(answers: Iterable[dict[str, Any]]) -> int:
+    """In how many answers the pictures are too few to tell."""
+    return sum(answer["verdict"] == CANNOT_TELL for answer in answers)
 
 
 def alarms(data: RunData) -> list[str]:

@@ -22,6 +22,7 @@ from blurnoise_eval.report.measured import (
 from blurnoise_eval.report.scores import CHOICES
 from blurnoise_eval.report.settings import axis_label, word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
+from blurnoise_eval.report.words import WORKS
 from blurnoise_eval.scoring.registry import Score
 
 
@@ -41,10 +42,12 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
     axes: exposure, speed, then light and what else varies: their words, texts and colours, and the numbers of
     those beyond speed. settings: the place of each setting on the axes beyond speed.
     points: model, group, setting, velocity, exposure, mean confidence, low, high, number of targets.
-    scores: model, setting, velocity, exposure, number of pictures, then a value per score. clean: per model,
+    scores: model, setting, velocity, exposure, number of pictures, a value per score, low and
+    high of each. clean: per model,
     the same values when untouched. clean_confidence: per model and group. windows: model, group, setting,
-    velocity, ends in s. failures, over blur: model, group, setting, exposure, px (None: never, or throughout),
-    low, high, whether the curve had come back, last px tested.
+    velocity, ends in s, whether it is sure to be there, and the intervals of both ends. failures, over blur:
+    model, group, setting, exposure, px (None: never, or throughout), low, high, whether the curve had come back,
+    last px tested.
     """
     models, settings, chosen = model_names(data), data.settings, choices(data)
     measured = [point for point in points(data) if point.group in groups]
@@ -86,6 +89,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             [m_of[row["model"]], s_of[settings.of(row)], v_of[velocity_of(row)], e_of[row["exposure_s"]]]
             + [row["n_images"]]
             + [_short(row[score.name]) for score in chosen]
+            + [_short(row.get(f"{score.name}_{end}")) for score in chosen for end in ("low", "high")]
             for row in data.scores
             if not row["clean"]
         ],
@@ -94,10 +98,13 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             [_short(clean_confidence(data, model, group)) for group in groups] for model in models
         ],
         "windows": [
-            [m_of[a["model"]], g_of[a["group"]], s_of[settings.of(a)], v_of[velocity_of(a)], low, high]
+            [
+                *(m_of[a["model"]], g_of[a["group"]], s_of[settings.of(a)], v_of[velocity_of(a)]),
+                *(*window, a["verdict"] == WORKS, low, high),
+            ]
             for a in data.answers
             if a["group"] in g_of
-            for low, high in a["windows_s"]
+            for window, low, high in zip(a["windows_s"], a["windows_low_s"], a["windows_high_s"], strict=True)
         ],
         "failures": [
             [

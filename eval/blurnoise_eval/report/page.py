@@ -42,7 +42,15 @@ FIGURES: Figures = {
     "confidence_speed.png": figures.confidence_speed,
     "examples.png": figures.contact_sheet,
 }
-TABLES = ("models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv", "results.json")
+TABLES = (
+    "answers.csv",
+    "models.csv",
+    "scores.csv",
+    "curves.csv",
+    "results.csv",
+    "targets.csv",
+    "results.json",
+)
 COMPARISONS: Figures = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
 
 
@@ -67,7 +75,7 @@ def write_report(data: RunData, folder: Path) -> Path:
         with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
             warnings.filterwarnings("ignore", "Glyph .* missing from font")
             drawing = io.BytesIO()
-            draw(data).savefig(drawing, format="png", dpi=150)
+            draw(data).savefig(drawing, format="png", dpi=150, pil_kwargs={"compress_level": 1})
         write_whole(folder / "figures" / name, drawing.getvalue())
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -90,6 +98,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
     return {
         "title": manifest["title"],
         "threshold": manifest["threshold"],
+        "cluster": manifest.get("cluster"),
         "models": names,
         "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
         "camera_name": camera.get("name", "camera"),

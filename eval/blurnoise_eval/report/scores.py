@@ -44,6 +44,11 @@ MODEL_SCORES = (
         "mpc", "no condition scored",
         "mean of the same over all conditions but the untouched, each weighted alike", "mPC",
     ),
+    ModelScore(
+        "mpc_uniform", "no condition scored",
+        "mean of the same over light x time and motion, log-uniform over what was tested, whatever the grid",
+        "mPC, uniform",
+    ),
     ModelScore("rpc", "needs mPC, and P above 0", "mPC / P", "rPC"),
     ModelScore(
         "auc_exposure", _CURVES,

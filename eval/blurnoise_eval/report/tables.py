@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
-from blurnoise_eval.report import findings
+from blurnoise_eval.report import findings, words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
 from blurnoise_eval.report.scores import MODEL_SCORES
@@ -36,8 +36,12 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
         cells = [
             {"text": None, "why": score.missing, "best": False}
             if value is None
-            else {"text": _number(value, score.digits) + unit, "why": "", "best": value == best}
-            for value in values
+            else {
+                "text": _number(value, score.digits) + unit + _interval(row, score.name),
+                "why": "",
+                "best": value == best,
+            }
+            for value, row in zip(values, models, strict=True)
         ]
         rows.append({"name": score.title, "meaning": score.meaning, "cells": cells})
     return rows
@@ -92,11 +96,11 @@ def failures(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
 def _failure_cell(curve: dict[str, Any]) -> dict[str, Any]:
     auc = finite(curve["auc"])
     notes = (
-        findings.interval_text(curve),
-        None if auc is None else f"AUC {auc:.2f}",
+        words.interval_text(curve),
+        None if auc is None else f"AUC {_with_interval(auc, curve['auc_low'], curve['auc_high'])}",
         "non-monotonic" if curve["non_monotonic"] else None,
     )
-    return {"text": findings.failure_text(curve), "notes": [note for note in notes if note]}
+    return {"text": words.failure_text(curve), "notes": [note for note in notes if note]}
 
 
 def _group_answers(data: RunData, answers: list[dict[str, Any]]) -> dict[str, Any]:
@@ -107,7 +111,8 @@ def _group_answers(data: RunData, answers: list[dict[str, Any]]) -> dict[str, An
         (settings.text(setting), [cells.get((setting, velocity)) for velocity in data.velocities_px_s])
         for setting in shown_settings(data)
     ]
-    return {"n_targets": max(answer["n_targets"] for answer in answers), "rows": rows}
+    counts = {name: max(answer[name] for answer in answers) for name in ("n_targets", "n_pictures")}
+    return {**counts, "rows": rows}
 
 
 def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
@@ -120,18 +125,28 @@ def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
     def bar(a: float, b: float) -> tuple[float, float]:
         return min(percent(a), 100 - MIN_BAR_PERCENT), max(MIN_BAR_PERCENT, percent(b) - percent(a))
 
-    measured = [pair for pair in zip(answer["confidence"], exposures, strict=True) if pair[0] is not None]
-    best = max(measured, key=lambda pair: pair[0]) if measured else None
     recommended = answer["recommended_s"]
     return {
-        "works": bool(answer["windows_s"]),
-        "window": findings.window_text(answer),
+        "verdict": answer["verdict"],
+        "told": words.verdict_text(answer),
+        "window": words.window_text(answer) if answer["windows_s"] else None,
         "recommended": None if recommended is None else EXPOSURE.text(recommended),
-        "confidence": answer["confidence_at_recommended"],
-        "best": None if best is None else f"best {best[0]:.2f} at {EXPOSURE.text(best[1])}",
+        "confidence": None if recommended is None else words.confidence_text(answer),
+        "regret": None if answer["regret_95"] is None else f"loses at most {answer['regret_95']:.3f}",
+        "reservations": words.reservations(answer),
+        "best": words.best_text(answer),
         "bars": [bar(a, b) for a, b in answer["windows_s"]] if low < high else None,
         "tick": percent(recommended) if recommended is not None and low < high else None,
     }
+
+
+def _with_interval(value: float, low: float | None, high: float | None) -> str:
+    return f"{value:.2f}" if low is None or high is None else f"{value:.2f} ({low:.2f}–{high:.2f})"
+
+
+def _interval(row: dict[str, Any], name: str) -> str:
+    low, high = finite(row.get(f"{name}_low")), finite(row.get(f"{name}_high"))
+    return "" if low is None or high is None else f" ({low:.3f}–{high:.3f})"
 
 
 def _number(value: float, digits: str) -> str:

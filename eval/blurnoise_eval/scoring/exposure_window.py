@@ -1,4 +1,8 @@
-"""The exposure window in which a detector keeps its confidence, and an exposure inside it."""
+"""The exposure window in which a detector keeps its confidence, and an exposure inside it.
+
+Domain: exposures in s, logarithmic; confidences and shares in [0, 1]. An end of the tested range is unknown, never
+an edge: a window reaches at least that far.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +10,25 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY
-from blurnoise_eval.scoring.curves import Surface
+from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.crossings import Bounds, Crossed, Curve, Stretch, windows
+from blurnoise_eval.scoring.surfaces import Surface
 
 NEAR_BEST = 0.02
 """Confidences this close to the window's best count as equally good when one exposure is recommended."""
+EQUALLY_SATURATED = 0.05
+"""So do shares of saturated values this close to the least: lamps and glints are in many pictures."""
+SPARE_STOPS = 2.0
+"""That are enough: four times the light or the speed may come before an edge of the window."""
+_MOST_PICTURES = 9999  # that are asked for
+Verdict = Literal["works", "no exposure works", "cannot tell"]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,11 +36,20 @@ class Answer:
     """What to do for one model and kind of target in one setting and at one velocity.
 
     at: values of all axes but the exposure. exposures_s: tested, increasing; confidence: mean over the
-    ``n_targets`` samples (targets x repeats) at each; low, high: its 95 % bootstrap interval over pictures, or
-    over noise fields below three pictures, None below three of either. windows_s: stretches of exposure in which
-    the mean stays at or above the threshold, ends interpolated on a logarithmic scale; open_low, open_high: a
-    window reaches the shortest or longest exposure tested. recommended_s: a tested exposure, None when no
-    exposure works.
+    ``n_targets`` targets (times repeats) at each; low, high: its 95 % interval over ``n_pictures`` clusters, None
+    below 8; few_pictures: fewer than 20. saturated: mean share of the pictures' values at a limit of the sensor,
+    None where it is not known.
+
+    verdict: "works": at some tested exposure the mean is surely at or above the threshold; "no exposure works":
+    surely at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
+    many should be enough if they are like these (None: more than 9999). windows_s: stretches of exposure in which
+    the mean stays at or above the threshold; windows_low_s, windows_high_s: the 95 % intervals of their first and
+    last exposures, None at an end that lies outside the tested range or is not known. sure_windows_s: where it is
+    surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
+
+    recommended_s: a tested exposure, None when the mean reaches the threshold nowhere; unless the verdict is
+    "works" it is only the best guess. recommended_low, recommended_high: the interval of its confidence.
+    regret_95: what it loses at most, at 95 %, against the best of the tested exposures.
     """
 
     model: str
@@ -37,96 +60,112 @@ class Answer:
     confidence: tuple[float, ...]
     low: tuple[float, ...] | None
     high: tuple[float, ...] | None
-    windows_s: tuple[tuple[float, float], ...]
+    windows_s: tuple[Stretch, ...]
     open_low: bool
     open_high: bool
     recommended_s: float | None
     confidence_at_recommended: float | None
+    n_pictures: int
+    few_pictures: bool
+    verdict: Verdict
+    pictures_to_tell: int | None
+    windows_low_s: tuple[Bounds, ...]
+    windows_high_s: tuple[Bounds, ...]
+    sure_windows_s: tuple[Stretch, ...]
+    recommended_low: float | None
+    recommended_high: float | None
+    regret_95: float | None
+    saturated: tuple[float, ...] | None
+    saturated_at_recommended: float | None
 
     def row(self) -> dict[str, Any]:
         """As a table's row: the axes are columns."""
         rest = {name: value for name, value in vars(self).items() if name not in ("model", "group", "at")}
-        rest["windows_s"] = [list(window) for window in self.windows_s]
+        for name in ("windows_s", "windows_low_s", "windows_high_s", "sure_windows_s"):
+            rest[name] = [list(pair) for pair in rest[name]]
         return {"model": self.model, "group": self.group, **self.at, **rest}
 
 
-def windows(
-    exposures_s: Sequence[float], confidence: Sequence[float], threshold: float
-) -> list[tuple[float, float]]:
-    """Stretches of exposure with confidence >= threshold, between log-interpolated crossings.
-
-    exposures_s: increasing, > 0. A stretch that holds at an end of the range ends there.
-    """
-    result: list[tuple[float, float]] = []
-    start: float | None = None
-    for index, (exposure, value) in enumerate(zip(exposures_s, confidence, strict=True)):
-        above = value >= threshold
-        if above and start is None:
-            start = exposure if index == 0 else _crossing(exposures_s, confidence, index, threshold)
-        elif not above and start is not None:
-            result.append((start, _crossing(exposures_s, confidence, index, threshold)))
-            start = None
-    if start is not None:
-        result.append((start, exposures_s[-1]))
-    return result
-
-
 def recommend(
-    exposures_s: Sequence[float], confidence: Sequence[float], threshold: float
+    exposures_s: Sequence[float],
+    confidence: Sequence[float],
+    threshold: float,
+    *,
+    sure: Sequence[bool] | None = None,
+    saturated: Sequence[float] | None = None,
 ) -> tuple[float, float] | None:
-    """A tested exposure and its confidence: of those near the best, the one with most stops to spare.
+    """A tested exposure and its confidence; None when no exposure reaches the threshold.
 
-    The window that holds the best tested confidence counts; None when no exposure reaches the threshold.
+    Of the exposures that surely work (``sure``; all that work if there are none), in the window of the best of
+    them: those near the best; of these, those that saturate least; of these, one with stops to spare to the edges
+    that were seen: the longest with ``SPARE_STOPS`` below the upper edge, or, where only the lower was seen, the
+    shortest with as many above it; if none has as many, the one with most. Without any edge, the best. So what
+    stands does not move when a wider range is tested, unless there is something better, or a nearer edge.
     """
-    best = max(range(len(exposures_s)), key=lambda index: confidence[index])
-    if confidence[best] < threshold:
+    works = [value >= threshold for value in confidence]
+    if not any(works):
         return None
-    found = windows(exposures_s, confidence, threshold)
-    low, high = next(window for window in found if window[0] <= exposures_s[best] <= window[1])
-    inside = [
+    asked = list(sure) if sure is not None and any(sure) else works
+    best = max(np.flatnonzero(asked).tolist(), key=lambda index: confidence[index])
+    low, high = next(
+        window
+        for window in windows(exposures_s, confidence, threshold)
+        if window[0] <= exposures_s[best] <= window[1]
+    )
+    near = [
         index
         for index, exposure in enumerate(exposures_s)
-        if low <= exposure <= high and confidence[index] >= max(threshold, confidence[best] - NEAR_BEST)
+        if asked[index] and low <= exposure <= high and confidence[index] >= confidence[best] - NEAR_BEST
     ]
-    chosen = max(inside, key=lambda index: min(exposures_s[index] / low, high / exposures_s[index]))
+    if saturated is not None:
+        least = min(saturated[index] for index in near)
+        near = [index for index in near if saturated[index] <= least + EQUALLY_SATURATED]
+    edges = [edge for edge in (low, high) if exposures_s[0] < edge < exposures_s[-1]]
+    if not edges:
+        chosen = max(near, key=lambda index: confidence[index])
+        return exposures_s[chosen], confidence[chosen]
+
+    def spare(index: int) -> float:
+        return min(abs(math.log2(exposures_s[index] / edge)) for edge in edges)
+
+    enough = [index for index in near if spare(index) >= SPARE_STOPS]
+    chosen = enough[-1 if edges[-1] == high else 0] if enough else max(near, key=spare)
     return exposures_s[chosen], confidence[chosen]
 
 
-def answers(surface: Surface, threshold: float, generator: np.random.Generator) -> list[Answer]:
+def answers(surface: Surface, threshold: float) -> list[Answer]:
     """One :class:`Answer` for every velocity of the surface."""
-    drawn = surface.resampled(generator)
-    mean = surface.mean
     found = []
     for v, velocity in enumerate(surface.velocities_px_s):
-        measured = np.isfinite(mean[:, v])
+        measured = surface.counts[:, :, v].sum(axis=0) > 0
         if not measured.any():
             continue
-        exposures = tuple(np.array(surface.exposures_s)[measured].tolist())
-        means = tuple(mean[measured, v].tolist())
-        low = high = None
-        if drawn is not None:
-            ends = np.nanquantile(drawn[:, measured, v], (0.025, 0.975), axis=0)
-            low, high = (tuple(end.tolist()) for end in ends)
-        choice = recommend(exposures, means, threshold)
-        at = dict(zip((*SETTING, *VELOCITY), (*surface.setting, *velocity), strict=True))
-        found.append(
-            Answer(
-                surface.model,
-                surface.group,
-                {name: at[name] for name in NAMES if name in at},
-                n_targets=len(surface.confidence),
-                exposures_s=exposures,
-                confidence=means,
-                low=low,
-                high=high,
-                windows_s=tuple(windows(exposures, means, threshold)),
-                open_low=means[0] >= threshold,
-                open_high=means[-1] >= threshold,
-                recommended_s=choice[0] if choice else None,
-                confidence_at_recommended=choice[1] if choice else None,
-            )
+        curve = Curve(
+            tuple(np.array(surface.exposures_s)[measured].tolist()),
+            surface.sums[:, measured, v],
+            surface.counts[:, measured, v],
+            logarithmic=True,
         )
+        at = dict(zip((*SETTING, *VELOCITY), (*surface.setting, *velocity), strict=True))
+        shared = surface.model, surface.group, {name: at[name] for name in NAMES if name in at}
+        saturated = surface.saturated[measured, v]
+        found.append(_answer(shared, surface.n_targets, curve, threshold, saturated))
     return found
+
+
+def flat(row: Mapping[str, Any]) -> dict[str, Any]:
+    """An answer's row in plain cells: of its windows the one with the recommended exposure, or the first."""
+    lists = ("exposures_s", "confidence", "low", "high", "saturated")
+    kept = {name: value for name, value in row.items() if name not in lists and "windows" not in name}
+    spans = list(zip(row["windows_s"], row["windows_low_s"], row["windows_high_s"], strict=True))
+    chosen = row["recommended_s"]
+    held = [span for span in spans if chosen is not None and span[0][0] <= chosen <= span[0][1]]
+    names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
+    ends: list[float | None] = [None] * len(names)
+    if spans:
+        (low, high), low_bounds, high_bounds = (held or spans)[0]
+        ends = [low, *low_bounds, high, *high_bounds]
+    return {**kept, "n_windows": len(spans), **dict(zip(names, ends, strict=True))}
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
@@ -135,13 +174,76 @@ def natural(text: str) -> list[tuple[int, float, str]]:
     return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
 
 
-def _crossing(
-    exposures_s: Sequence[float], confidence: Sequence[float], index: int, threshold: float
-) -> float:
-    """Exposure at which the line from index - 1 to index meets the threshold, logarithmic in exposure."""
-    before, after = confidence[index - 1], confidence[index]
-    share = (threshold - before) / (after - before)
-    shortest, longest = exposures_s[index - 1], exposures_s[index]
-    start, end = math.log(shortest), math.log(longest)
-    crossing = math.exp(start + share * (end - start))
-    return min(max(crossing, shortest), longest)  # exp(log x) may miss x by a rounding
+def _answer(
+    shared: tuple[str, str, Mapping[str, float]],
+    n_targets: int,
+    curve: Curve,
+    threshold: float,
+    shares: Array,
+) -> Answer:
+    mean, n, crossed = curve.mean.tolist(), curve.n_clusters, curve.crossed(threshold)
+    sure = [any(low <= x <= high for low, high in crossed.sure) for x in curve.x]
+    verdict = _verdict(crossed, sure)
+    saturated = tuple(shares.tolist()) if np.isfinite(shares).all() else None
+    choice = recommend(curve.x, mean, threshold, sure=sure, saturated=saturated)
+    chosen = None if choice is None else curve.x.index(choice[0])
+    ends = curve.interval()
+    low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
+    return Answer(
+        *shared,
+        n_targets=n_targets,
+        exposures_s=curve.x,
+        confidence=tuple(mean),
+        low=low,
+        high=high,
+        windows_s=crossed.windows,
+        open_low=mean[0] >= threshold,
+        open_high=mean[-1] >= threshold,
+        recommended_s=None if choice is None else choice[0],
+        confidence_at_recommended=None if choice is None else choice[1],
+        n_pictures=n,
+        few_pictures=n < certainty.FEW,
+        verdict=verdict,
+        pictures_to_tell=_pictures_to_tell(curve, threshold) if verdict == "cannot tell" else None,
+        windows_low_s=tuple(crossed.around(window[0]) for window in crossed.windows),
+        windows_high_s=tuple(crossed.around(window[1]) for window in crossed.windows),
+        sure_windows_s=crossed.sure,
+        recommended_low=None if chosen is None or low is None else low[chosen],
+        recommended_high=None if chosen is None or high is None else high[chosen],
+        regret_95=None if chosen is None else _regret(curve, chosen),
+        saturated=saturated,
+        saturated_at_recommended=None if chosen is None or saturated is None else saturated[chosen],
+    )
+
+
+def _verdict(crossed: Crossed, sure: Sequence[bool]) -> Verdict:
+    if any(sure):
+        return "works"
+    return "cannot tell" if crossed.possible else "no exposure works"
+
+
+def _pictures_to_tell(curve: Curve, threshold: float) -> int | None:
+    """How many pictures like these would tell: enough for the exposure that is most clearly above the threshold, or
+    else for all to be clearly below. The standard error falls with the root of their number."""
+    z = curve.above(threshold)
+    n = np.isfinite(z).sum(axis=0)
+    if (n < 2).any():
+        return None
+    margin, error = curve.mean - threshold, np.nanstd(z, axis=0, ddof=1) / np.sqrt(n)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = n * (certainty.critical(n.max()) * error / margin) ** 2
+    above = margin > 0
+    count = float(needed[above].min() if above.any() else needed.max())
+    if not count <= _MOST_PICTURES:
+        return None
+    return max(certainty.FEWEST, int(n.max()) + 1, math.ceil(count))
+
+
+def _regret(curve: Curve, chosen: int) -> float | None:
+    others = np.arange(len(curve.x)) != chosen
+    if not others.any():
+        return 0.0 if curve.n_clusters >= certainty.FEWEST else None
+    gain = (curve.mean - curve.mean[chosen])[others]
+    paired = (curve.departures - curve.departures[:, [chosen]])[:, others]
+    bound = float(certainty.regret_bound(paired, gain))
+    return None if math.isnan(bound) else bound

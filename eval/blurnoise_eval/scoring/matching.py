@@ -17,8 +17,8 @@ FOUND_SCORE = 0.25
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
 MoveBoxes = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""From boxes (N, 4) in the scene to where they stand in a picture of it, at mid-exposure."""
-_RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
+"""From boxes (N, 4) in the scene to others in a picture of it: at mid-exposure, or swept by the motion."""
+RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 
 def iou(boxes_xyxy: ArrayLike, targets_xyxy: ArrayLike) -> NDArray[np.float32]:
@@ -44,6 +44,17 @@ def target_confidences(
     right = detections.class_ids[:, None] == np.asarray(class_ids, np.int64)
     right &= iou(detections.boxes_xyxy, boxes_xyxy) >= MATCH_IOU
     return np.asarray(np.where(right, detections.scores[:, None], 0).max(axis=0, initial=0), np.float32)
+
+
+def swept_within(swept_xyxy: ArrayLike, moved_xyxy: ArrayLike, size_px: ArrayLike) -> NDArray[np.float64]:
+    """What motion sweeps, boxes (N, 4), not beyond the border of pictures of ``size_px``, (width, height) or (N, 2).
+
+    What of the boxes at mid-exposure, ``moved_xyxy``, lies beyond it stays.
+    """
+    swept, moved = (np.asarray(each, np.float64).reshape(-1, 4) for each in (swept_xyxy, moved_xyxy))
+    low = np.maximum(swept[:, :2], np.minimum(moved[:, :2], 0.0))
+    high = np.minimum(swept[:, 2:], np.maximum(moved[:, 2:], np.asarray(size_px, np.float64)))
+    return np.concatenate([low, high], axis=1)
 
 
 def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDArray[np.bool_]:
@@ -72,6 +83,14 @@ def share_inside(boxes_xyxy: NDArray[np.float32], regions_xyxy: ArrayLike) -> ND
     boxes, regions = _far_corners(_xywh(boxes_xyxy)), _far_corners(_xywh(regions_xyxy))
     shares = _shared(boxes, regions) / np.maximum(boxes[:, None, 2:4].prod(axis=-1), 1e-12)
     return np.asarray(shares.max(axis=1, initial=0.0))
+
+
+def overlaps(boxes_xyxy: ArrayLike, targets_xywh: ArrayLike, crowd: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """COCO's overlaps (n, N): intersection over union, with a crowd (N,) over the box's own area."""
+    boxes = _far_corners(_xywh(boxes_xyxy))
+    targets = _far_corners(np.asarray(targets_xywh, np.float64).reshape(-1, 4))
+    inside = _shared(boxes, targets) / np.maximum(boxes[:, None, 2:4].prod(axis=-1), 1e-12)
+    return np.where(crowd, inside, _ious(boxes, targets))
 
 
 class AveragePrecision(NamedTuple):
@@ -148,15 +167,22 @@ class Ranking:
         order = np.argsort(-np.concatenate([*scores, np.empty(0)]), kind="stable")
         right = np.concatenate([*found, np.empty(0, bool)])[order]
         whose = np.concatenate([*pictures, np.empty(0, int)])[order]
+        numbers = np.array([len(_xywh(boxes)) for boxes in targets_xyxy], float)
+        return cls.ranked(whose, right, numbers)
+
+    @classmethod
+    def ranked(
+        cls, whose: NDArray[np.int64], right: NDArray[np.bool_], targets: NDArray[np.float64]
+    ) -> Ranking:
+        """Of detections with the highest score first: each one's picture and whether it is right; targets (P,)."""
         places = np.flatnonzero(right)
-        one_per_hit = np.zeros((len(detections), len(places)))
+        one_per_hit = np.zeros((len(targets), len(places)))
         one_per_hit[whose[places], np.arange(len(places))] = 1
         between = np.zeros_like(one_per_hit)
         before = np.searchsorted(places, np.flatnonzero(~right))  # the next hit below each wrong detection
         counted = before < len(places)  # those below the last hit change nothing
         np.add.at(between, (whose[~right][counted], before[counted]), 1)
-        numbers = np.array([len(_xywh(boxes)) for boxes in targets_xyxy], float)
-        return cls(numbers, one_per_hit.cumsum(axis=1), between.cumsum(axis=1))
+        return cls(targets, one_per_hit.cumsum(axis=1), between.cumsum(axis=1))
 
     def ap50(self, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Average precision at an IoU of 0.5 with picture p counted ``weights[..., p]`` times, (...).
@@ -170,9 +196,9 @@ class Ranking:
         precision = np.maximum.accumulate(precision[..., ::-1], axis=-1)[..., ::-1]
         with np.errstate(invalid="ignore", divide="ignore"):
             recall = right / every[..., None]
-        reached = np.searchsorted(_RECALLS, recall, side="right")
+        reached = np.searchsorted(RECALLS, recall, side="right")
         steps = np.diff(reached, axis=-1, prepend=0)
-        return np.where(every > 0, (precision * steps).sum(axis=-1) / len(_RECALLS), np.nan)
+        return np.where(every > 0, (precision * steps).sum(axis=-1) / len(RECALLS), np.nan)
 
 
 class FailurePoint(NamedTuple):

@@ -19,7 +19,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading, character_error_rate
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, target_confidences
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, swept_within, target_confidences
 
 Picture8 = NDArray[np.uint8]
 Box = tuple[float, float, float, float]
@@ -68,16 +68,19 @@ class View(ABC):
         self.model = model
         self.clean = self.look(image8)
 
-    def look(self, image: Picture8, move_boxes: MoveBoxes | None = None) -> Sight:
+    def look(
+        self, image: Picture8, move_boxes: MoveBoxes | None = None, sweep_boxes: MoveBoxes | None = None
+    ) -> Sight:
         """The model's answer to a picture, held against its targets where ``move_boxes`` puts them.
 
+        A detector's also against what they cover in the course of the exposure, ``sweep_boxes``; None: the same.
         One on which the model fails gives no rows, and the reason.
         """
         before = self.model.non_finite_values_here
         started = time.perf_counter()
         detections, rows, wrong = NOTHING, list[dict[str, Any]](), None
         try:
-            detections, rows = self._answer(image, move_boxes)
+            detections, rows = self._answer(image, move_boxes, sweep_boxes)
         except ModelError as error:
             wrong = str(error)
         infer_ms = 1e3 * (time.perf_counter() - started)
@@ -85,14 +88,15 @@ class View(ABC):
 
     @abstractmethod
     def _answer(
-        self, image: Picture8, move_boxes: MoveBoxes | None
+        self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]: ...
 
 
 class DetectorView(View):
     """Confidence in a target: the highest score of its class that overlaps it. Crowds are no targets.
 
-    Without labels, what the detector finds in the untouched picture at FOUND_SCORE or above is the target.
+    ``confidence``: with the target's box at mid-exposure; ``confidence_swept``: with all that it covers during the
+    exposure. Without labels, what the detector finds in the untouched picture at FOUND_SCORE or above is the target.
     """
 
     def __init__(self, model: Detector, picture: Picture, image8: Picture8) -> None:
@@ -109,16 +113,23 @@ class DetectorView(View):
         super().__init__(model, image8)
 
     def _answer(
-        self, image: Picture8, move_boxes: MoveBoxes | None
+        self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]:
         found = self._detect(image)
         if self._asked is None:
             self._asked = self._own_targets(found)
-        boxes = _boxes((target for _, target, _ in self._asked), move_boxes)
-        confidences = target_confidences(found, boxes, [number for *_, number in self._asked]).tolist()
+        targets, ids = [target for _, target, _ in self._asked], [number for *_, number in self._asked]
+        boxes = _boxes(targets, move_boxes)
+        confidences = swept = target_confidences(found, boxes, ids).tolist()
+        if sweep_boxes is not None and boxes:
+            size_px = image.shape[1], image.shape[0]
+            covered = swept_within(_boxes(targets, sweep_boxes), boxes, size_px)
+            if not np.array_equal(covered, boxes):
+                swept = target_confidences(found, covered.tolist(), ids).tolist()
+        rows = zip(self._asked, boxes, confidences, swept, strict=True)
         return found, [
-            _row(index, target, box, confidence)
-            for (index, target, _), box, confidence in zip(self._asked, boxes, confidences, strict=True)
+            _row(index, target, box, confidence) | {"confidence_swept": of_swept}
+            for (index, target, _), box, confidence, of_swept in rows
         ]
 
     def _own_targets(self, clean: Detections) -> list[tuple[int, Target, int]]:
@@ -152,7 +163,7 @@ class ReaderView(View):
         super().__init__(model, image8)
 
     def _answer(
-        self, image: Picture8, move_boxes: MoveBoxes | None
+        self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]:
         boxes = _boxes((target for _, target in self._asked), move_boxes)
         readings = self._read(image, boxes)

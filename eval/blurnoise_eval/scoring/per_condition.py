@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
 from blurnoise_eval.scoring.judged import Judged, Truth
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes
 from blurnoise_eval.scoring.registry import SCORES
@@ -14,6 +18,17 @@ from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
 COUNTS = ("n_images", "n_targets", "errors")
+MEANS = (
+    "target_confidence", "detection_rate", "confidence_when_found", "target_confidence_swept",
+    "detection_rate_swept", "read_confidence", "exact_match", "character_error_rate",
+)  # fmt: skip
+
+
+class Scored(NamedTuple):
+    """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row."""
+
+    row: dict[str, Any]
+    performance: Estimate
 
 
 def score_rows(
@@ -22,22 +37,57 @@ def score_rows(
     truth_of: Callable[[str], Truth | None],
     progress: Callable[[int], None] = lambda rows: None,
     *,
-    moves: Callable[[Mapping[str, Any]], MoveBoxes | None] = lambda row: None,
-) -> Iterator[dict[str, Any]]:
-    """One row per model and condition, the untouched pictures first: a column for each of ``SCORES``.
+    moves: Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]] = lambda row: (
+        None,
+        None,
+    ),
+    cluster: str | None = None,
+) -> Iterator[Scored]:
+    """One row per model and condition, the untouched pictures first: three columns for each of ``SCORES``.
 
-    truth_of: a model's truth, None for a reader. moves: where the conditions of a row have moved the truth's
-    boxes. Pictures that could not be read do not count; those on which the model failed count as answered by
-    nothing.
+    NAME, NAME_low and NAME_high: the value and its 95 % interval over clusters of pictures (all repeats of a
+    picture are in one), None where it cannot be told. truth_of: a model's truth, None for a reader. moves: where
+    the conditions of a row have moved the truth's boxes, and what these sweep. cluster: a pattern on pictures'
+    names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. Pictures that could not be read do not count;
+    those on which the model failed count as answered by nothing.
     """
+    clusters = numbered(queries.pictures_seen(store), cluster)
     for model in models:
         truth = truth_of(model)
-        for row in queries.condition_means(store, model, FOUND_SCORE):
+        every = _sums(store, model, clusters)
+        for row in queries.condition_counts(store, model):
             cells = [] if truth is None else list(queries.detections_at(store, model, row))
-            judged = Judged(row, truth, cells, None if row["clean"] else moves(row))
+            sums = every.get(tuple(row[name] for name in CONDITIONS), {})
+            judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(row)), clusters)
             progress(1)
             shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS)}
-            yield shared | {score.name: score.of(judged) for score in SCORES}
+            scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
+            yield Scored(shared | scores, judged.mean("exact_match") if truth is None else judged.coco["ap"])
+
+
+def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
+    """The number of each picture's cluster; above ``MOST_CLUSTERS`` some share one."""
+    numbers: dict[str, int] = {}
+    return {
+        name: numbers.setdefault(cluster_of(name, cluster), len(numbers)) % MOST_CLUSTERS for name in pictures
+    }
+
+
+def _sums(
+    store: Store, model: str, clusters: Mapping[str, int]
+) -> dict[tuple[Any, ...], dict[str, tuple[Array, Array]]]:
+    """Sums and numbers of what targets and readings have, per cluster, by condition and column."""
+    size = 1 + max(clusters.values(), default=0)
+    found: dict[tuple[Any, ...], dict[str, tuple[Array, Array]]] = {}
+    for row in queries.target_sums(store, model, FOUND_SCORE):
+        at = tuple(row[name] for name in CONDITIONS)
+        if at not in found:
+            found[at] = {name: (np.zeros(size), np.zeros(size)) for name in MEANS}
+        place = clusters[row["image"]]
+        for name, (sums, counts) in found[at].items():
+            sums[place] += row[name]
+            counts[place] += row[f"n_{name}"]
+    return found
 
 
 def performance(row: Mapping[str, Any]) -> float | None:

@@ -18,28 +18,45 @@ _SHARED = ", ".join(CONDITIONS)
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pictures have NULLs
 
 
-def condition_means(store: Store, model: str, found_score: float) -> list[Row]:
-    """Per condition of a model, untouched first: numbers of pictures, errors and targets, and the targets' means.
-
-    found_score: the confidence from which a target counts as found.
-    """
+def condition_counts(store: Store, model: str) -> list[Row]:
+    """Per condition of a model, untouched first: numbers of pictures, errors and targets."""
     same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
-      SELECT seen.*, n_targets, target_confidence, detection_rate, confidence_when_found, read_confidence,
-        exact_match, character_error_rate
-      FROM (
+      SELECT seen.*, n_targets FROM (
         SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors
         FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
       LEFT JOIN (
-        SELECT {_SHARED}, COUNT(*) AS n_targets, AVG(confidence) AS target_confidence,
-          AVG(confidence >= {found_score}) AS detection_rate,
-          AVG(CASE WHEN confidence >= {found_score} THEN confidence END) AS confidence_when_found,
-          AVG(read_confidence) AS read_confidence, AVG(text = truth) AS exact_match,
-          AVG(character_error_rate) AS character_error_rate
-        FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}
+        SELECT {_SHARED}, COUNT(*) AS n_targets FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}
       ORDER BY {SORTED}
     """
     return list(store.rows(query, model, model))
+
+
+def target_sums(store: Store, model: str, found_score: float) -> Iterator[Row]:
+    """Per condition and picture of a model: sums over its targets and readings, and how many each is of.
+
+    Columns NAME and n_NAME, NULL and 0 where there is none. found_score: the confidence from which a target
+    counts as found.
+    """
+    of = {
+        "target_confidence": "confidence",
+        "detection_rate": f"confidence >= {found_score}",
+        "confidence_when_found": f"CASE WHEN confidence >= {found_score} THEN confidence END",
+        "target_confidence_swept": "confidence_swept",
+        "detection_rate_swept": f"confidence_swept >= {found_score}",
+        "read_confidence": "read_confidence",
+        "exact_match": "text = truth",
+        "character_error_rate": "character_error_rate",
+    }
+    sums = ", ".join(f"TOTAL({value}) AS {name}, COUNT({value}) AS n_{name}" for name, value in of.items())
+    return store.rows(
+        f"SELECT {_SHARED}, image, {sums} FROM targets WHERE model = ? GROUP BY {_SHARED}, image", model
+    )
+
+
+def pictures_seen(store: Store) -> list[str]:
+    """The pictures that any cell is of, by name."""
+    return [row["image"] for row in store.rows("SELECT DISTINCT image FROM cells ORDER BY image")]
 
 
 def conditions(store: Store, model: str) -> list[Row]:
@@ -63,9 +80,13 @@ def detections_at(
 
 
 def exposed_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in exposed pictures; those of a model, group and setting of further axes together."""
-    order = ", ".join(SETTING)
-    return store.rows(f'SELECT * FROM targets WHERE clean = 0 ORDER BY model, "group", {order}')
+    """Rows of targets in exposed pictures, with the share of the picture's values that is ``saturated``; those of a
+    model, group and setting of further axes together."""
+    order = ", ".join(f"targets.{name}" for name in SETTING)
+    return store.rows(
+        "SELECT targets.*, cells.saturated FROM targets JOIN cells USING (cell_id, model) WHERE targets.clean = 0"
+        f' ORDER BY targets.model, "group", {order}'
+    )
 
 
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:

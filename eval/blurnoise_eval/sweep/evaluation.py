@@ -23,6 +23,7 @@ from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
+from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -49,6 +50,7 @@ def evaluate(
     output: str | Path = "run",
     *,
     threshold: float = 0.6,
+    cluster: str | None = None,
     engine: str | Engine = "threads",
     threads: int | None = None,
     progress: bool | None = None,
@@ -59,7 +61,9 @@ def evaluate(
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
     :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on. threshold: the
-    confidence that is enough. engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
+    confidence that is enough. cluster: pictures in whose names this
+    regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
+    engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
     threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
     terminal. command: what the run's page gives as its origin.
 
@@ -68,12 +72,13 @@ def evaluate(
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
     in_range("threshold", threshold, 0.0, 1.0)
+    cluster_of("", cluster)
     workers = usable_cores() if threads is None else threads
     computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
     seen_by = _camera(camera)
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
-    plan = usual_plan(shown) if plan is None else _of_kind("plan", plan, SweepPlan)
+    plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),
@@ -86,7 +91,7 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         _note(store, opened, shown)
-    return Evaluation(output, threshold, outcome=outcome, progress=progress)
+    return Evaluation(output, threshold, cluster=cluster, outcome=outcome, progress=progress)
 
 
 class Evaluation:
@@ -96,8 +101,9 @@ class Evaluation:
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
     ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where confidence
     stays at or above ``threshold``, and the exposure to use. ``outcome``: what was computed now, None for a run
-    opened again. ``pandas.DataFrame`` takes each list as it is. ``output``: where page, tables and figures are
-    written, by default the run's folder; another is for a run that can only be read. Raises
+    opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is.
+    ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
+    can only be read. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
@@ -106,6 +112,7 @@ class Evaluation:
         folder: str | Path,
         threshold: float = 0.6,
         *,
+        cluster: str | None = None,
         output: str | Path | None = None,
         outcome: Outcome | None = None,
         progress: bool | None = None,
@@ -113,6 +120,8 @@ class Evaluation:
         self.folder = Path(folder)
         self.output = self.folder if output is None else Path(output)
         self.threshold = in_range("threshold", threshold, 0.0, 1.0)
+        cluster_of("", cluster)
+        self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder):
@@ -173,6 +182,7 @@ class Evaluation:
             "skipped": self.skipped,
             "threshold": self.threshold,
             "reflectance": reflectance(self._data),
+            "cluster": self.cluster,
             "models": self.models,
             "answers": self.answers,
         }
@@ -197,7 +207,7 @@ class Evaluation:
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(_bar("score", steps, self._progress))
-            return read_run(store, threshold=self.threshold, progress=advance)
+            return read_run(store, threshold=self.threshold, cluster=self.cluster, progress=advance)
 
 
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
@@ -205,14 +215,9 @@ def usual_pictures(models: Sequence[Model]) -> PictureSet:
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
 
 
-def usual_repeats(pictures: PictureSet) -> int:
-    """Noise fields per picture: rendered ones are few."""
-    return 3 if pictures.kind == "rendered" else 1
-
-
-def usual_plan(pictures: PictureSet) -> SweepPlan:
-    """The conditions that a sweep tests if not told."""
-    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default}, usual_repeats(pictures))
+def usual_plan() -> SweepPlan:
+    """The conditions that a sweep tests if not told, with a noise field for each picture."""
+    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
 def _camera(camera: str | Camera) -> Camera:

@@ -37,6 +37,7 @@ def cell_result(
         "target_confidence": float(confidences.mean()) if rows else None,
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
         "n_detections": len(sight.detections),
+        "saturated": frame.saturated,
         "simulate_ms": frame.simulate_ms,
         "infer_ms": sight.infer_ms,
         "error": sight.error,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from importlib import metadata
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
@@ -17,22 +19,27 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc, surfaces
-from blurnoise_eval.scoring.exposure_window import Answer, answers, natural
+from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
+from blurnoise_eval.scoring.estimates import Estimate, ratio, through
+from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
+from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.scoring.plane import mean_over_plane
+from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import truths, write_truth
-from blurnoise_eval.sweep.exposing import box_mover
+from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
-_BOOTSTRAP_SEED = 0
+_UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 _LISTED = 8  # labels that a warning names
 
 
@@ -139,9 +146,15 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
 
 
 def read_run(
-    store: Store, *, threshold: float, progress: Callable[[int], None] = lambda scores: None
+    store: Store,
+    *,
+    threshold: float,
+    cluster: str | None = None,
+    progress: Callable[[int], None] = lambda scores: None,
 ) -> RunData:
     """Everything that the report of this run shows; ``progress`` is told of each condition scored.
+
+    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
 
     Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
     """
@@ -149,29 +162,30 @@ def read_run(
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     order = {model["name"]: place for place, model in enumerate(manifest["models"])}
-    scores = _scores(store, list(order), progress)
+    scores, performances = _scores(store, list(order), cluster, progress)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    every = surfaces(queries.exposed_targets(store))
+    every = surfaces(queries.exposed_targets(store), cluster_of=partial(cluster_of, pattern=cluster))
     for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
         alike = list(of_group)
         for surface in alike:
-            # Its own generator each: a model's intervals do not depend on what else is in the run.
-            found_answers += answers(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-            found_endurances += endurances(surface, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
-        found_endurances += endurances_across(alike, threshold, np.random.default_rng(_BOOTSTRAP_SEED))
+            found_answers += answers(surface, threshold)
+            found_endurances += endurances(surface, threshold)
+        found_endurances += endurances_across(alike, threshold)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {"threshold": threshold, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest |= {"threshold": threshold, "cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,
-        models=[_summary(store, model, scores, found_endurances) for model in manifest["models"]],
+        models=[
+            _summary(store, model, scores, performances, found_endurances) for model in manifest["models"]
+        ],
         scores=scores,
         groups=queries.groups(store),
         skipped=store.skipped(),
@@ -182,13 +196,18 @@ def read_run(
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
-    """Write scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
     curves = [
         {name: value for name, value in row.items() if name not in ("x", "confidence")}
         for row in data.endurances
     ]
     written = []
-    for name, rows in (("scores.csv", data.scores), ("curves.csv", curves), ("models.csv", data.models)):
+    for name, rows in (
+        ("answers.csv", [flat(row) for row in data.answers]),
+        ("scores.csv", data.scores),
+        ("curves.csv", curves),
+        ("models.csv", data.models),
+    ):
         columns = list(rows[0]) if rows else []
         write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
         written.append(folder / name)
@@ -198,24 +217,43 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
 _TOLD = ("label", "confidence", "truth", "text", "read_confidence")
 
 
-def _scores(store: Store, models: list[str], progress: Callable[[int], None]) -> list[dict[str, Any]]:
-    count = queries.count_rows(store)
+def _scores(
+    store: Store, models: list[str], cluster: str | None, progress: Callable[[int], None]
+) -> tuple[list[dict[str, Any]], list[Estimate]]:
+    """Rows of scores, and of each what P, mPC and rPC are made of."""
+    made_of = {"of": queries.count_rows(store), "cluster": cluster}
     kept = store.about("scores")
-    if kept is None or kept["of"] != count:
-        rows = list(score_rows(store, models, truths(store), progress, moves=_moves(store)))
-        kept = {"of": count, "rows": rows}
+    if kept is None or "departures" not in kept or made_of != {name: kept.get(name) for name in made_of}:
+        found = list(score_rows(store, models, truths(store), progress, moves=_moves(store), cluster=cluster))
+        kept = {
+            **made_of,
+            "rows": [each.row for each in found],
+            "departures": [_listed(each.performance.departures) for each in found],
+        }
         if not store.read_only:
             store.set_about("scores", kept)
-    scores: list[dict[str, Any]] = kept["rows"]
-    return scores
+    rows: list[dict[str, Any]] = kept["rows"]
+    performances = [
+        Estimate(performance(row), None if away is None else np.array(away, float))
+        for row, away in zip(rows, kept["departures"], strict=True)
+    ]
+    return rows, performances
 
 
-def _moves(store: Store) -> Callable[[Mapping[str, Any]], MoveBoxes | None]:
-    """Where a row's conditions take the boxes of the scene."""
+def _listed(departures: NDArray[np.float64] | None) -> list[float | None] | None:
+    """As JSON has them."""
+    if departures is None:
+        return None
+    return [None if np.isnan(each) else float(each) for each in departures]
+
+
+def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
+    """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
 
-    def mover(row: Mapping[str, Any]) -> MoveBoxes | None:
-        return box_mover(Conditions(**{name: row[name] for name in NAMES}).exposure(camera))
+    def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
+        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera)
+        return box_mover(exposure), box_sweeper(exposure)
 
     return mover
 
@@ -236,14 +274,28 @@ def _missing_cells(store: Store, n_pictures: int) -> int:
 
 
 def _summary(
-    store: Store, model: dict[str, Any], scores: list[dict[str, Any]], curves: list[Endurance]
+    store: Store,
+    model: dict[str, Any],
+    scores: list[dict[str, Any]],
+    performances: list[Estimate],
+    curves: list[Endurance],
 ) -> dict[str, Any]:
-    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike."""
+    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike;
+    uniform: over the plane that they cover, whatever the grid.
+
+    P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
+    """
+    told = [
+        (row, each)
+        for row, each in zip(scores, performances, strict=True)
+        if row["model"] == model["name"] and each.value is not None
+    ]
     own = [row for row in scores if row["model"] == model["name"]]
-    clean = [performance(row) for row in own if row["clean"]]
-    exposed = [value for row in own if not row["clean"] and (value := performance(row)) is not None]
-    p = clean[0] if clean else None
-    mpc = float(np.mean(exposed)) if exposed else None
+    p = next((each for row, each in told if row["clean"]), Estimate(None))
+    exposed = [(row, each) for row, each in told if not row["clean"]]
+    mpc = mean_of_estimates([each for _, each in exposed])
+    uniform = through([each for _, each in exposed], partial(_over_plane, [row for row, _ in exposed]))
+    rpc = ratio(mpc, p)
     held = [each for each in curves if each.model == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
@@ -251,18 +303,26 @@ def _summary(
         "model": model["name"],
         "kind": model["kind"],
         "measure": "AP" if model["kind"] == "detector" else "exact match",
-        "p": p,
-        "mpc": mpc,
-        "rpc": mpc / p if p and mpc is not None else None,
+        **p.columns("p", (0.0, 1.0)),
+        **mpc.columns("mpc", (0.0, 1.0)),
+        **rpc.columns("rpc", None),
+        **uniform.columns("mpc_uniform", (0.0, 1.0)),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
-        **{name: untouched.get(name) for name in ("target_confidence", "ap50", "ar100")},
-        "false_positives_per_image": untouched.get("false_positives_per_image"),
-        "calibration_error": untouched.get("calibration_error"),
+        **{
+            f"{name}{end}": untouched.get(f"{name}{end}")
+            for name in _UNTOUCHED
+            for end in ("", "_low", "_high")
+        },
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),
     }
+
+
+def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> float | None:
+    of_row = iter(values)  # in the order of the rows
+    return mean_over_plane(rows, lambda row: next(of_row))
 
 
 def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:

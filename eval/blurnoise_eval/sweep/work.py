@@ -42,7 +42,8 @@ class PreparedPicture:
 
     def __init__(self, picture: Picture, models: Sequence[Model], grey_anchor: str | None = None) -> None:
         image = picture.load()
-        self.source = picture.identity, content(image)
+        height, width = image.shape[:2]
+        self.source = picture.identity, content(image), width, height
         try:
             self.scene = Scene(image, grey_anchor)
         except UnreadablePicture as error:
@@ -74,7 +75,9 @@ class Worker:
             png = encode(frame.image) if kept else None
             for each in prepared.views:
                 sight = (
-                    each.clean if frame.cell.conditions is None else each.look(frame.image, frame.move_boxes)
+                    each.clean
+                    if frame.cell.conditions is None
+                    else each.look(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
                 result = cell_result(frame, each.model.name, camera, sight, example, png)
                 yield replace(result, picture=prepared.source)

@@ -78,8 +78,8 @@ def test_pictures_without_the_target_can_stay(sets: dict[str, Path], kind: str) 
 
 def test_without_labels(sets: dict[str, Path]) -> None:
     assert chosen("--images", sets["images"]).kind == "folder"
-    assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 3
-    assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 3
+    assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60
+    assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
 
 
 def test_split_is_chosen(sets: dict[str, Path]) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blurnoise_eval.report import findings, tables
+from blurnoise_eval.report import findings, tables, words
 from made_runs import EXPOSURES_S, made_run
 
 TWO = ("yolox-nano", "fastestdet")
@@ -17,8 +17,17 @@ def test_equally_good_models_share_the_first_place(tmp_path: Path) -> None:
     alike = [a for a in data.answers if a["model"] == TWO[0]]
     data = replace(data, answers=alike + [a | {"model": TWO[1]} for a in alike])
     assert findings.summary(data)[0].startswith("yolox-nano and fastestdet hold best. ")
-    none = [a | {"windows_s": [], "recommended_s": None} for a in data.answers]
+    none = [a | {"verdict": "no exposure works", "windows_s": []} for a in data.answers]
     assert findings.summary(replace(data, answers=none))[0].startswith("No model reaches")
+
+
+def test_too_few_pictures_are_said_before_anything_is_counted(tmp_path: Path) -> None:
+    """Below 8 pictures nothing works and nothing fails: the summary counts what cannot be told."""
+    for models in (TWO, TWO[:1]):
+        told = findings.summary(made_run(tmp_path, models=models, n_examples=0, interval=False))[0]
+        assert f"in {8 * len(models)} the pictures are too few to tell" in told
+        assert "No model" not in told
+        assert "No tested" not in told
 
 
 def test_the_table_of_models_marks_the_best_and_explains_gaps(tmp_path: Path) -> None:
@@ -42,24 +51,64 @@ def test_unlabelled_pictures_of_several_models_are_said_to_be_hard_to_compare(tm
     assert any("different targets" in line for line in findings.warnings(data))
 
 
+NONE = (None, None)
+
+
 @pytest.mark.parametrize(
-    ("windows_s", "open_low", "open_high", "expected"),
+    ("windows_s", "low", "high", "open_low", "open_high", "expected"),
     [
-        ([], False, False, "no exposure works"),
-        ([[0.001, 0.022]], True, False, "≤ 1 ms (shortest tested) to 22 ms"),
-        ([[0.00123, 0.064]], False, True, "1.23 ms to ≥ 64 ms (longest tested)"),
-        ([[0.002, 0.003], [0.01, 0.012]], False, False, "2 ms to 3 ms, and 10 ms to 12 ms"),
-        ([[0.004, 0.004]], False, False, "4 ms"),
+        ([], [], [], False, False, "no exposure works"),
+        ([[0.001, 0.022]], [NONE], [(0.019, 0.0263)], True, False, "≤ 1 (shortest tested) to 22 (19–26) ms"),
+        (
+            [[0.00123, 0.064]],
+            [(0.001, 0.0017)],
+            [NONE],
+            False,
+            True,
+            "1.23 (1–1.7) to ≥ 64 (longest tested) ms",
+        ),
+        ([[0.004, 0.02]], [(None, 0.006)], [(0.015, None)], False, False, "4 (< 6) to 20 (> 15) ms"),
+        ([[0.002, 0.003], [0.01, 0.012]], [NONE] * 2, [NONE] * 2, False, False, "2 to 3, and 10 to 12 ms"),
+        ([[0.004, 0.004]], [NONE], [NONE], False, False, "4 ms"),
     ],
 )
-def test_window_text(windows_s: list[list[float]], open_low: bool, open_high: bool, expected: str) -> None:
+def test_window_text(
+    windows_s: list[list[float]],
+    low: list[tuple[float | None, float | None]],
+    high: list[tuple[float | None, float | None]],
+    open_low: bool,
+    open_high: bool,
+    expected: str,
+) -> None:
     answer = {
         "windows_s": windows_s,
+        "windows_low_s": low,
+        "windows_high_s": high,
         "open_low": open_low,
         "open_high": open_high,
         "exposures_s": EXPOSURES_S,
     }
-    assert findings.window_text(answer) == expected
+    assert words.window_text(answer) == expected
+
+
+def test_what_cannot_be_told_is_said_with_what_it_takes(tmp_path: Path) -> None:
+    answer = made_run(tmp_path, n_examples=0).answers[2]
+    assert words.verdict_text(answer) == "works"
+    untold = answer | {"verdict": "cannot tell", "n_pictures": 12, "pictures_to_tell": 40}
+    assert words.verdict_text(untold) == "cannot tell from 12 pictures; ~40 pictures would"
+    assert words.needed_text(untold | {"pictures_to_tell": None}) == "it takes very many"
+    assert words.needed_text(untold | {"pictures_to_tell": None, "n_pictures": 1}) == "it takes 8 or more"
+
+
+def test_reservations_name_few_pictures_saturation_and_ends_of_the_range(tmp_path: Path) -> None:
+    answer = made_run(tmp_path, n_examples=0).answers[2]
+    inside = answer | {"recommended_s": EXPOSURES_S[1]}
+    assert words.reservations(inside) == []
+    few = inside | {"few_pictures": True, "n_pictures": 12, "saturated_at_recommended": 0.31}
+    assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture's values saturated"]
+    shortest = answer | {"recommended_s": EXPOSURES_S[0], "open_low": True}
+    assert words.reservations(shortest) == ["the shortest tested: what lies below is not known"]
+    assert words.reservations(shortest | {"open_low": False}) == []
 
 
 def test_best_common_exposure_counts_answers_then_compares_means() -> None:
@@ -96,3 +145,18 @@ def test_what_light_on_photographs_means_is_told(tmp_path: Path) -> None:
     assert not assumed
     assert told is not None
     assert "18 % reflectance is the mean" in told
+
+
+def test_where_the_swept_box_decides_is_said(tmp_path: Path) -> None:
+    data = made_run(tmp_path, models=TWO, n_examples=0)
+    assert not any("sweeps" in line for line in findings.summary(data))
+    name = data.scores[-1]["model"]
+    alike = [{**row, "detection_rate_swept": row["detection_rate"]} for row in data.scores]
+    assert findings.summary(replace(data, scores=alike)) == findings.summary(data)
+    own = [place for place, row in enumerate(alike) if row["model"] == name and not row["clean"]]
+    for place, (at_rest, swept) in zip(own, ((0.5, 0.58), (0.5, 0.65), (0.1, 0.9)), strict=False):
+        alike[place] |= {"detection_rate": at_rest, "detection_rate_swept": swept}
+    (line,) = (line for line in findings.summary(replace(data, scores=alike)) if "sweeps" in line)
+    assert line.startswith(f"{name} is held to boxes at mid-exposure")
+    assert " in 2 of " in line
+    assert line.endswith(f"{data.settings.condition_text(alike[own[2]])}: 0.10, swept 0.90.")

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import EXPOSURE
-from blurnoise_eval.report import RunData, findings, page, tables, write_report
+from blurnoise_eval.report import RunData, interactive, page, tables, words, write_report
 from made_runs import EXPOSURES_S, made_run
 from read_pages import Page
 
@@ -52,10 +52,11 @@ def test_the_answer_comes_first_and_is_complete(reported: tuple[RunData, Path]) 
     assert [text.index(part) for part in order] == sorted(text.index(part) for part in order)
     assert text.count("no exposure works") == sum(not answer["windows_s"] for answer in data.answers) > 0
     for answer in data.answers:
-        assert findings.window_text(answer) in text
         if answer["recommended_s"] is not None:
+            assert words.window_text(answer) in text
             recommended = EXPOSURE.text(answer["recommended_s"])
-            assert f"{recommended} → {answer['confidence_at_recommended']:.2f}" in text
+            assert f"{recommended} → {words.confidence_text(answer)}" in text
+    assert "cannot tell" not in text.replace("“Cannot tell”", "")
     assert "stop sign 30 px: 0.50 on the untouched pictures, below the threshold 0.6" in text
 
 
@@ -171,13 +172,14 @@ def test_failure_points_are_tabled_and_marked(tmp_path: Path) -> None:
     assert [f[4] for f in marked if f[4] is not None] == pytest.approx(
         [c["fails_at"] for c in within], abs=6e-5
     )
-    curve = data.endurances[0] | {"x": [0.0, 24.0], "auc": 0.71, "non_monotonic": True}
+    curve = data.endurances[0] | {"x": [0.0, 24.0], "auc": 0.71, "auc_low": 0.65, "auc_high": 0.8}
+    curve |= {"non_monotonic": True}
     cases = {
         ("12.1 px", "95 %: 9.8 to 14 px"): (12.1, 9.8, 14.0),
         ("12.1 px", "95 %: from 9.8 px"): (12.1, 9.8, None),
-        ("12.1 px", "AUC 0.71"): (12.1, None, None),
+        ("12.1 px", "AUC 0.71 (0.65–0.80)"): (12.1, None, None),
         ("beyond 24 px", "95 %: from 18 px"): (None, 18.0, None),
-        ("below throughout", "AUC 0.71"): (0.0, 0.0, 0.0),
+        ("below throughout", "AUC 0.71 (0.65–0.80)"): (0.0, 0.0, 0.0),
     }
     for (text, note), (at, low, high) in cases.items():
         one = [curve | {"fails_at": at, "fails_low": low, "fails_high": high}]
@@ -301,3 +303,26 @@ def test_a_missing_picture_is_said_and_does_not_stop_the_report(tmp_path: Path) 
     Path(data.examples[0]["path"]).unlink()
     Path(data.examples[1]["path"]).write_bytes(b"no picture")
     assert Page(write_report(data, tmp_path)).text.count("picture file is missing") == 2
+
+
+def test_scores_bring_their_intervals(tmp_path: Path) -> None:
+    """Low and high of each score stand behind the values; in the table of models in brackets."""
+    data = made_run(tmp_path, models=TWO)
+    for row in data.scores:
+        row |= (
+            {"ap50_low": row["ap50"] - 0.25, "ap50_high": row["ap50"] + 0.25}
+            if row["ap50"] is not None
+            else {}
+        )
+    data.models[0] |= {"p": 0.5, "p_low": 0.25, "p_high": 0.75}
+    groups = sorted({answer["group"] for answer in data.answers})
+    numbers = interactive.numbers(data, groups)
+    names = [score.name for score in interactive.choices(data)]
+    place = names.index("ap50")
+    for _, _, _, _, _, *values in numbers["scores"]:
+        value, (low, high) = values[place], values[len(names) + 2 * place :][:2]
+        assert (low, high) == pytest.approx((value - 0.25, value + 0.25), abs=2e-4)
+        assert values[len(names) + 2 * names.index("detection_rate")] is None
+    cells = next(row["cells"] for row in tables.model_rows(data) if row["name"] == "P")
+    assert cells[0]["text"] == "0.500 (0.250–0.750)"
+    assert "(" not in (cells[1]["text"] or "")

@@ -8,15 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import SETTING
-from blurnoise_eval.scoring.curves import (
-    RESAMPLES,
-    Endurance,
-    endurances,
-    endurances_across,
-    mean_auc,
-    surfaces,
-)
+from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.matching import failure_point
+from blurnoise_eval.scoring.surfaces import surfaces
 from hypothesis import given
 from hypothesis import strategies as st
 from plans import OWN
@@ -47,10 +41,6 @@ def rows(
     ]
 
 
-def generator() -> np.random.Generator:
-    return np.random.default_rng(1)
-
-
 def by_axis(found: list[Endurance]) -> dict[tuple[str, float], Endurance]:
     held = {"exposure_s": "velocity_x_px_s", "blur_px": "exposure_s"}
     return {(each.axis, each.at[held[each.axis]] or 0.0): each for each in found}
@@ -70,7 +60,7 @@ def test_rows_become_one_surface_per_model_group_and_setting() -> None:
     ]  # fmt: skip
     assert [float(s.mean[0, 0]) for s in found] == pytest.approx([0.5, 0.6, 0.65, 0.7, 0.8])
     assert [dict(zip(SETTING, s.setting, strict=True))["gain_db"] for s in found] == [0, 0, 6, 0, 0]
-    assert found[0].confidence.shape == (4, 3, 3)
+    assert found[0].sums.shape == (4, 3, 3)
 
 
 def test_means_leave_out_what_was_not_measured() -> None:
@@ -82,46 +72,50 @@ def test_means_leave_out_what_was_not_measured() -> None:
     (surface,) = surfaces(rows(some))
     assert np.isnan(surface.mean[2, 2])
     assert surface.mean[0] == pytest.approx([1.6 / 4, 0.6 / 3, 1.6 / 4])
-    found = by_axis(list(endurances(surface, 0.6, generator())))
+    found = by_axis(list(endurances(surface, 0.6)))
     assert found["exposure_s", 400.0].x == (0.01, 0.02)
     assert found["blur_px", 0.04].x == (0.0, 4.0)
 
 
-@pytest.mark.parametrize(
-    ("images", "repeats", "samples"), [(2, 1, None), (1, 2, None), (1, 3, 3), (2, 2, 4), (3, 1, 3), (3, 5, 3)]
-)
-def test_pictures_are_drawn_together_and_below_three_noise_fields(
-    images: int, repeats: int, samples: int | None
-) -> None:
-    both = [
-        row
-        for target in (0, 1)
-        for row in rows(lambda *_: 0.5, images=images, repeats=repeats, target_id=target)
-    ]
+def test_a_picture_is_one_cluster_with_its_targets_and_noise_fields() -> None:
+    both = [row for target in (0, 1) for row in rows(lambda *_: 0.5, images=9, repeats=3, target_id=target)]
     (surface,) = surfaces(both)
-    drawn = surface.resampled(generator())
-    if samples is None:
-        assert drawn is None
-    else:
-        assert len(set(surface.sample.tolist())) == samples
-        assert drawn is not None
-        assert drawn.shape == (RESAMPLES, 3, 3)
+    assert surface.sums.shape == (9, 3, 3)
+    assert (surface.counts == 6).all()
+    assert surface.n_targets == 9 * 6
+    (surface,) = surfaces(both, cluster_of=lambda picture: "even" if int(picture[1:]) % 2 == 0 else "odd")
+    assert surface.clusters == ("even", "odd")
+    assert surface.counts[:, 0, 0].tolist() == [5 * 6, 4 * 6]
 
 
-def test_spread_of_drawn_means_is_that_of_pictures_not_of_repeats() -> None:
-    """Pictures of values v, five alike repeats each: the mean's spread is std(v) / sqrt(pictures).
+def test_another_column_is_read_and_what_it_lacks_left_out() -> None:
+    table = [row | {"swept": None if row["image"] == "p0" else 0.9} for row in rows(lambda *_: 0.1)]
+    (surface,) = surfaces(table, "swept")
+    assert surface.clusters == ("p1", "p2", "p3")
+    assert surface.mean == pytest.approx(np.full((3, 3), 0.9))
 
-    400 draws know a standard deviation to 1 / sqrt(2 x 400) = 3.5 %: within 5 x 3.5 %. Were each repeat its
-    own sample, it would be sqrt(5) = 2.2 times smaller.
+
+def test_saturated_shares_are_means_over_what_was_measured() -> None:
+    table = [row | {"saturated": 0.1 * int(row["image"][1:])} for row in rows(lambda *_: 0.5)]
+    (surface,) = surfaces(table)
+    assert surface.saturated == pytest.approx(np.full((3, 3), 0.15))
+    (unknown,) = surfaces(rows(lambda *_: 0.5))
+    assert np.isnan(unknown.saturated).all()
+
+
+def test_intervals_are_those_of_pictures_not_of_repeats() -> None:
+    """Pictures of values v, five alike repeats each: Student's interval of the 40 within a few per cent.
+
+    Were each repeat a sample of its own, it would be sqrt(5) = 2.2 times narrower.
     """
     values = {f"p{i}": float(v) for i, v in enumerate(np.random.default_rng(0).uniform(0, 1, 40))}
     (surface,) = surfaces(rows(lambda image, *_: values[image], images=40, repeats=5))
-    drawn = surface.resampled(generator())
-    assert drawn is not None
-    expected = np.std(list(values.values())) / np.sqrt(40)
-    assert drawn[:, 0, 0].std() == pytest.approx(expected, rel=0.18)
-    # Points of a curve are drawn together: alike values stay alike.
-    np.testing.assert_allclose(drawn, drawn[:, :1, :1] * np.ones((1, 3, 3)))
+    curve = next(endurances(surface, 0.6))
+    width = 2 * 2.0227 * np.std(list(values.values()), ddof=1) / np.sqrt(40)  # t of 39
+    assert curve.auc_low is not None
+    assert curve.auc_high is not None
+    assert 0.96 * width <= curve.auc_high - curve.auc_low <= 1.2 * width
+    assert (curve.n_pictures, curve.few_pictures) == (40, False)
 
 
 def test_area_and_failure_of_a_straight_line() -> None:
@@ -132,22 +126,24 @@ def test_area_and_failure_of_a_straight_line() -> None:
             lambda _i, _r, t, v: 1 - t * v / 20, velocities=tuple((v, 0.0) for v in speeds), exposures=(0.04,)
         )
     )
-    (curve,) = endurances(surface, 0.7, generator())
+    (curve,) = endurances(surface, 0.7)
     assert (curve.axis, curve.at["exposure_s"]) == ("blur_px", 0.04)
     assert curve.at["velocity_x_px_s"] is None
     assert curve.x == pytest.approx((0, 4, 8, 16))
     assert curve.auc == pytest.approx(0.6)
-    assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx((6, 6, 6))
+    assert curve.fails_at == pytest.approx(6)
+    assert (curve.fails_low, curve.fails_high, curve.auc_low) == (None, None, None)  # four pictures
+    assert (curve.n_pictures, curve.few_pictures) == (4, True)
     assert not curve.non_monotonic
     assert mean_auc([curve], "blur_px") == pytest.approx(0.6)
     assert mean_auc([curve], "exposure_s") is None
 
 
 def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
-    """Picture i fails at 4 + i px, 0 to 8: a mean of 9 crossings, each 0 to 8 px from 4, lies in between.
+    """Picture i fails at 4 + i px, 0 to 8, every curve 1 - (x - crossing) / 20 at threshold 1: the mean fails at 8.
 
-    Every curve is 1 - (x - crossing) / 20 at threshold 1, so the mean's crossing is the mean crossing, 8, with
-    a bootstrap spread of sqrt(60 / 9) / 3 = 0.86: 95 % within 8 -+ 1.69, each end known to 0.12 x 5.
+    Nine parallel lines: Student's interval of the mean crossing, 8 -+ 2.306 x sqrt(60 / 8) / 3 = 2.105; they lean to
+    neither side, so Hall's is the same.
     """
     speeds = tuple((100.0 * v, 0.0) for v in range(5))
     (surface,) = surfaces(
@@ -156,15 +152,15 @@ def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
             images=9, velocities=speeds, exposures=(0.04,),
         )
     )  # fmt: skip
-    (curve,) = endurances(surface, 1.0, generator())
+    (curve,) = endurances(surface, 1.0)
     assert curve.fails_at == pytest.approx(8)
-    assert curve.fails_low == pytest.approx(8 - 1.69, abs=0.6)
-    assert curve.fails_high == pytest.approx(8 + 1.69, abs=0.6)
+    assert (curve.fails_low, curve.fails_high) == pytest.approx((8 - 2.105, 8 + 2.105), abs=1e-3)
+    assert curve.few_pictures
 
 
 def test_a_curve_that_holds_has_no_failure_and_an_open_interval() -> None:
-    (surface,) = surfaces(rows(lambda *_: 0.9))
-    for curve in endurances(surface, 0.6, generator()):
+    (surface,) = surfaces(rows(lambda *_: 0.9, images=9))
+    for curve in endurances(surface, 0.6):
         assert (curve.fails_at, curve.fails_low, curve.fails_high) == (None, None, None)
 
 
@@ -173,7 +169,7 @@ def test_a_curve_that_comes_back_is_told() -> None:
     table = dict(zip((0.0, 100.0, 200.0, 400.0), (0.68, 0.3, 0.76, 0.2), strict=True))
     velocities = tuple((v, 0.0) for v in table)
     (surface,) = surfaces(rows(lambda _i, _r, _t, v: table[v], velocities=velocities, exposures=(0.1,)))
-    (curve,) = endurances(surface, 0.6, generator())
+    (curve,) = endurances(surface, 0.6)
     assert curve.non_monotonic
     assert curve.fails_at == pytest.approx(20 + 20 * 0.16 / 0.56)
 
@@ -186,24 +182,25 @@ def test_directions_of_one_speed_are_one_point_of_blur() -> None:
         for row in rows(lambda *_: 0.0, velocities=velocities, exposures=(0.02,))
     ]
     (surface,) = surfaces(table)
-    (curve,) = endurances(surface, 0.6, generator())
+    (curve,) = endurances(surface, 0.6)
     assert curve.x == pytest.approx((0, 2, 10))
     assert curve.confidence == pytest.approx((0.9, 0.4, 0.1))
 
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=6), st.sampled_from([0.3, 0.5, 0.6]))
 def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], threshold: float) -> None:
-    """Every draw of equal pictures is the curve itself, so both ends are its failure point."""
+    """Equal pictures leave no doubt, so both ends are the failure point."""
     speeds = tuple((100.0 * place, 0.0) for place in range(len(values)))
     (surface,) = surfaces(
-        rows(lambda _i, _r, _t, v: values[round(v / 100)], velocities=speeds, exposures=(0.01,))
+        rows(lambda _i, _r, _t, v: values[round(v / 100)], images=8, velocities=speeds, exposures=(0.01,))
     )
-    (curve,) = endurances(surface, threshold, generator())
+    (curve,) = endurances(surface, threshold)
     point = failure_point([0.01 * v for v, _ in speeds], curve.confidence, threshold)
-    assert (curve.fails_at, curve.non_monotonic) == point
+    assert curve.non_monotonic == point.returned
+    assert curve.fails_at == (None if point.at is None else pytest.approx(point.at))
     margin = min(abs(value - threshold) for value in values)
-    if margin > 1e-9:  # else rounding decides
-        ends = (None, None) if point.at is None else pytest.approx((point.at, point.at))
+    if margin > 1e-6:  # else rounding decides
+        ends = (None, None) if point.at is None else pytest.approx((point.at, point.at), abs=1e-6)
         assert (curve.fails_low, curve.fails_high) == ends
 
 
@@ -217,12 +214,12 @@ def across(
         for value, of in values.items()
         for row in rows(lambda image, *_, of=of: of(image), **one, **{axis: value})
     ]
-    return list(endurances_across(list(surfaces(table)), threshold, generator()))
+    return list(endurances_across(list(surfaces(table)), threshold))
 
 
 def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
-    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px, and so does every draw."""
-    (curve,) = across({r: lambda _, r=r: 1 - r / 10 for r in (0.0, 2.0, 8.0)}, "defocus_radius_px")  # type: ignore[misc]
+    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px, without doubt."""
+    (curve,) = across({r: lambda _, r=r: 1 - r / 10 for r in (0.0, 2.0, 8.0)}, "defocus_radius_px", images=8)  # type: ignore[misc]
     assert curve.axis == "defocus_radius_px"
     assert curve.x == (0.0, 2.0, 8.0)
     assert (curve.at["defocus_radius_px"], curve.at["exposure_s"], curve.at["illuminance_lux"]) == (
@@ -251,18 +248,17 @@ def test_curves_over_an_axis_keep_everything_else_apart() -> None:
             exposures=(0.01, 0.02), velocities=((0.0, 0.0), (100.0, 0.0)),
         )
     ]  # fmt: skip
-    found = list(endurances_across(list(surfaces(table)), 0.6, generator()))
+    found = list(endurances_across(list(surfaces(table)), 0.6))
     assert [each.axis for each in found] == ["f_number"] * 8
     for each in found:
         lux, t, v = (each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
         assert each.confidence == pytest.approx([1 / (n + lux + t + v) for n in (2.0, 4.0)])
 
 
-def test_draws_across_settings_are_paired_whatever_the_order_of_rows() -> None:
-    """Pictures of 0.5 -+ d that lose 0.2 over the axis, all alike: from one draw to the next the whole curve moves
-    up and down, and each draw crosses the mean of the two ends, shifted by the draw's own mean: between
-    0.6 - 0.4 and 0.6 + 0.4 of the way. Were the ends drawn apart, some draws would not cross at all."""
-    shift = {"p0": -0.1, "p1": 0.1, "p2": -0.05, "p3": 0.05, "p4": 0.0}
+def test_clusters_across_settings_are_paired_whatever_the_order_of_rows() -> None:
+    """Pictures of 0.7 + d / 2 that lose 0.2 over the axis, all alike: each crosses 0.6 at 5 + 25 d / 0.1 px, and the
+    interval is that of these crossings' mean, t(9) = 2.262. Were the ends not paired it would be narrower."""
+    shift = {f"p{i}": -0.09 + 0.02 * i for i in range(10)}
 
     def line(drop: float) -> Callable[[str], float]:
         return lambda image: 0.7 + 0.5 * shift[image] - drop
@@ -272,20 +268,16 @@ def test_draws_across_settings_are_paired_whatever_the_order_of_rows() -> None:
         row
         for value, of in values.items()
         for row in rows(
-            lambda image, *_, of=of: of(image), images=5, exposures=(0.01,), velocities=((0.0, 0.0),),
+            lambda image, *_, of=of: of(image), images=10, exposures=(0.01,), velocities=((0.0, 0.0),),
             defocus_radius_px=value,
         )
     ]  # fmt: skip
-    turned = [*table[:5], *table[:4:-1]]  # the second setting's pictures arrive in another order
-    straight, other = (list(endurances_across(list(surfaces(t)), 0.6, generator())) for t in (table, turned))
-    assert straight == other
-    (curve,) = straight
-    assert curve.fails_at == pytest.approx(5)
-    assert curve.fails_low is not None
-    assert curve.fails_high is not None
-    # Its crossing is 5 + 50 x the draw's mean shift, whose spread is 0.5 x 0.0707 / sqrt(5) = 0.0158: 0.79 px.
-    assert curve.fails_low == pytest.approx(5 - 1.96 * 0.79, abs=0.5)
-    assert curve.fails_high == pytest.approx(5 + 1.96 * 0.79, abs=0.5)
+    turned = [*table[:10], *table[:9:-1]]  # the second setting's pictures arrive in another order
+    (straight,), (other,) = (list(endurances_across(list(surfaces(t)), 0.6)) for t in (table, turned))
+    assert (straight.fails_low, straight.fails_high) == pytest.approx((other.fails_low, other.fails_high))
+    assert straight.fails_at == pytest.approx(5)
+    half = 2.262 * np.std([25 * d for d in shift.values()], ddof=1) / np.sqrt(10)
+    assert (straight.fails_low, straight.fails_high) == pytest.approx((5 - half, 5 + half), abs=1e-3)
 
 
 def test_points_that_one_setting_lacks_are_left_out() -> None:
@@ -294,7 +286,5 @@ def test_points_that_one_setting_lacks_are_left_out() -> None:
         *rows(lambda *_: 0.8, temperature_c=25.0, exposures=(0.01,)),
         *rows(lambda *_: 0.7, temperature_c=50.0, exposures=(0.01, 0.02)),
     ]
-    found = [
-        e for e in endurances_across(list(surfaces(table)), 0.6, generator()) if e.at["velocity_x_px_s"] == 0
-    ]
+    found = [e for e in endurances_across(list(surfaces(table)), 0.6) if e.at["velocity_x_px_s"] == 0]
     assert {each.at["exposure_s"]: each.x for each in found} == {0.01: (0.0, 25.0, 50.0), 0.02: (0.0, 50.0)}

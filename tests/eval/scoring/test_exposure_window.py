@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.scoring import exposure_window as optimum
-from blurnoise_eval.scoring.curves import surfaces
-from blurnoise_eval.scoring.exposure_window import NEAR_BEST, Answer, recommend, windows
+from blurnoise_eval.scoring.crossings import windows
+from blurnoise_eval.scoring.exposure_window import NEAR_BEST, Answer, flat, recommend
+from blurnoise_eval.scoring.surfaces import surfaces
 from hypothesis import given
 from hypothesis import strategies as st
 from plans import OWN
@@ -105,16 +106,9 @@ def test_recommended_is_inside_a_window_and_works(
 
 def answers(table: list[dict[str, Any]], threshold: float) -> list[Answer]:
     """The answers of rows in any order, each a picture of its own."""
-    exposed = [
-        {"model": "m", "image": f"p{place}", "repeat": 0, "target_id": 0, **row}
-        for place, row in enumerate(table)
-        if not row["clean"]
-    ]
+    exposed = [{"model": "m", "repeat": 0, "target_id": 0, **row} for row in table if not row["clean"]]
     exposed.sort(key=lambda row: (row["group"], row["illuminance_lux"]))
-    generator = np.random.default_rng(0)
-    return [
-        answer for surface in surfaces(exposed) for answer in optimum.answers(surface, threshold, generator)
-    ]
+    return [answer for surface in surfaces(exposed) for answer in optimum.answers(surface, threshold)]
 
 
 def rows(
@@ -186,35 +180,159 @@ def test_only_clean_rows_give_no_answer() -> None:
     assert answers([CLEAN], 0.6) == []
 
 
-def test_no_interval_below_three_samples() -> None:
-    (answer,) = answers(rows({0.01: [0.4, 0.6], 0.1: [0.5, 0.5]}), 0.6)
-    assert answer.low is None
-    assert answer.high is None
+@pytest.mark.parametrize("pictures", [1, 3, 7])
+def test_below_eight_pictures_no_interval_and_no_verdict(pictures: int) -> None:
+    """However clear it looks."""
+    (answer,) = answers(rows({0.01: [0.9] * pictures, 0.1: [0.1] * pictures}), 0.6)
+    assert answer.verdict == "cannot tell"
+    assert (answer.low, answer.high, answer.recommended_low, answer.regret_95) == (None,) * 4
+    assert answer.windows_high_s == ((None, None),)
+    assert answer.sure_windows_s == ()
+    assert (answer.n_pictures, answer.few_pictures) == (pictures, True)
+    assert answer.recommended_s == 0.01  # the best guess
 
 
-def test_interval_has_the_width_of_the_mean_s_spread() -> None:
-    """400 normal samples of sigma 0.1: +-1.96 x 0.1 / sqrt(400) = +-0.0098.
-
-    A 2.5 % quantile of 400 resampled means has a standard error of sqrt(p q / n) / density(1.96) =
-    0.0078 / 0.0584 = 0.134 sigma of the mean, the sample's own sigma one of 1 / sqrt(800) = 0.035: within
-    5 x sqrt(2) x 0.14 of a full width of 3.92, so within 25 %.
-    """
-    samples = np.random.default_rng(3).normal(0.5, 0.1, 400).tolist()
-    (answer,) = answers(rows({0.01: samples}), 0.6)
+def test_interval_is_students_where_nothing_leans() -> None:
+    """400 normal samples of sigma 0.1: t(399) = 1.966 x 0.1 / sqrt(400) either way, to the 2 % by which 4000 random
+    weights know a quantile, and no more than 10 % further."""
+    samples = np.random.default_rng(3).normal(0.5, 0.1, 400)
+    (answer,) = answers(rows({0.01: samples.tolist()}), 0.6)
     assert answer.low is not None
     assert answer.high is not None
-    assert answer.high[0] - answer.low[0] == pytest.approx(2 * 0.0098, rel=0.25)
-    assert answer.low[0] < answer.confidence[0] < answer.high[0]
+    half = 1.966 * samples.std(ddof=1) / np.sqrt(400)
+    assert half * 0.96 <= answer.confidence[0] - answer.low[0] <= 1.1 * half
+    assert half * 0.999 <= answer.high[0] - answer.confidence[0] <= 1.1 * half
 
 
-@given(st.lists(st.lists(st.floats(0, 1), min_size=3, max_size=40), min_size=1, max_size=4))
+@given(st.lists(st.lists(st.floats(0, 1), min_size=8, max_size=40), min_size=1, max_size=4))
 def test_intervals_cover_the_mean(samples: list[list[float]]) -> None:
-    curve = {0.001 * 2**index: values for index, values in enumerate(samples)}
+    fewest = min(map(len, samples))
+    curve = {0.001 * 2**index: values[:fewest] for index, values in enumerate(samples)}
     (answer,) = answers(rows(curve), 0.6)
     assert answer.low is not None
     assert answer.high is not None
     for low, mean, high in zip(answer.low, answer.confidence, answer.high, strict=True):
-        assert 0 <= low <= mean <= high <= 1
+        assert 0 <= low <= mean + 1e-12
+        assert mean <= high + 1e-12 <= 1 + 2e-12
+
+
+def spread(mean: float, sigma: float, pictures: int) -> list[float]:
+    """So many values of exactly this mean and standard deviation, evenly spaced."""
+    values = np.linspace(-1, 1, pictures)
+    return (mean + sigma * values / values.std(ddof=1)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("means", "pictures", "verdict"),
+    [
+        # error of the mean 0.1 / 4 = 0.025, t(15) = 2.13: what is 0.054 away is told
+        ((0.2, 0.66, 0.3), 16, "works"),
+        ((0.2, 0.64, 0.3), 16, "cannot tell"),
+        ((0.2, 0.56, 0.3), 16, "cannot tell"),
+        ((0.2, 0.54, 0.3), 16, "no exposure works"),
+        ((0.2, 0.66, 0.3), 7, "cannot tell"),
+    ],
+)
+def test_verdicts(means: tuple[float, ...], pictures: int, verdict: str) -> None:
+    curve = {0.001 * 10**place: spread(mean, 0.1, pictures) for place, mean in enumerate(means)}
+    (answer,) = answers(rows(curve), 0.6)
+    assert answer.verdict == verdict
+    assert (answer.pictures_to_tell is None) == (verdict != "cannot tell")
+
+
+@pytest.mark.parametrize("mean", [0.64, 0.56])
+def test_as_many_pictures_as_are_asked_for_tell(mean: float) -> None:
+    """The same mean and spread in the number asked for: then it is told, and not with a quarter fewer."""
+    curves = {n: {0.01: spread(mean, 0.1, n), 0.1: spread(0.3, 0.1, n)} for n in range(8, 60)}
+    (answer,) = answers(rows(curves[16]), 0.6)
+    needed = answer.pictures_to_tell
+    assert needed is not None
+    assert answers(rows(curves[needed]), 0.6)[0].verdict != "cannot tell"
+    assert answers(rows(curves[needed * 3 // 4]), 0.6)[0].verdict == "cannot tell"
+
+
+PLATEAU = {0.001: 0.91, 0.002: 0.92, 0.005: 0.92, 0.01: 0.91, 0.02: 0.91, 0.04: 0.2}
+
+
+def chosen(curve: dict[float, float], **options: Any) -> float | None:
+    found = recommend(tuple(curve), tuple(curve.values()), 0.6, **options)
+    return None if found is None else found[0]
+
+
+@pytest.mark.parametrize(
+    "beyond",
+    [
+        {0.0005: 0.91},
+        {0.0001: 0.9, 0.0002: 0.92, 0.0005: 0.92},  # as good, far beyond
+        {0.0001: 0.5, 0.0002: 0.92, 0.0005: 0.92},  # its lower edge is seen
+        {0.0001: 0.1, 0.0005: 0.2},
+        {0.08: 0.1, 0.3: 0.7},
+    ],
+)
+def test_a_wider_range_does_not_move_what_is_recommended(beyond: dict[float, float]) -> None:
+    wider = dict(sorted({**beyond, **PLATEAU}.items()))
+    assert chosen(PLATEAU) == chosen(wider) == 0.005  # two stops below 27 ms
+
+
+def test_a_window_open_above_is_held_by_its_lower_edge() -> None:
+    """Edge at 5.6 ms: the shortest with two stops, whether 80 or 640 ms was the longest tested."""
+    dim = {0.005: 0.5, 0.01: 0.91, 0.02: 0.92, 0.04: 0.92, 0.08: 0.92}
+    assert chosen(dim) == chosen(dim | {0.16: 0.92, 0.32: 0.92, 0.64: 0.91}) == 0.04
+
+
+def test_saturation_decides_between_equals_only() -> None:
+    shares = (0.0, 0.005, 0.2, 0.3, 0.5, 0.6)
+    assert chosen(PLATEAU, saturated=shares) == 0.002
+    better = PLATEAU | {0.005: 0.96}
+    assert chosen(better, saturated=shares) == 0.005
+
+
+def test_bright_light_is_no_pull_towards_the_shortest_tested() -> None:
+    """The built-in detector, sign of 100 px, 5000 lux at rest: from 2 ms on nearly all is white, still found."""
+    near = {0.001: 0.906, 0.002: 0.911, 0.005: 0.919, 0.01: 0.925, 0.015: 0.925, 0.02: 0.919, 0.03: 0.0}
+    shares = (0.041, 0.961, 0.961, 0.961, 0.962, 0.962, 1.0)
+    wider = {0.00002: 0.918, 0.00005: 0.914, 0.0001: 0.91, 0.0002: 0.906, 0.0005: 0.905} | near
+    assert chosen(near, saturated=shares) == 0.001
+    assert chosen(wider, saturated=(0.0, 0.0, 0.0, 0.0, 0.017, *shares)) == 0.001
+
+
+def test_only_what_surely_works_is_recommended_if_anything_does() -> None:
+    sure = (False, True, False, False, True, False)
+    assert chosen(PLATEAU, sure=sure) == 0.002
+    assert chosen(PLATEAU, sure=(False,) * 6) == 0.005
+
+
+def test_regret_bounds_what_the_choice_loses() -> None:
+    """Paired: pictures differ by 0.1, but each loses 0.01 -+ 0.002 from the best exposure to the chosen one.
+
+    t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss (skewness may add a little), though the
+    means' own intervals are 0.04 wide.
+    """
+    level, own = np.array(spread(0.8, 0.1, 25)), np.array(spread(0.0, 0.002, 25))
+    own = np.random.default_rng(0).permutation(own)
+    curve = {0.01: level.tolist(), 0.04: (level + 0.01 + own).tolist(), 0.06: [0.1] * 25}
+    (answer,) = answers(rows(curve), 0.6)
+    assert answer.recommended_s == 0.01
+    assert answer.regret_95 is not None
+    assert 0.9999 * 1.711 * 0.002 / 5 <= answer.regret_95 - 0.01 <= 1.3 * 1.711 * 0.002 / 5
+    assert answer.low is not None
+    assert answer.recommended_low == answer.low[0]
+
+
+def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
+    curve = {
+        0.001: spread(0.8, 0.05, 9),
+        0.01: spread(0.3, 0.05, 9),
+        0.1: spread(0.9, 0.05, 9),
+        1.0: spread(0.3, 0.05, 9),
+    }
+    (answer,) = answers(rows(curve), 0.6)
+    row = flat(answer.row())
+    assert row["n_windows"] == 2
+    assert row["window_from_s"] == answer.windows_s[1][0]
+    assert row["window_from_low_s"] < row["window_from_s"] < row["window_from_high_s"] < 0.1
+    assert 0.1 < row["window_to_low_s"] < row["window_to_s"] < row["window_to_high_s"]
+    assert not any(isinstance(value, (list, tuple)) for value in row.values())
 
 
 def test_same_rows_same_answer() -> None:

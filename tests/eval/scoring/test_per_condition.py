@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring import per_condition, registry
-from blurnoise_eval.scoring.judged import COCO_SCORES, Judged, Truth, calibration_error, coco_results
+from blurnoise_eval.scoring import certainty, per_condition, registry
+from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.store.schema import CONDITIONS
@@ -34,7 +34,7 @@ class Judge:
     ) -> dict[str, float | None]:
         judged = Judged({}, self.truth, found, move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
-        return {score.name: score.of(judged) for score in registry.SCORES if score.name in own}
+        return {score.name: score.row(judged)[score.name] for score in registry.SCORES if score.name in own}
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -92,6 +92,26 @@ def test_scores_are_those_of_pycocotools(seed: int) -> None:
     assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
     assert 0 < expected["ap"] < expected["ap50"] < 1
     assert len(set(expected.values())) == len(expected)
+
+
+def test_beyond_a_hundred_detections_of_a_class_none_counts() -> None:
+    """As pycocotools counts: of each class and picture; the targets are found by the weakest of 130."""
+    truth, found = street(0)
+    rng = np.random.default_rng(3)
+    crowded = {}
+    for name, each in found.items():
+        corners = rng.uniform(0, 300, (230, 2))
+        boxes = np.concatenate([each.boxes_xyxy, np.concatenate([corners, corners + 40], axis=1)])
+        scores = np.concatenate([each.scores * 0.2, rng.uniform(0, 0.5, 230)])
+        classes = np.concatenate([each.class_ids, np.repeat([0, 4], 115)])
+        crowded[name] = Detections(boxes, scores, classes)
+    scores = Judge(truth)([(name, 0, each) for name, each in crowded.items()])
+    expected = by_pycocotools(truth, crowded)
+    assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
+    fewer = {
+        name: each[np.arange(len(each)) < 100] for name, each in crowded.items()
+    }  # of all classes together
+    assert by_pycocotools(truth, fewer)["ar100"] < expected["ar100"]
 
 
 def test_repeats_are_pictures_of_their_own() -> None:
@@ -174,6 +194,14 @@ def test_truth_stands_where_the_conditions_move_it() -> None:
     assert judge([(name, 0, each) for name, each in found.items()]) == before  # nothing stays moved
 
 
+def calibration_error(scores: list[float], right: list[bool]) -> float | None:
+    """Of one picture's detections."""
+    alarms = Alarms(
+        np.array(scores, float), np.array(right, bool), np.zeros(len(scores), np.int64), np.ones(1)
+    )
+    return alarms.calibration_error.value
+
+
 def test_calibration_error_by_hand() -> None:
     assert calibration_error([], []) is None
     assert calibration_error([0.75] * 4, [True, True, True, False]) == pytest.approx(0)
@@ -224,14 +252,21 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         store.add([cell("p", right, 0.8), cell("q", nothing, None)])
         store.add([cell("p", nothing, None, "it threw", **at), cell("q", right, None, **at)])
         told: list[int] = []
-        clean, exposed = score_rows(store, ["m"], lambda _: truth, told.append)
+        clean, exposed = (each.row for each in score_rows(store, ["m"], lambda _: truth, told.append))
         asked: list[Any] = []
-        moving = list(score_rows(store, ["m"], lambda _: truth, moves=lambda row: asked.append(dict(row))))
-        assert moving == [clean, exposed]
+
+        def moves(row: Any) -> tuple[None, None]:
+            asked.append(dict(row))
+            return None, None
+
+        moving = score_rows(store, ["m"], lambda _: truth, moves=moves)
+        assert [each.row for each in moving] == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]
     shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors")
-    assert tuple(clean) == tuple(exposed) == (*shared, *(score.name for score in registry.SCORES))
+    columns = [f"{score.name}{end}" for score in registry.SCORES for end in ("", "_low", "_high")]
+    assert tuple(clean) == tuple(exposed) == (*shared, *columns)
+    assert all(clean[name] is None for name in columns if name.endswith(("_low", "_high")))  # of two pictures
     assert (clean["clean"], clean["n_images"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)
     assert (clean["ap"], clean["target_confidence"], clean["detection_rate"]) == pytest.approx((1, 0.8, 1))
     assert clean["false_positives_per_image"] == 0
@@ -240,6 +275,47 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
     assert (exposed["ap"], exposed["errors"], exposed["false_positives_per_image"]) == (0, 1, 0.5)
     assert exposed["target_confidence"] is None
     assert performance(clean) == pytest.approx(1)
+
+
+def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
+    """Ten pictures in two repeats: intervals are those of the means and of COCO's averages with each left out."""
+    truth, found = street(9, 10)
+    at = {"exposure_s": 0.01, "illuminance_lux": 5.0, "velocity_x_px_s": 1.0, "velocity_y_px_s": 0.0}
+    rng = np.random.default_rng(3)
+    confidence = {name: rng.uniform(size=rng.integers(1, 5)).round(3) for name in found}
+    cells = []
+    for repeat in range(2):
+        for name, detections in found.items():
+            shared = {"cell_id": f"{name}{repeat}", "model": "m", "image": name, "repeat": repeat}
+            shared |= {"clean": False, **at}
+            rows = tuple(
+                {**shared, "target_id": place, "group": "g", "confidence": float(value)}
+                for place, value in enumerate(confidence[name])
+            )
+            cells.append(CellResult(shared, rows, detections))
+    with Store(tmp_path, create=True) as store:
+        store.add(cells)
+        ((row, whole),) = score_rows(store, ["m"], lambda _: truth)
+        ((few, _),) = score_rows(store, ["m"], lambda _: truth, cluster=r"(\d)\.jpg$")
+        ((one, _),) = score_rows(store, ["m"], lambda _: truth, cluster="jpg")
+    sums, counts = [np.array([f(confidence[name]) for name in sorted(found)]) for f in (np.sum, len)]
+    expected = certainty.interval(
+        sums.sum() / counts.sum(), certainty.departures(sums, counts), within=(0.0, 1.0)
+    )
+    np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
+    judge = Judge(truth)
+    once = [(name, 0, each) for name, each in sorted(found.items())]
+    ap = judge([*once, *once])["ap"]
+    without = [judge([each for each in once if each[0] != name])["ap"] for name in sorted(found)]
+    assert whole.value == row["ap"] == pytest.approx(ap, abs=1e-6)
+    np.testing.assert_allclose(whole.departures, certainty.jackknife(ap, without), atol=1e-4)
+    assert 0 <= row["ap_low"] < row["ap"] < row["ap_high"] <= 1
+    for name in ("detection_rate", "false_positives_per_image", "ar100"):
+        assert row[f"{name}_low"] < row[name] < row[f"{name}_high"], name
+    assert row["exact_match_low"] is row["calibration_error_low"] is None
+    assert few["ap_low"] == row["ap_low"]  # the pattern tells every picture apart
+    assert one["ap"] == row["ap"]
+    assert one["ap_low"] is None  # one cluster
 
 
 def test_rows_of_a_reader(tmp_path: Path) -> None:
@@ -254,12 +330,12 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
     with Store(tmp_path, create=True) as store:
         store.add([CellResult(shared, rows, nothing)])
-        (row,) = score_rows(store, ["m"], lambda _: None)
+        ((row, exact),) = score_rows(store, ["m"], lambda _: None)
     assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
-    assert performance(row) == 0.4
+    assert performance(row) == exact.value == 0.4
 
 
 def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -268,5 +344,5 @@ def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with Store(tmp_path, create=True) as store:
         cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
         store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
-        (row,) = score_rows(store, ["m"], lambda model: None)
+        ((row, _),) = score_rows(store, ["m"], lambda model: None)
     assert row["alarms"] == 7.0

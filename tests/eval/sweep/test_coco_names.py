@@ -47,11 +47,16 @@ def test_command_sweeps_further_axes(tmp_path: Path, capsys: pytest.CaptureFixtu
         for name in ("results", "targets", "scores", "curves")
     }
     tested = {(t, n) for t in ("-20.0", "85.0") for n in ("1.4", "2.8", "5.6")}
-    for name in ("results", "targets", "scores"):
+    signs = 3  # in a picture: a target row and curves each
+    for name, rows in (("results", 6), ("targets", 6 * signs), ("scores", 6)):
         found = [(row["temperature_c"], row["f_number"]) for row in tables[name] if row["clean"] == "False"]
-        assert (len(found), set(found)) == (6, tested)
+        assert (len(found), set(found)) == (rows, tested)
     over = [row["axis"] for row in tables["curves"]]
-    assert (over.count("f_number"), over.count("temperature_c"), len(over)) == (2, 3, 5)
+    assert (over.count("f_number"), over.count("temperature_c"), len(over)) == (
+        2 * signs,
+        3 * signs,
+        5 * signs,
+    )
     names = {path.name for path in (tmp_path / "coco" / "stop_sign").glob("5ms*.json")}
     lens = ("", "-f2.8", "-f5.6")  # f/1.4 is the camera's own
     assert names == {f"5ms-50lux-0_0px_s-{t}{n}-0.json" for t in ("-20C", "85C") for n in lens}

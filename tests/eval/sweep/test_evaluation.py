@@ -191,7 +191,7 @@ def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert [each.path for each in by_command[0]] == [each.path for each in by_python[0]] == [STOP_SIGN]
     assert by_command[1] == by_python[1] == Camera.preset("imx250")
     assert [each.identity for each in by_command[2]] == [each.identity for each in by_python[2]]
-    assert by_command[3] == by_python[3] == usual_plan(datasets.rendered_signs())
+    assert by_command[3] == by_python[3] == usual_plan()
     with Store(tmp_path / "command") as first, Store(tmp_path / "python") as second:
         assert first.about("identity") == second.about("identity")
 
@@ -267,3 +267,36 @@ else:
 """
     subprocess.run([sys.executable, "-c", code], check=True)
     assert AXES[0].name == "exposure_s"
+
+
+def test_pictures_of_one_name_part_count_as_one(done: Evaluation, tmp_path: Path) -> None:
+    """Both pictures are "?.png": alone they are two, by the pattern on what follows the dot they are one."""
+    assert {answer["n_pictures"] for answer in done.answers} == {2}
+    together = Evaluation(done.folder, cluster=r"\.(png)", output=tmp_path)
+    assert {answer["n_pictures"] for answer in together.answers} == {1}
+    assert {curve["n_pictures"] for curve in together.curves} == {1}
+    assert together.summary["cluster"] == r"\.(png)"
+    assert done.summary["cluster"] is None
+
+
+def test_answers_are_a_table_too(done: Evaluation) -> None:
+    done.report()
+    table = pd.read_csv(done.output / "answers.csv")
+    assert len(table) == len(done.answers)
+    assert set(table["verdict"]) == {"cannot tell"}
+    assert table["window_from_low_s"].isna().all()
+    models = pd.read_csv(done.output / "models.csv")
+    assert 0 <= models["mpc_uniform"][0] <= 1
+    exposed = pd.read_csv(done.folder / "results.csv").query("clean == 0")
+    assert exposed["saturated"].between(0, 1).all()
+
+
+def test_a_pattern_that_is_none_is_refused_before_anything_is_done(
+    model: Path, pictures: PictureSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ValueError, match=r"cluster = '\('"):
+        evaluate(model, pictures, plan=PLAN, output=tmp_path / "run", cluster="(")
+    command = ["sweep", "--model", str(model), "--images", pictures.source, *OPTIONS, "--cluster", "("]
+    assert cli.main([*command, "-o", str(tmp_path / "run")]) == 2
+    assert "cluster = '('" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

@@ -22,6 +22,7 @@ from blurnoise_eval.report.measured import (
     spread,
 )
 from blurnoise_eval.report.settings import axis_label
+from blurnoise_eval.report.words import WORKS
 
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
 
@@ -29,8 +30,9 @@ MAX_TICKS = 8  # of an axis whose tested values are its ticks
 def confidence_exposure(data: RunData) -> Figure:
     """Confidence against exposure on a log axis: one panel per model, group and setting, one line per velocity.
 
-    Bars below zero are the exposure window of each velocity, with a tick at the recommended exposure; the
-    shaded range is in the window of every velocity tested there.
+    Bars below zero are the exposure window of each velocity, pale where the pictures cannot tell, thin over the
+    intervals of its ends, with a tick at the recommended exposure; the shaded range is surely in the window of every
+    velocity tested there.
     """
     grid, measured = panels(data, data.settings), points(data)
     velocities = sorted({point.velocity_px_s for point in measured}, key=by_speed)
@@ -38,7 +40,7 @@ def confidence_exposure(data: RunData) -> Figure:
     colours = line_colours("viridis", len(shown))
     for key, axes in grid:
         answers = [a for a in data.answers if (a["model"], a["group"], data.settings.of(a)) == key]
-        for low, high in common_windows([answer["windows_s"] for answer in answers]):
+        for low, high in common_windows([answer["sure_windows_s"] for answer in answers]):
             axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
         for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
             line = [p for p in measured if p[:4] == (*key, velocity)]
@@ -49,9 +51,9 @@ def confidence_exposure(data: RunData) -> Figure:
         _exposure_axis(axes, [p.exposure_s for p in measured])
     return grid.finish(
         axis_label(EXPOSURE),
-        "Speed; bars: exposure window, tick: recommended",
+        "Speed; bars: exposure window (pale: cannot tell; thin: its ends' intervals), tick: recommended",
         _left_out(shown, velocities, "velocities"),
-        [Patch(color="0.5", alpha=0.2, label="window at every speed")],
+        [Patch(color="0.5", alpha=0.2, label="surely in the window at every speed")],
     )
 
 
@@ -140,8 +142,14 @@ def _draw_line(
 
 
 def _draw_window(axes: Axes, answer: dict[str, Any], y: float, colour: str) -> None:
+    first, last = answer["exposures_s"][0], answer["exposures_s"][-1]
+    alpha = 0.75 if answer["verdict"] == WORKS else 0.25
     for low, high in answer["windows_s"]:
-        axes.plot([1e3 * low, 1e3 * high], [y, y], color=colour, lw=3, alpha=0.75, solid_capstyle="butt")
+        axes.plot([1e3 * low, 1e3 * high], [y, y], color=colour, lw=3, alpha=alpha, solid_capstyle="butt")
+    for low, high in (*answer["windows_low_s"], *answer["windows_high_s"]):
+        if low is not None or high is not None:
+            ends = first if low is None else low, last if high is None else high
+            axes.plot([1e3 * end for end in ends], [y, y], color=colour, lw=1)
     if answer["recommended_s"] is not None:
         axes.plot(1e3 * answer["recommended_s"], y, "|", color="black", ms=6, mew=1.3)
 

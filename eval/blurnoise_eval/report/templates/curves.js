@@ -5,7 +5,7 @@ function rowsOf(model, {measure, group}) {
     .map(([, , setting, velocity, exposure, y, low, high, n]) =>
       ({at: placed(exposure, velocity, setting), y, low, high, count: `${n} targets`}));
   return run.scores.filter(p => p[0] === model && p[5 + measure] !== null).map(([, setting, velocity, exposure, n, ...values]) =>
-    ({at: placed(exposure, velocity, setting), y: values[measure], low: null, high: null, count: `${n} pictures`}));
+    ({at: placed(exposure, velocity, setting), y: values[measure], low: values[run.measures.length + 2 * measure], high: values[run.measures.length + 2 * measure + 1], count: `${n} pictures`}));
 }
 
 const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confidence[model][group] : run.clean[model][measure];
@@ -74,13 +74,19 @@ function drawCurve(panel, now) {
       fill: "toself", fillcolor: colour + "26", line: {width: 0}, mode: "lines", hoverinfo: "skip"});
     if (view.joined) traces.push({...between(line, view), mode: "lines", line: {color: colour, width: 2}, hoverinfo: "skip"});
     traces.push({x: line.map(view.x), y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now.name)}`),
-      hovertemplate: "%{text}<extra></extra>", mode: "markers", marker: {color: colour, size: 6}});
+      hovertemplate: "%{text}<extra></extra>", mode: "markers", marker: {color: colour, size: 6},
+      ...(overExposure || !bounded.length ? {} : {error_y: {type: "data", symmetric: false, thickness: 0.8, width: 0, color: colour + "88",
+        array: line.map(p => (p.high ?? p.y) - p.y), arrayminus: line.map(p => p.y - (p.low ?? p.y))}})});
   });
   if (measure === null && view === views.blur) traces.push(failureTrace(panel.model, now));
   const step = 0.035, bars = measure === null && overExposure ? texts.length : 0, most = largest(now);
-  if (bars) windowsOf(panel.model, now).filter(({line}) => !hidden.has(line)).forEach(({line, low, high}) => {
+  if (bars) windowsOf(panel.model, now).filter(({line}) => !hidden.has(line)).forEach(({line, low, high, sure, bounds}) => {
     const y = -0.05 - step * line, colour = colours[line];
-    shapes.push({type: "rect", x0: 1e3 * low, x1: 1e3 * high, y0: y - 0.011, y1: y + 0.011, line: {width: 1, color: colour}, fillcolor: colour});
+    const bar = (from, to, half, opacity) => shapes.push({type: "rect", x0: 1e3 * from, x1: 1e3 * to, y0: y - half, y1: y + half,
+      line: {width: 1, color: colour}, fillcolor: colour, opacity});
+    bar(low, high, 0.011, sure ? 1 : 0.35);
+    const [first, last] = [run.exposures_ms[0] / 1e3, run.exposures_ms[run.exposures_ms.length - 1] / 1e3];
+    for (const [from, to] of bounds) if (from !== null || to !== null) bar(from ?? first, to ?? last, 0.002, 1);
   });
   const xaxis = {...axis, ...view.axis, range: view.range};
   const yaxis = {...axis, showline: false, title: {text: now.name}, range: [(-0.05 - step * bars) * most, 1.05 * most]};
@@ -91,7 +97,8 @@ function drawCurve(panel, now) {
 
 function windowsOf(model, {group, lines, fixed}) {
   return standing(run.windows.filter(w => w[0] === model && w[1] === group)
-    .map(([, , setting, velocity, low, high]) => ({at: placed(null, velocity, setting), low, high})), fixed)
+    .map(([, , setting, velocity, low, high, sure, ...bounds]) =>
+      ({at: placed(null, velocity, setting), low, high, sure, bounds})), fixed)
     .map(w => ({...w, line: w.at[lines]}));
 }
 
@@ -120,7 +127,7 @@ function readingOf({view, lines, measure, fixed}) {
   else parts.push(view.reading + (lines === EXPOSURE
     ? "; from line to line the light per picture changes too, so two lines at the same blur differ by noise." : "."));
   parts.push("Dotted: the untouched pictures.", confidence ? "Dashed: the threshold." : "Of all targets together, without intervals.");
-  if (confidence && view === views.exposure) parts.push(`Bars below zero are the exposure window at each ${word}.`);
+  if (confidence && view === views.exposure) parts.push(`Bars below zero are the exposure window at each ${word}, pale where the pictures cannot tell; thin: the intervals of its ends.`);
   if (confidence && view === views.blur)
     parts.push("Diamonds: where a curve falls below the threshold for good, with the 95 % interval; hollow: non-monotonic.");
   return parts.join(" ");

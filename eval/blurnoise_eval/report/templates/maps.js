@@ -58,7 +58,7 @@ function drawMap(panel, now) {
   const text = tile => (tile.several > 1 ? `mean of ${tile.several} conditions: ${tile.value.toFixed(3)}<br>` : "") + hover(tile.p, now.name);
   Plotly.react(panel.map, [{type: "bar", x: found.map(({wide}) => (wide[0] + wide[1]) / 2), width: found.map(({wide}) => wide[1] - wide[0]),
     base: found.map(({tall}) => tall[0]), y: found.map(({tall}) => tall[1] - tall[0]),
-    text: found.map(tile => fits(tile) ? tile.value.toFixed(2) : ""), customdata: found.map(text),
+    text: found.map(tile => fits(tile) ? tile.value.toFixed(2) + (untold(tile, now) ? "?" : "") : ""), customdata: found.map(text),
     texttemplate: "%{text}", hovertemplate: "%{customdata}<extra></extra>", textposition: "inside", insidetextanchor: "middle",
     textangle: 0, constraintext: "none", insidetextfont: {size: small ? 10 : 12},
     marker: {color: found.map(tile => tile.value), colorscale, cmin: 0, cmax: most, line: {color: "#fff", width: found.length > 60 ? 0.4 : 1.5}}}], {
@@ -67,11 +67,15 @@ function drawMap(panel, now) {
     margin: {l: 52, r: 12, t: 30, b: 46}}, config);
 }
 
+// Whether the interval of a tile holds the threshold.
+const untold = ({p, several}, {measure}) =>
+  measure === null && several === 1 && p.low !== null && p.high !== null && p.low < run.threshold && p.high >= run.threshold;
+
 // What the maps show, in words.
 function coloursOf({across, up, measure, name, mapFixed}) {
   const tiles = across === "blur" || up === "blur"
     ? `a ${across === "blur" ? "row" : "column"} per ${across === "blur" ? up : across}, a tile around each tested blur`
     : `a column per ${across}, a row per ${up}`;
   return `${name}, for the choice above: ${tiles}${heldText(mapFixed)}. ` + (measure === null
-    ? `Blue: at or above the threshold ${run.threshold}; brown: below.` : run.measures[measure].more ? "Darker is better." : "Darker is worse.");
+    ? `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold.` : run.measures[measure].more ? "Darker is better." : "Darker is worse.");
 }

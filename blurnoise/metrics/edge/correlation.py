@@ -1,0 +1,93 @@
+"""Correlation of the noise beside an edge: its power at frequency 0, and the rows that a bootstrap keeps together.
+
+Domain: what is left of the two sides without their planes, upright regions (B, H, W), lags in px.
+
+Noise that a lens does not see has the same power at all frequencies. Interpolation, denoising, compression and
+columns of their own amplifiers change that: with a Gaussian of 0.5, 0.8 and 1.5 px the power at 0 is 2.3, 8 and 28
+variances, and intervals that draw row by row hold in 89, 77 and 64 % in place of 95 %.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+_ACROSS_PX, _ALONG_PX = 6, 24
+_CERTAIN = 4.0
+"""Standard errors of a correlation that is no accident: one in 3 000 edges with white noise at the lags looked at."""
+_FADED = 1.5
+"""Standard errors below which a correlation has ended."""
+_LENGTHS_PER_BLOCK, _REACHES_PER_BLOCK = 4, 2
+_FEWEST_BLOCKS = 7
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """power_at_0: NPS(0) over the variance, (B,), 1 where noise is white. block: rows that are drawn together, (B,).
+
+    too_long: (B,) bool, there are fewer than seven such blocks.
+    """
+
+    power_at_0: Tensor
+    block: Tensor
+    too_long: Tensor
+
+
+def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
+    """Of the noise in ``sides``, each what is left of it and where it is: (B, H, W), 0 outside, and (B, H, W)."""
+    across, error_across = _at_lags(sides, dim=2, most=_ACROSS_PX)
+    along, error_along = _at_lags(sides, dim=1, most=min(_ALONG_PX, sides[0][0].shape[1] // 3))
+    height = sides[0][0].shape[1]
+    (length_x, _), (length_y, alive) = _length(across, error_across), _length(along, error_along)
+    wanted = torch.where(
+        length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0
+    )
+    block = wanted.ceil().long()
+    most = max(height // _FEWEST_BLOCKS, 1)
+    return Correlation(length_x * length_y, block.clamp(1, most), wanted > most)
+
+
+def _at_lags(sides: Sequence[tuple[Tensor, Tensor]], *, dim: int, most: int) -> tuple[Tensor, Tensor]:
+    """Correlation at lags 1 to ``most`` along ``dim`` and its error for white noise, (B, most) each."""
+    power = [(off**2).sum((1, 2)) / there.sum((1, 2)).clamp_min(1) for off, there in sides]
+    products, pairs = [], []
+    for lag in range(1, most + 1):
+        product, count = torch.zeros_like(power[0]), torch.zeros_like(power[0])
+        for (off, there), mean in zip(sides, power, strict=True):
+            size = off.shape[dim] - lag
+            if size > 0:
+                product += (off.narrow(dim, 0, size) * off.narrow(dim, lag, size)).sum(
+                    (1, 2)
+                ) / mean.clamp_min(1e-30)
+                count += (there.narrow(dim, 0, size) * there.narrow(dim, lag, size)).sum((1, 2))
+        products.append(product)
+        pairs.append(count.clamp_min(1))
+    count = torch.stack(pairs, dim=1)
+    return torch.stack(products, dim=1) / count, 1 / count.sqrt()
+
+
+def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
+    """Sum over all lags up to where the correlation fades, 1 where nothing is certain, and that lag, (B,) each."""
+    near = correlation[:, :8].sum(1) / torch.linalg.vector_norm(error[:, :8], dim=1)
+    first = correlation[:, :2].amax(1) / error[:, 0]
+    alive = (correlation > _FADED * error).to(torch.int64).cumprod(1)
+    sums = 1 + 2 * (correlation * alive).sum(1)
+    certain = torch.maximum(near, first) > _CERTAIN
+    return torch.where(certain, sums.clamp_min(1), 1.0), alive.sum(1)
+
+
+def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
+    """How often each row is drawn in each of ``resamples`` bootstraps of blocks of rows, (resamples, rows).
+
+    Blocks start anywhere and go on at the first row after the last; as many rows are drawn as there are.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    count = math.ceil(rows / block)
+    starts = torch.randint(rows, (resamples, count), generator=generator)
+    drawn = ((starts[:, :, None] + torch.arange(block)) % rows).flatten(1)[:, :rows]
+    one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
+    return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)

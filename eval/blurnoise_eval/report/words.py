@@ -1,0 +1,125 @@
+"""Answers and failure points in words, for the terminal and the page.
+
+Domain: exposures in s, written in ms; blur in px; shares in [0, 1]. Texts are plain, never markup. An interval
+stands in brackets behind what it belongs to: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside the tested
+range.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
+from blurnoise_eval.scoring.certainty import FEWEST
+
+SAID_SATURATED = 0.01
+"""Of the picture's values: so many at a limit of the sensor are worth a word."""
+CANNOT_TELL, WORKS, NONE_WORKS = "cannot tell", "works", "no exposure works"
+Answer = dict[str, Any]
+
+
+def window_text(answer: Answer) -> str:
+    """The exposure windows with the intervals of their ends: '≤ 1 (shortest tested) to 22 (19–26) ms'.
+
+    Those of the mean curve; whether they can be relied upon is the verdict's.
+    """
+    if not answer["windows_s"]:
+        return NONE_WORKS
+    if len(answer["exposures_s"]) == 1:
+        return f"{EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
+    ends = list(window_ends(answer))
+    ends[0][0] += " (shortest tested)" if answer["open_low"] else ""
+    ends[-1][1] += " (longest tested)" if answer["open_high"] else ""
+    return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends) + " ms"
+
+
+def window_ends(answer: Answer) -> list[list[str]]:
+    """Both ends of every window, ms, each with its interval; '≤' and '≥' where a window reaches the tested end."""
+    bounds = zip(answer["windows_low_s"], answer["windows_high_s"], strict=True)
+    ends = [
+        [milliseconds(end) + _bracketed(interval) for end, interval in zip(window, both, strict=True)]
+        for window, both in zip(answer["windows_s"], bounds, strict=True)
+    ]
+    if ends and answer["open_low"]:
+        ends[0][0] = f"≤ {ends[0][0]}"
+    if ends and answer["open_high"]:
+        ends[-1][1] = f"≥ {ends[-1][1]}"
+    return ends
+
+
+def _bracketed(interval: tuple[float | None, float | None]) -> str:
+    low, high = (None if end is None else milliseconds(end, 2) for end in interval)
+    if low is None:
+        return "" if high is None else f" (< {high})"
+    return f" (> {low})" if high is None else f" ({low}–{high})"
+
+
+def verdict_text(answer: Answer) -> str:
+    """The verdict; of 'cannot tell' what it would take: 'cannot tell from 12 pictures; ~40 pictures would'."""
+    if answer["verdict"] != CANNOT_TELL:
+        return str(answer["verdict"])
+    return f"{CANNOT_TELL} from {pictures_text(answer)}; {needed_text(answer)}"
+
+
+def needed_text(answer: Answer) -> str:
+    """How many pictures would tell: '~40 pictures would', 'it takes 8 or more', 'it takes very many'."""
+    if answer["pictures_to_tell"] is not None:
+        return f"~{answer['pictures_to_tell']} pictures would"
+    return f"it takes {FEWEST} or more" if answer["n_pictures"] < FEWEST else "it takes very many"
+
+
+def pictures_text(answer: Answer) -> str:
+    """'1 picture', '24 pictures'."""
+    return f"{answer['n_pictures']} picture{'' if answer['n_pictures'] == 1 else 's'}"
+
+
+def confidence_text(answer: Answer) -> str:
+    """The mean confidence at the recommended exposure, with its interval: '0.93 (0.90–0.96)'."""
+    text = f"{answer['confidence_at_recommended']:.2f}"
+    if answer["recommended_low"] is None:
+        return text
+    return f"{text} ({answer['recommended_low']:.2f}–{answer['recommended_high']:.2f})"
+
+
+def best_text(answer: Answer) -> str | None:
+    """The best tested exposure: 'best 0.52 at 10 ms'; None where nothing was measured."""
+    pairs = zip(answer["confidence"], answer["exposures_s"], strict=True)
+    measured = [pair for pair in pairs if pair[0] is not None]
+    if not measured:
+        return None
+    confidence, exposure_s = max(measured, key=lambda pair: pair[0])
+    return f"best {confidence:.2f} at {EXPOSURE.text(exposure_s)}"
+
+
+def reservations(answer: Answer) -> list[str]:
+    """What else must be known of an answer: few pictures, saturated values, an end of the tested range."""
+    found = []
+    if answer["few_pictures"] and answer["verdict"] != CANNOT_TELL:
+        found.append(f"few: {pictures_text(answer)}")
+    chosen = answer["recommended_s"]
+    if chosen is None:
+        return found
+    share = answer["saturated_at_recommended"]
+    if share is not None and share > SAID_SATURATED:
+        found.append(f"{100 * share:.0f} % of the picture's values saturated")
+    tested = answer["exposures_s"]
+    if len(tested) > 1 and chosen == tested[0] and answer["open_low"]:
+        found.append("the shortest tested: what lies below is not known")
+    if len(tested) > 1 and chosen == tested[-1] and answer["open_high"]:
+        found.append("the longest tested: what lies above is not known")
+    return found
+
+
+def failure_text(curve: dict[str, Any]) -> str:
+    """Where a curve over blur fails: '12.1 px', 'beyond 24 px' or 'below throughout'."""
+    if curve["fails_at"] is None:
+        return f"beyond {curve['x'][-1]:.3g} px"
+    return "below throughout" if curve["fails_at"] == curve["x"][0] else f"{curve['fails_at']:.3g} px"
+
+
+def interval_text(curve: dict[str, Any]) -> str | None:
+    """The 95 % interval of a failure point over blur, None where it says nothing more than the point."""
+    low, high = curve["fails_low"], curve["fails_high"]
+    if low is None or low == high:
+        return None
+    return f"95 %: {low:.3g} to {high:.3g} px" if high is not None else f"95 %: from {low:.3g} px"

@@ -1,0 +1,226 @@
+"""COCO's average precision and recall, of all pictures and with each cluster of them left out.
+
+Domain: boxes (left, top, right, bottom) px, areas px². Matching is COCO's; detections are matched once, and what a
+cluster of pictures changes is read off the ranking, since pictures are matched one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.estimates import all_and_without
+from blurnoise_eval.scoring.matching import MOST_DETECTIONS, RECALLS, overlaps
+
+IOUS = np.linspace(0.5, 0.95, 10)
+_LIMITS = np.minimum(IOUS, 1 - 1e-10)
+_AREAS_PX2 = np.array(
+    [(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float
+)  # all, small, medium, large
+_AT_ONCE = 4_000_000  # numbers that are worked on at a time
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+class Answered(NamedTuple):
+    """One picture as it was answered. cluster: its number; targets: COCO's annotations where they stand."""
+
+    cluster: int
+    detections: Detections
+    targets: Sequence[Mapping[str, Any]]
+
+
+class Precision(NamedTuple):
+    """Average precision (1 + clusters, areas, IoUs) and recall (1 + clusters, IoUs), means over categories.
+
+    First of all pictures, then without each cluster; areas: all, small, medium, large. NaN where there is no
+    target of that size.
+    """
+
+    precision: Array
+    recall: Array
+
+
+class _Found(NamedTuple):
+    """N detections of all pictures. right, ignored: (areas, IoUs, N)."""
+
+    score: Array
+    category: NDArray[np.int64]
+    cluster: NDArray[np.int64]
+    right: Flags
+    ignored: Flags
+
+
+def precision(pictures: Iterable[Answered], category_of: Mapping[int, int], clusters: int) -> Precision:
+    """Average precision and recall over categories; ``category_of``: a category's id by a class's number."""
+    place_of = {category: place for place, category in enumerate(sorted(set(category_of.values())))}
+    every = list(pictures)
+    for picture in every:
+        for target in picture.targets:
+            place_of.setdefault(target["category_id"], len(place_of))
+    places = np.full(max(category_of, default=0) + 2, -1)  # by a class's number; the last: none
+    for number, category in category_of.items():
+        places[number] = place_of[category]
+    targets = np.zeros((clusters, len(_AREAS_PX2), max(len(place_of), 1)))
+    flags = np.zeros((len(_AREAS_PX2), len(IOUS), 0), bool)
+    parts = [_Found(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), flags, flags)]
+    parts += [_matched(picture, places, place_of, targets) for picture in every]
+    joined: list[Any] = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
+    order = np.lexsort((-joined[0], joined[1]))
+    found = _Found(*(part[..., order] for part in joined))
+    hits = np.zeros((clusters, len(IOUS), targets.shape[2]))
+    for place in range(len(IOUS)):
+        own = found.right[0, place] & ~found.ignored[0, place]
+        np.add.at(hits[:, place], (found.cluster[own], found.category[own]), 1)
+    return _averages(targets, _ranked(found, targets), hits)
+
+
+def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
+    """Means over the categories that have targets; of_each: (1 + clusters, areas, IoUs, categories)."""
+    left = all_and_without(targets)
+    some = left > 0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        number = some.sum(axis=-1)[:, :, None].astype(float)
+        mean = np.where(some[:, :, None], of_each, 0.0).sum(axis=-1) / number
+        recall = (
+            np.where(some[:, 0, None], all_and_without(hits) / left[:, 0, None], 0.0).sum(axis=-1)
+            / number[:, 0]
+        )
+    return Precision(mean, recall)
+
+
+def _matched(
+    picture: Answered, places: NDArray[np.int64], place_of: Mapping[int, int], targets: Array
+) -> _Found:
+    """Of one picture; its targets are counted in ``targets``."""
+    detections = picture.detections
+    known = places[np.minimum(detections.class_ids, len(places) - 1)]
+    order = np.argsort(known, kind="stable")  # of each category the highest scores first
+    index = order[_rank(known[order]) < MOST_DETECTIONS]
+    index = index[known[index] >= 0]
+    category = known[index]
+    boxes = detections.boxes_xyxy[index].astype(float)
+    area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    outside = (area < _AREAS_PX2[:, :1]) | (area > _AREAS_PX2[:, 1:])
+    right = np.zeros((len(_AREAS_PX2), len(IOUS), len(index)), bool)
+    ignored = np.repeat(outside[:, None], len(IOUS), axis=1)
+    for place in {place_of[target["category_id"]] for target in picture.targets}:
+        of_place = [target for target in picture.targets if place_of[target["category_id"]] == place]
+        sizes = np.array([target["area"] for target in of_place], float)
+        crowd = np.array([bool(target.get("iscrowd")) for target in of_place])
+        aside = crowd | (sizes < _AREAS_PX2[:, :1]) | (sizes > _AREAS_PX2[:, 1:])
+        targets[picture.cluster, :, place] += (~aside).sum(axis=1)
+        own = np.flatnonzero(category == place)
+        shared = overlaps(boxes[own], [target["bbox"] for target in of_place], crowd)
+        near = (shared >= _LIMITS[0]).any(axis=1)
+        if near.any():
+            taken, beside = _pairs(shared[near], crowd, aside)
+            right[:, :, own[near]] = taken
+            ignored[:, :, own[near]] = np.where(taken, beside, ignored[:, :, own[near]])
+    cluster = np.full(len(index), picture.cluster)
+    return _Found(detections.scores[index].astype(float), category, cluster, right, ignored)
+
+
+def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The place of each among its equals."""
+    starts = np.flatnonzero(np.diff(ordered, prepend=-2))
+    return np.arange(len(ordered)) - np.repeat(starts, np.diff(starts, append=len(ordered)))
+
+
+def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
+    """Which detections answer for a target, and for one set aside, both (areas, IoUs, detections).
+
+    shared: overlaps (detections, targets), highest score first. aside: (areas, targets).
+    """
+    enough = shared[:, None] >= _LIMITS[:, None]  # detections, IoUs, targets
+    if (enough[:, 0].sum(axis=1) <= 1).all():  # nobody has a choice
+        own = enough & (crowd | (np.cumsum(enough, axis=0) == 1))
+        taken = own.any(axis=-1).T
+        beside = (own & aside[:, None, None]).any(axis=-1).transpose(0, 2, 1)
+        return np.broadcast_to(taken, (len(aside), *taken.shape)), beside
+    taken = np.zeros((len(aside), len(_LIMITS), len(shared)), bool)
+    beside = np.zeros_like(taken)
+    for area, of_area in enumerate(aside):
+        order = np.argsort(of_area, kind="stable")
+        table = shared[:, order].tolist()
+        set_aside, many = of_area[order].tolist(), crowd[order].tolist()
+        for place, limit in enumerate(_LIMITS.tolist()):
+            free = [True] * len(order)
+            for index, row in enumerate(table):
+                best, chosen = limit, -1
+                for target, value in enumerate(row):
+                    if not free[target] and not many[target]:
+                        continue
+                    if chosen >= 0 and not set_aside[chosen] and set_aside[target]:
+                        break  # one that counts goes before those set aside
+                    if value >= best:
+                        best, chosen = value, target
+                if chosen >= 0:
+                    free[chosen] = False
+                    taken[area, place, index] = True
+                    beside[area, place, index] = set_aside[chosen]
+    return taken, beside
+
+
+def _ranked(found: _Found, targets: Array) -> Array:
+    """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none."""
+    clusters, _, categories = targets.shape
+    areas, ious, count = found.right.shape
+    right = (found.right & ~found.ignored).reshape(areas * ious, count)
+    wrong = ~(found.right | found.ignored).reshape(areas * ious, count)
+    left = np.repeat(all_and_without(targets), ious, axis=1)  # 1 + clusters, areas x IoUs, categories
+    result = np.zeros((1 + clusters, areas * ious, categories))
+    per_line = right.sum(axis=1) * (1 + clusters)
+    start = 0
+    while start < len(right):
+        stop = start + max(1, int(np.searchsorted(np.cumsum(per_line[start:]), _AT_ONCE)))
+        lines = slice(start, stop)
+        result[:, lines] = _of_lines(found, right[lines], wrong[lines], left[:, lines])
+        start = stop
+    return result.reshape(1 + clusters, areas, ious, categories)
+
+
+def _of_lines(found: _Found, right: Flags, wrong: Flags, left: Array) -> Array:
+    """The same of some (area, IoU), flags (lines, N), left (1 + clusters, lines, categories), as ``left``."""
+    rows, lines, categories = left.shape
+    line, hit = np.nonzero(right)
+    if not len(hit):
+        return np.zeros(left.shape)
+    segment = line * categories + found.category[hit]
+    counts = _per_cluster(rows, found.cluster[hit], np.arange(len(hit)), len(hit))
+    following = np.asarray(
+        np.cumsum(right.ravel()).reshape(right.shape), np.int64
+    )  # of a wrong one: the next hit
+    wrong_line, miss = np.nonzero(wrong)
+    after = following[wrong_line, miss]
+    there = after < len(hit)
+    there[there] &= segment[after[there]] == (wrong_line * categories + found.category[miss])[there]
+    misses = _per_cluster(rows, found.cluster[miss[there]], after[there], len(hit))
+    starts = np.flatnonzero(np.diff(segment, prepend=-1))
+    number = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(hit)))
+    for table in (counts, misses):
+        np.cumsum(table, axis=1, out=table)
+        before = np.where(starts > 0, table[:, starts - 1], 0.0)
+        table -= before[:, number]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(counts > 0, counts / (counts + misses), 0.0)
+        recall = counts / left.reshape(rows, -1)[:, segment]
+    share += 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
+    share = np.maximum.accumulate(share[:, ::-1], axis=1)[:, ::-1] - 2.0 * (len(starts) - 1 - number)
+    reached = np.searchsorted(RECALLS, np.nan_to_num(recall), side="right")
+    reached[counts == 0] = 0
+    steps = np.diff(reached, axis=1, prepend=0)
+    steps[:, starts] = reached[:, starts]
+    result = np.zeros((rows, lines * categories))
+    result[:, segment[starts]] = np.add.reduceat(share * steps, starts, axis=1) / len(RECALLS)
+    return result.reshape(left.shape)
+
+
+def _per_cluster(rows: int, cluster: NDArray[np.int64], place: NDArray[np.int64], length: int) -> Array:
+    """How many stand at each place, (rows, length): of all clusters, then without each."""
+    own = np.bincount(cluster * length + place, minlength=(rows - 1) * length).reshape(rows - 1, length)
+    return all_and_without(own.astype(float))

@@ -1,0 +1,73 @@
+"""Tests of an edge's shape: each finds what it is there for, under its own name, and nothing in an honest edge."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from blurnoise_eval.bench.edge_cases import CASES, Draw, Setting, usual
+
+from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.plausibility import Profile
+
+MAKES = {case.name: case.make for case in CASES}
+FOUND = {
+    "top clipped at 95%": Flag.NON_LINEAR_SUSPECTED,
+    "black clipped by 5%": Flag.NON_LINEAR_SUSPECTED,
+    "highlight roll-off": Flag.NON_LINEAR_SUSPECTED,
+    "lateral colour 1 px": Flag.NON_LINEAR_SUSPECTED,
+    "both sides clipped by 10%": Flag.TOO_ABRUPT,
+    "unsharp mask 1, sigma 1.5 px, halos cut": Flag.TOO_ABRUPT,
+    "unsharp mask 0.2": Flag.SHARPENED,
+    "half steps 3 px apart": Flag.TWO_HUMPS,
+    "half steps 6 px apart": Flag.TWO_EDGES,
+    "row jitter 0.5 px": Flag.DISPLACED,
+    "non-local means": Flag.SMOOTHED,
+}
+
+
+def measured(name: str, seed: int, **other: object) -> SlantedEdge:
+    draw = Draw.of(seed)
+    edge = slanted_edge(MAKES[name](usual(draw, **other), draw), full_scale=2.0, bootstrap=0)
+    assert isinstance(edge, SlantedEdge)
+    return edge
+
+
+@pytest.mark.parametrize(("name", "flag"), FOUND.items())
+def test_each_fault_is_found_by_its_name(name: str, flag: Flag) -> None:
+    assert sum(flag in measured(name, seed).flags for seed in range(4)) >= 3
+
+
+def test_a_number_with_a_flag_carries_it() -> None:
+    estimate = measured("top clipped at 90%", 0).estimate("mtf50")
+    assert estimate.told
+    assert "non_linear_suspected" in estimate.flags
+
+
+def test_a_hot_pixel_is_no_fault_and_costs_nothing() -> None:
+    at = Setting(offset_px=(0.3, 0.1))
+    image = at.noisy(at.edge(), Draw.of(1))
+    image[40, 58:60] = 0.95
+    image[70, 90] = 0.95
+    edge = slanted_edge(image, full_scale=2.0, bootstrap=0)
+    assert isinstance(edge, SlantedEdge)
+    assert not edge.flags
+    assert edge.mtf50 == pytest.approx(at.mtf50, rel=0.02)
+
+
+def test_light_that_falls_off_along_the_edge_is_no_fault() -> None:
+    """10 % from end to end; without levels by row, MTF50 is 1 % low and the rows look displaced."""
+    at = Setting(offset_px=(0.3, 0.1))
+    shading = 1 + 0.1 * torch.linspace(-0.5, 0.5, at.height_px, dtype=torch.float64)[:, None]
+    edge = slanted_edge(at.noisy(at.edge() * shading, Draw.of(2)), full_scale=2.0, bootstrap=0)
+    assert isinstance(edge, SlantedEdge)
+    assert not edge.flags
+    assert edge.mtf50 == pytest.approx(at.mtf50, rel=0.025)
+
+
+def test_certainty_is_students() -> None:
+    """Quantiles of Student's law at 1 - 0.0005 and 1 - 0.000005, from tables: 30 and 100 degrees of freedom."""
+    for rows, places, quantile in ((31, 1, 3.646), (101, 1, 3.390), (101, 100, 4.654)):
+        profile = Profile(
+            torch.zeros(1, 5), torch.zeros(1, rows, 5), torch.ones(1, 5), torch.zeros(1), white=True
+        )
+        assert float(profile.certain(places)) == pytest.approx(quantile, rel=0.02)

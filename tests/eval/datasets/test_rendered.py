@@ -1,0 +1,174 @@
+"""Rendered signs: where they stand, what is behind them, and that each picture is its own."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import RENDERED_SIZE_PX, Picture, PictureSet, rendered_signs, rendered_texts
+from blurnoise_eval.datasets.backgrounds import background
+from numpy.typing import NDArray
+
+KINDS = 4  # of backgrounds, in turn: plain, graded, 1/f, cluttered
+
+
+def boxes(picture: Picture) -> NDArray[np.float64]:
+    return np.array([target.box_xyxy for target in picture.targets or ()])
+
+
+def reflectance(number: int, seed: int = 0) -> NDArray[np.float32]:
+    return background(number, np.random.default_rng([seed, number]), RENDERED_SIZE_PX)[0]
+
+
+def test_a_sign_fills_its_box_and_no_more() -> None:
+    """On plain grey, all that differs from the background lies in the box, and reaches its four sides."""
+    for picture in rendered_signs([50], count=3 * KINDS).pictures[::KINDS]:
+        image = picture.load()
+        assert image.shape == (RENDERED_SIZE_PX, RENDERED_SIZE_PX, 3)
+        ((x0, y0, x1, y1),) = boxes(picture)
+        rows, columns = np.nonzero((image != image[0, 0]).any(axis=2))
+        for first, last, low, high in (
+            (columns.min(), columns.max(), x0, x1),
+            (rows.min(), rows.max(), y0, y1),
+        ):
+            assert np.floor(low) <= first <= np.floor(low) + 1  # a sliver of a pixel may not show in 8 bits
+            assert np.ceil(high) - 2 <= last <= np.ceil(high) - 1
+        np.testing.assert_array_equal(picture.load(), image)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_signs_stand_apart_with_room_for_their_smear(seed: int) -> None:
+    sizes = (100, 50, 32)
+    found = rendered_signs(sizes, seed=seed)
+    assert len(found) == 20
+    every = np.array([boxes(picture) for picture in found])  # (pictures, signs, 4)
+    width, height = every[..., 2] - every[..., 0], every[..., 3] - every[..., 1]
+    np.testing.assert_allclose(width, height)
+    ratio = width / sizes
+    assert 0.95 <= ratio.min() < 0.97 < 1.03 < ratio.max() <= 1.05
+    assert every[..., 0].min() >= 45 <= RENDERED_SIZE_PX - every[..., 2].max()
+    for of_picture in every:
+        tops, bottoms = np.sort(of_picture[:, 1]), np.sort(of_picture[:, 3])
+        assert (np.append(tops, RENDERED_SIZE_PX) - np.insert(bottoms, 0, 0)).min() >= 24 - 1e-9
+    assert {target.group for each in found for target in each.targets or ()} == {
+        f"stop sign {size} px" for size in sizes
+    }
+    assert [len({t.group for t in each.targets or ()}) for each in found] == [3] * 20
+    centres = (every[..., :2] + every[..., 2:]).reshape(-1) / 2
+    phase = np.histogram(centres % 1, 4, (0, 1))[0]  # of 120; each quarter of a pixel 30 ± 5 x 4.7
+    assert phase.min() > 30 - 5 * 4.75
+    orders = {tuple(np.argsort(of_picture[:, 1])) for of_picture in every}
+    assert len(orders) == 6  # 20 of 6 orders: one is missing with 16 %
+
+
+def test_backgrounds_span_dark_to_bright_and_four_kinds() -> None:
+    levels = [reflectance(number) for number in range(20)]
+    assert all(0.02 <= each.min() <= each.max() <= 0.9 for each in levels)
+    means = np.array([each.mean() for each in levels])
+    assert means.min() < 0.08
+    assert means.max() > 0.3
+    for number, each in enumerate(levels):
+        grey = np.log(each.astype(float)).mean(axis=0)
+        rough = np.abs(np.diff(grey, axis=1)).mean()  # from pixel to pixel
+        edges = (np.abs(np.diff(grey, axis=1)) > 0.3).mean()
+        plain, graded, noisy, cluttered = (number % KINDS == kind for kind in range(KINDS))
+        assert (np.ptp(grey) < 1e-5) == plain
+        assert (rough > 0.02) == (noisy or (cluttered and rough > 0.02))
+        assert not graded or (np.ptp(grey) > 0.3 and np.ptp(grey) <= 2 and rough < 0.01)
+        assert not cluttered or (edges > 0.003 and np.median(np.abs(np.diff(grey, axis=1))) < 1e-3)
+
+
+def test_texture_falls_as_one_over_frequency() -> None:
+    """Power of the logarithm's Fourier transform, by rings an octave apart: 4 times less each, as amplitude 1/f."""
+    power = []
+    for number in range(2, 42, KINDS):
+        field = np.log(reflectance(number)[0].astype(float))
+        transform = np.abs(np.fft.fft2(field - field.mean())) ** 2
+        f = np.fft.fftfreq(RENDERED_SIZE_PX) * RENDERED_SIZE_PX
+        radius = np.hypot(f, f[:, None])
+        power.append([transform[(radius >= r) & (radius < 1.5 * r)].mean() for r in (8, 16, 32, 64)])
+    falls = np.divide(*np.mean(power, axis=0)[[0, 3]])
+    assert falls == pytest.approx(4**3, rel=0.25)  # 10 fields of hundreds of modes; clipping takes a little
+
+
+def test_outside_the_signs_is_the_background() -> None:
+    import torch
+
+    from blurnoise.encoding import srgb_from_linear
+
+    for number, picture in enumerate(rendered_signs(count=2 * KINDS)):
+        image, outside = picture.load(), np.ones((RENDERED_SIZE_PX,) * 2, bool)
+        for x0, y0, x1, y1 in boxes(picture):
+            outside[int(y0) : int(np.ceil(y1)), int(x0) : int(np.ceil(x1))] = False
+        bare = srgb_from_linear(torch.from_numpy(reflectance(number))).mul(255).round().byte().numpy()
+        np.testing.assert_array_equal(image[outside], bare.transpose(1, 2, 0)[outside])
+        assert not (image == bare.transpose(1, 2, 0)).all(axis=2)[~outside].all()
+
+
+def test_a_picture_depends_on_seed_and_number_alone() -> None:
+    few, many, other = (rendered_signs(count=count, seed=seed) for count, seed in ((5, 0), (12, 0), (5, 1)))
+    for a, b, c in zip(few, many, other, strict=False):
+        assert (a.name, a.targets, a.identity, a.image_id) == (b.name, b.targets, b.identity, b.image_id)
+        np.testing.assert_array_equal(a.load(), pickle.loads(pickle.dumps(b)).load())
+        assert a.targets != c.targets
+        assert a.identity != c.identity
+        assert (a.load() != c.load()).any()
+    images = [picture.load() for picture in many]
+    assert all((a != b).any() for a, b in itertools.combinations(images, 2))
+
+
+def test_what_is_loaded_is_the_callers_own() -> None:
+    (picture,) = rendered_signs(count=1)
+    first = picture.load()
+    before = first.copy()
+    first[:] = 0
+    np.testing.assert_array_equal(picture.load(), before)
+
+
+def test_sizes_that_do_not_fit_together_share_several_pictures() -> None:
+    found = rendered_signs([200, 100, 50, 32, 310], count=2)
+    assert [[t.group.split()[2] for t in each.targets or ()] for each in found] == [
+        *[["200"]] * 2, *[["100", "50", "32"]] * 2, *[["310"]] * 2,
+    ]  # fmt: skip
+    assert [each.image_id for each in found] == [1, 2, 3, 4, 5, 6]
+    assert boxes(found.pictures[-1]).max() <= RENDERED_SIZE_PX
+    assert found.source == "stop signs of 200, 100, 50, 32, 310 px before 2 backgrounds"
+
+
+@pytest.mark.parametrize("of", [rendered_signs, rendered_texts])
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"sizes_px": (400,)}, ValueError, "inside the picture, 320 x 320 px"),
+        ({"sizes_px": (-5,)}, ValueError, "size_px = -5"),
+        ({"count": 0}, ValueError, "count = 0: must be >= 1"),
+        ({"count": 2.5}, TypeError, "count = 2.5: must be an integer"),
+        ({"seed": -1}, ValueError, "seed = -1: must be >= 0"),
+    ],
+)
+def test_bad_input_is_named(
+    of: Callable[..., PictureSet], given: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        of(**given)
+
+
+def test_the_text_is_the_white_word_on_the_red_sign() -> None:
+    found = rendered_texts([100, 50], count=8)
+    assert (found.kind, found.categories, len(found)) == ("rendered", {"text": 1}, 8)
+    assert len(rendered_texts()) == 20
+    for picture, sign in zip(found, rendered_signs([100, 50], count=8), strict=True):
+        target = (picture.targets or ())[0]
+        assert (target.label, target.text, target.group) == ("text", "STOP", "STOP on a sign of 100 px")
+        image = picture.load()
+        np.testing.assert_array_equal(image, sign.load())
+        x0, y0, x1, y1 = (round(edge) for edge in target.box_xyxy)
+        rows, columns = np.nonzero(image[y0 - 3 : y1 + 3, x0 - 3 : x1 + 3, 1] > 128)  # red has little green
+        found_box = (
+            columns.min() - 3, rows.min() - 3, columns.max() - 2 - (x1 - x0), rows.max() - 2 - (y1 - y0),
+        )  # fmt: skip
+        assert np.abs(found_box).max() <= 1

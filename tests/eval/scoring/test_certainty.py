@@ -1,0 +1,197 @@
+"""Tests and intervals of means over clusters: closed forms, SciPy, exact shares, and what they hold in simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.certainty import FEWEST, Ends
+from scipy import optimize, stats
+
+
+def sample(*shape: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).gamma(0.6, size=shape)
+
+
+def test_students_interval_is_scipys() -> None:
+    values = sample(13, 4)
+    mean = values.mean(axis=0)
+    low, high = certainty.student(mean, values - mean)
+    expected = stats.t.interval(0.95, 12, mean, stats.sem(values))
+    np.testing.assert_allclose((low, high), expected)
+    np.testing.assert_allclose(certainty.critical([13, 2], 0.9), stats.t.ppf(0.95, [12, 1]))
+    assert np.isnan(certainty.critical(1))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_halls_interval_inverts_his_statistic(seed: int) -> None:
+    """T + g T²/3 sqrt(n) + ... = critical, by a root finder, with SciPy's skewness."""
+    values = sample(11, seed=seed) * (-1) ** seed
+    n, mean, error = len(values), values.mean(), stats.sem(values)
+    lean = stats.skew(values) / np.sqrt(n)
+
+    def hall(at: float) -> float:
+        t = (mean - at) / error
+        return float(t + lean * t**2 / 3 + lean**2 * t**3 / 27 + lean / 6)
+
+    critical = stats.t.ppf(0.975, n - 1)
+    far = 1000 * error
+    expected = [
+        optimize.brentq(lambda at, side=side: hall(at) - side, mean - far, mean + far)
+        for side in (critical, -critical)
+    ]
+    np.testing.assert_allclose(certainty.hall(mean, values - mean), expected)
+
+
+def test_joined_is_the_wider_of_both_at_either_end_and_agrees_with_the_test() -> None:
+    values = sample(15, 200)
+    mean = values.mean(axis=0)
+    ends = certainty.interval(mean, values - mean)
+    one, other = certainty.student(mean, values - mean), certainty.hall(mean, values - mean)
+    np.testing.assert_array_equal(ends.low, np.minimum(one.low, other.low))
+    np.testing.assert_array_equal(ends.high, np.maximum(one.high, other.high))
+    critical = certainty.critical(15)
+    for level in (0.3, 0.6, 1.2):
+        found = certainty.test(values - level)
+        np.testing.assert_array_equal(found.above >= critical, ends.low >= level)
+        np.testing.assert_array_equal(found.below <= -critical, ends.high <= level)
+
+
+def test_nothing_is_certain_below_the_fewest() -> None:
+    values = sample(FEWEST - 1, 3)
+    mean = values.mean(axis=0)
+    for within in (None, (0.0, 9.0)):
+        assert np.isnan(certainty.interval(mean, values - mean, within=within)).all()
+    found = certainty.test(values + 100)
+    assert (found.above == -np.inf).all()
+    assert (found.below == np.inf).all()
+    assert np.isnan(certainty.regret_bound(values - mean, mean))
+
+
+def test_all_alike() -> None:
+    """Eight equal clusters are surely above and below; a mean of exactly 0 is neither."""
+    found = certainty.test(np.full((8, 3), [0.1, -0.1, 0.0]))
+    assert found.above.tolist() == found.below.tolist() == [np.inf, -np.inf, 0]
+
+
+def test_missing_clusters_do_not_count() -> None:
+    values = sample(12, 1)
+    holes = np.concatenate([values, np.full((5, 1), np.nan)])
+    mean = values.mean(axis=0)
+    for kind in (certainty.student, certainty.hall, certainty.joined):
+        np.testing.assert_allclose(kind(mean, holes - mean), kind(mean, values - mean))
+    np.testing.assert_allclose(certainty.test(holes), certainty.test(values))
+    low, high = certainty.bounded(mean, holes - mean, (0.0, 20.0))
+    alone = certainty.bounded(mean, values - mean, (0.0, 20.0))
+    # Other weights are drawn; a 2.5 % quantile of 1000 draws is known to about 0.08 sigma, k = 5.
+    sigma = values.std() / np.sqrt(12)
+    assert abs(float(low[0] - alone.low[0])) < 0.4 * sigma
+    assert abs(float(high[0] - alone.high[0])) < 5 * sigma  # where the unseen cluster is far off
+
+
+@pytest.mark.parametrize(("found", "n"), [(0, 8), (8, 8), (0, 35), (4, 20), (19, 20)])
+def test_bounded_interval_of_shares_is_that_of_beta_laws(found: int, n: int) -> None:
+    """With clusters that are 0 or 1 the weighted mean is beta: for either end, k and n - k, one of them with the
+    unseen cluster's share. A 2.5 % quantile of 1000 draws stands for 1.2 to 4.4 % (k = 4)."""
+    values = np.arange(n) < found
+    low, high = certainty.bounded(values.mean(), values - values.mean(), (0.0, 1.0))
+    unseen = certainty.UNSEEN
+    if found:
+        assert 0.012 < stats.beta.cdf(low, found, n - found + unseen) < 0.044
+    else:
+        assert low == 0
+    if found < n:
+        assert 0.012 < stats.beta.sf(high, found + unseen, n - found) < 0.044
+    else:
+        assert high == 1
+
+
+def test_bounded_interval_stays_within_and_does_not_change() -> None:
+    values = np.full((9, 2), [0.0, 1.0])
+    ends = certainty.interval(values.mean(axis=0), values * 0, within=(0.0, 1.0))
+    assert ends.low[0] == 0
+    assert 0.02 < ends.high[0] < 0.4  # nine zeros do not show that there is nothing else
+    assert ends.high[1] == 1
+    assert 0.6 < ends.low[1] < 0.98
+    again = certainty.interval(values.mean(axis=0), values * 0, within=(0.0, 1.0))
+    np.testing.assert_array_equal(ends, again)
+
+
+def test_departures_are_those_of_leaving_out() -> None:
+    """Of a ratio of sums: (n - 1) (whole - without); clusters in which nothing is counted have none."""
+    sums, counts = sample(9), np.array([1.0, 5, 2, 0, 3, 1, 1, 12, 2])
+    sums[3] = 0
+    whole = sums.sum() / counts.sum()
+    expected = [
+        7 * (whole - (sums.sum() - s) / (counts.sum() - c)) if c else np.nan
+        for s, c in zip(sums, counts, strict=True)
+    ]
+    np.testing.assert_allclose(certainty.departures(sums, counts), expected)
+    without = [
+        (sums.sum() - s) / (counts.sum() - c) if c else np.nan for s, c in zip(sums, counts, strict=True)
+    ]
+    np.testing.assert_allclose(certainty.jackknife(whole, without), expected)
+    assert certainty.mean_of(sums, counts) == pytest.approx(whole)
+    assert np.isnan(certainty.mean_of([0.0], [0.0]))
+    equal = certainty.departures(sums, np.ones(9))
+    np.testing.assert_allclose(equal, sums - sums.mean())
+
+
+def test_regret_of_one_rival_is_students_bound() -> None:
+    """One-sided; the quantile of 2000 draws may lie a little above."""
+    gaps = sample(12) - 0.6
+    expected = stats.ttest_1samp(gaps, 0, alternative="less").confidence_interval(0.95).high
+    found = float(certainty.regret_bound((gaps - gaps.mean())[:, None], gaps.mean()[None]))
+    assert expected - 1e-12 <= found < expected + 0.15 * stats.sem(gaps)
+
+
+def held(ends: Ends, truth: float) -> float:
+    return float(np.mean((ends.low <= truth) & (truth <= ends.high)))
+
+
+@pytest.mark.parametrize("n", [8, 20, 35])
+def test_intervals_of_normal_means_hold(n: int) -> None:
+    """4000 samples: 95 %, at least, give or take 4 standard deviations (1.4 %); the wider of two holds in more."""
+    values = np.random.default_rng(n).normal(size=(n, 4000))
+    mean = values.mean(axis=0)
+    assert abs(held(certainty.student(mean, values - mean), 0) - 0.95) < 0.014
+    assert 0.936 < held(certainty.joined(mean, values - mean), 0) < 0.98
+
+
+@pytest.mark.parametrize("n", [8, 20, 35])
+@pytest.mark.parametrize(("a", "b"), [(0.2, 2.0), (0.5, 0.5), (2.0, 5.0), (3.0, 0.15)])
+def test_bounded_intervals_of_beta_means_hold(n: int, a: float, b: float) -> None:
+    """Beta laws from rare to saturated: at least 93 %, less 4 standard deviations of 2000 samples (2 %)."""
+    values = np.random.default_rng(n).beta(a, b, size=(n, 2000))
+    mean = values.mean(axis=0)
+    share = held(certainty.interval(mean, values - mean, within=(0.0, 1.0)), a / (a + b))
+    assert share > 0.93 - 0.02
+    students = held(certainty.student(mean, values - mean), a / (a + b))
+    assert share > students - 0.02  # and never far less than Student's
+
+
+def test_rare_events_are_what_student_misses() -> None:
+    """One cluster in 25 is 1, the others 0: eight of them are mostly all 0, whose Student's interval is nothing."""
+    values = (np.random.default_rng(0).uniform(size=(8, 2000)) < 0.04).astype(float)
+    mean = values.mean(axis=0)
+    assert held(certainty.joined(mean, values - mean), 0.04) < 0.6
+    assert held(certainty.interval(mean, values - mean, within=(0.0, 1.0)), 0.04) > 0.93
+
+
+@pytest.mark.parametrize("n", [8, 20, 35])
+@pytest.mark.parametrize("rivals", [1, 5])
+def test_regret_is_bounded(n: int, rivals: int) -> None:
+    """The best by the sample's mean, of two and of six with errors of their own, loses more than its bound in at
+    most 5 % of 1000 samples, give or take 2 standard deviations (1.4 %)."""
+    rng, missed, bounds = np.random.default_rng(n), 0, []
+    truth = np.array([0.75, 0.74, 0.73, 0.72, 0.7, 0.6])[: rivals + 1]
+    for _ in range(1000):
+        values = truth + 0.2 * rng.normal(size=(n, 1)) + 0.06 * rng.normal(size=(n, rivals + 1))
+        chosen = int(values.mean(axis=0).argmax())
+        away = values - values[:, [chosen]]
+        bound = float(certainty.regret_bound(away - away.mean(axis=0), away.mean(axis=0)))
+        missed += truth.max() - truth[chosen] > bound
+        bounds.append(bound)
+    assert missed / 1000 <= 0.05 + 0.014
+    assert 0 < np.median(bounds) < 0.1
+    assert certainty.regret_bound(np.zeros((n, 1)), np.array([-0.3])) == 0

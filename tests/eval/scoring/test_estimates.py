@@ -1,0 +1,65 @@
+"""Estimates: weighted means and ratios of them, their intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from blurnoise_eval.scoring import certainty, estimates
+from blurnoise_eval.scoring.estimates import Estimate
+
+
+def test_a_mean_of_estimates_is_the_estimate_of_the_means() -> None:
+    values = np.random.default_rng(0).uniform(size=(3, 12))
+    each = [estimates.mean(row, np.ones(12)) for row in values]
+    found = estimates.mean_of(each)
+    assert found.value == pytest.approx(values.mean())
+    np.testing.assert_allclose(found.departures, values.mean(axis=0) - values.mean())
+    weighted = estimates.through(each, lambda row: float(np.dot([0.2, 0.3, 0.5], row)))
+    one = np.dot([0.2, 0.3, 0.5], values)
+    assert weighted.value == pytest.approx(one.mean())
+    np.testing.assert_allclose(weighted.departures, one - one.mean())
+    expected = certainty.interval(one.mean(), one - one.mean(), within=(0.0, 1.0))
+    np.testing.assert_allclose(weighted.interval((0.0, 1.0)), expected)
+    assert estimates.mean_of([]) == Estimate(None)
+
+
+def test_clusters_without_a_say_change_nothing_there() -> None:
+    full, holes = np.full(9, 0.1), np.array([0.2] * 7 + [np.nan] * 2)
+    found = estimates.mean_of([Estimate(0.5, full), Estimate(0.7, holes)])
+    np.testing.assert_allclose(found.departures, [0.15] * 7 + [0.05] * 2)
+    both = estimates.mean_of([Estimate(0.5, holes), Estimate(0.7, holes)])
+    assert np.isnan(both.departures[-1])
+    assert estimates.mean_of([Estimate(0.5, full), Estimate(0.7)]).departures is None
+
+
+def test_departures_of_a_ratio_are_those_of_leaving_out() -> None:
+    """To first order in 1/n: twenty clusters, 5 %."""
+    rng = np.random.default_rng(1)
+    above, below = rng.uniform(0.2, 0.4, 20), rng.uniform(0.6, 0.9, 20)
+    one, other = (estimates.mean(each, np.ones(20)) for each in (above, below))
+    found = estimates.ratio(one, other)
+    whole = above.mean() / below.mean()
+    without = [np.delete(above, place).mean() / np.delete(below, place).mean() for place in range(20)]
+    assert found.value == pytest.approx(whole)
+    np.testing.assert_allclose(found.departures, certainty.jackknife(whole, without), rtol=0.05, atol=1e-3)
+    assert estimates.ratio(one, Estimate(0.0)).value is None
+    assert estimates.ratio(one, Estimate(0.5)).departures is None
+
+
+def test_columns() -> None:
+    assert Estimate(None).columns("p", None) == {"p": None, "p_low": None, "p_high": None}
+    assert Estimate(0.3, np.zeros(5)).columns("p", None) == {"p": 0.3, "p_low": None, "p_high": None}
+    low = Estimate(0.1, np.linspace(-1, 1, 9)).columns("p", None)["p_low"]
+    assert low == 0  # nothing here lies below
+
+
+def test_no_alarm_at_all_is_not_certainly_none() -> None:
+    """Ten pictures without one: up to about 1 - 0.025^(1/10) times what an unseen cluster counts."""
+    low, high = estimates.mean(np.zeros(10), np.ones(10)).interval((0.0, None))
+    assert low == 0
+    assert high is not None
+    assert 0.03 < high < 0.4
+    alarms = np.array([0.0] * 9 + [12.0])
+    _, high = estimates.mean(alarms, np.ones(10)).interval((0.0, None))
+    assert high is not None
+    assert 2 < high < 12  # beyond 1, and below the worst seen

@@ -1,0 +1,102 @@
+"""Average precision with clusters left out, against COCO's own of the other pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
+from blurnoise_eval.scoring.precision import Answered, precision
+from faster_coco_eval import COCO, COCOeval_faster
+
+CATEGORY_OF = {0: 13, 4: 2, 5: 90}
+
+
+def crowded(seed: int, pictures: int = 10) -> list[Answered]:
+    """Targets that overlap each other, of all sizes, some crowds; several tries at each, tied scores, clutter."""
+    rng = np.random.default_rng(seed)
+    answered = []
+    for picture in range(pictures):
+        targets: list[dict[str, Any]] = []
+        boxes, classes = [], []
+        for _ in range(rng.integers(0, 9)):
+            x, y = rng.uniform(0, 60, 2)
+            width, height = np.exp(rng.uniform(np.log(10), np.log(200), 2))
+            class_id = int(rng.choice([0, 4]))
+            targets.append(
+                {"image_id": picture, "category_id": CATEGORY_OF[class_id], "bbox": [x, y, width, height]}
+                | {"area": width * height * rng.uniform(0.4, 1), "iscrowd": int(rng.uniform() < 0.15)}
+            )
+            for spread in (0.02, 0.05, 0.15):
+                boxes.append(np.array([x, y, x + width, y + height]) + rng.normal(0, spread * width, 4))
+                classes.append(class_id)
+        for _ in range(rng.integers(0, 30)):
+            corner = rng.uniform(0, 200, 2)
+            boxes.append(np.concatenate([corner, corner + rng.uniform(2, 150, 2)]))
+            classes.append(int(rng.choice([0, 4, 5, 7])))
+        corners = np.array(boxes).reshape(-1, 4)
+        corners[:, 2:] = np.maximum(corners[:, 2:], corners[:, :2] + 1)
+        scores = rng.uniform(0.01, 1, len(corners)).round(2)
+        answered.append(Answered(picture // 2, Detections(corners, scores, np.array(classes, int)), targets))
+    return answered
+
+
+def by_coco(pictures: list[Answered]) -> dict[str, float]:
+    annotations = [
+        {**target, "id": number, "image_id": place}
+        for number, (place, target) in enumerate(
+            ((place, target) for place, each in enumerate(pictures) for target in each.targets), start=1
+        )
+    ]
+    coco = COCO(
+        {
+            "images": [{"id": place} for place in range(len(pictures))],
+            "annotations": annotations,
+            "categories": [{"id": number} for number in CATEGORY_OF.values()],
+        }
+    )
+    rows = [
+        row
+        for place, each in enumerate(pictures)
+        for row in coco_results(each.detections, place, CATEGORY_OF)
+    ]
+    judge = COCOeval_faster(coco, coco.loadRes(rows), "bbox", print_function=lambda *_: None)
+    judge.run()
+    return {name: float(judge.stats[place]) for name, place in COCO_SCORES.items()}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_cluster_left_out_is_cocos_of_the_others(seed: int) -> None:
+    """Five clusters of two pictures: of all, and without each."""
+    pictures = crowded(seed)
+    found = precision(pictures, CATEGORY_OF, 5)
+    for row in range(6):
+        expected = by_coco([each for each in pictures if each.cluster != row - 1])
+        every = found.precision[row].mean(axis=1)
+        got = {"ap": every[0], "ap50": found.precision[row, 0, 0], "ap75": found.precision[row, 0, 5]}
+        got |= {"ap_small": every[1], "ap_medium": every[2], "ap_large": every[3]}
+        got["ar100"] = found.recall[row].mean()
+        assert {name: -1 if np.isnan(value) else value for name, value in got.items()} == pytest.approx(
+            expected, abs=1e-9
+        )
+    assert len({round(float(value), 9) for value in found.precision[:, 0, 0]}) > 3  # clusters do matter
+
+
+def test_most_numbers_at_once_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    pictures = crowded(7)
+    whole = precision(pictures, CATEGORY_OF, 5)
+    monkeypatch.setattr("blurnoise_eval.scoring.precision._AT_ONCE", 50)
+    again = precision(pictures, CATEGORY_OF, 5)
+    np.testing.assert_allclose(again.precision, whole.precision, rtol=1e-12)
+
+
+def test_nothing_found_and_nothing_there() -> None:
+    nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, int))
+    target = {"category_id": 13, "bbox": [0, 0, 200, 200], "area": 4e4}
+    found = precision([Answered(0, nothing, [target]), Answered(1, nothing, [])], CATEGORY_OF, 2)
+    assert found.precision[0, 0, 0] == found.recall[0, 0] == 0
+    assert np.isnan(found.precision[0, 1]).all()  # no small target
+    assert np.isnan(found.precision[1]).all()  # without the only one
+    assert np.isnan(precision([], CATEGORY_OF, 1).precision).all()

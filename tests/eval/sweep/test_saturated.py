@@ -1,0 +1,45 @@
+"""The share of a picture's values at a limit of the sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.sweep.exposing import Scene, brightest, frames
+
+from blurnoise import Camera, Exposure
+
+IMX250 = Camera.preset("imx250")
+SMALL_WELL = replace(IMX250, full_well_e=0.3 * IMX250.full_well_e)
+
+
+@pytest.mark.parametrize("camera", [IMX250, SMALL_WELL])
+@pytest.mark.parametrize(
+    ("lux_s", "share"),
+    # White: 6906 e- per lux s. 18 % grey reaches the small well (3.2 ke-) from 2.6 lux s on, the other from 8.5.
+    [(0.1, 0.0), (2.0, 0.25), (15.0, 0.75)],
+)
+def test_share_of_values_at_the_well_or_at_full_scale(camera: Camera, lux_s: float, share: float) -> None:
+    """A quarter white, half 18 % grey, a quarter black; noise of 1 % of the well moves no grey or black there."""
+    picture = np.zeros((40, 52, 3), np.uint8)
+    picture[:10] = 255
+    picture[10:30] = 118  # sRGB of 0.18
+    conditions = Conditions(exposure_s=0.01, illuminance_lux=lux_s / 0.01)
+    (frame,) = frames(Scene(picture), [Cell("p", 0, conditions, 3)], camera)
+    assert frame.saturated == pytest.approx(share, abs=0.002)
+
+
+def test_an_untouched_picture_has_none() -> None:
+    (frame,) = frames(Scene(np.full((8, 9, 3), 255, np.uint8)), [Cell("p", 0, None, 0)], IMX250)
+    assert frame.saturated is None
+
+
+def test_the_limit_follows_well_and_digital_gain() -> None:
+    at = {"exposure_s": 0.01, "illuminance_lux": 50.0}
+    full = brightest(Exposure(IMX250, **at))
+    assert full >= 254
+    assert brightest(Exposure(SMALL_WELL, **at)) < 160
+    assert brightest(Exposure(SMALL_WELL, **at, gain_db=20.0)) == 255
+    assert brightest(Exposure(IMX250, **at, gain_db=-6.02)) == pytest.approx(188, abs=2)  # sRGB of a half
