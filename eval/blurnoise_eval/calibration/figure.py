@@ -60,8 +60,7 @@ def _transfer(above: Axes, below: Axes, found: Measurement) -> None:
     signal = np.geomspace(0.1, max(level.mean_dn for level in found.flat) - black, 200)
     line = (gain.value * read.value) ** 2 + 1 / 12 + gain.value * signal
     label = (
-        f"K {gain.value:.4g} ({gain.low:.4g}-{gain.high:.4g}) DN/e⁻
-"
+        f"K {gain.value:.4g} ({gain.low:.4g}-{gain.high:.4g}) DN/e⁻\n"
         f"read noise {read.value:.3g} ({read.low:.3g}-{read.high:.3g}) e⁻"
     )
     above.plot(signal, line, color="0.45", lw=1.2, zorder=1, label=label)

@@ -106,7 +106,8 @@ def check_noise(flat: Sequence[Level]) -> None:
         if level.variance_dn2 > 0.5 and abs(level.correlation) > MOST_CORRELATION + chance:
             raise ValueError(
                 f"{level}: filtered or lossy, the noise of neighbouring pixels correlates by "
-                f"{level.correlation:.2f}; must be the sensor's own numbers, not demosaiced, denoised, resized or compressed"
+                f"{level.correlation:.2f}; must be the sensor's own numbers, "
+                "not demosaiced, denoised, resized or compressed"
             )
         if level.variance_dn2 == 0:
             raise ValueError(f"{level}: its frames are all the same; must be taken one after the other")
