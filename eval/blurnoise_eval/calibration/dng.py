@@ -8,6 +8,7 @@ the noise in the dark is sqrt(O)/S electrons, rounding included. Source: DNG spe
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -134,8 +135,10 @@ def _directories(path: Path) -> list[Mapping[int, Any]]:
             directory = ImageFileDirectory_v2(head)
             try:
                 file.seek(place)
-                directory.load(file)
-                tags = dict(directory)
+                with warnings.catch_warnings():
+                    warnings.simplefilter("error")  # of entries that are cut short
+                    directory.load(file)
+                    tags = dict(directory)
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is no sound DNG file: {error}") from None
             found.append(tags)

@@ -59,7 +59,8 @@ def _picture(path: Path) -> Plane:
         plane = None
     if plane is None or plane.dtype not in (np.uint8, np.uint16):
         _refuse(path, "must be a picture of 8 or 16 bits that OpenCV can decode")
-    return np.asarray(plane, np.uint8 if plane.dtype == np.uint8 else np.uint16)
+    narrow: Plane = plane.astype(np.uint8) if plane.dtype == np.uint8 else plane.astype(np.uint16)
+    return narrow
 
 
 def _array(path: Path) -> Plane:
@@ -73,7 +74,8 @@ def _array(path: Path) -> Plane:
         _refuse(path, "must hold whole numbers, as the converter gives them, not averages")
     if plane.min() < 0 or plane.max() > 65535:
         _refuse(path, f"holds {plane.min():g} to {plane.max():g}: must be within 0 and 65535")
-    return np.asarray(plane, np.uint8 if plane.dtype == np.uint8 else np.uint16)
+    narrow: Plane = plane.astype(np.uint8) if plane.dtype == np.uint8 else plane.astype(np.uint16)
+    return narrow
 
 
 def _bare(path: Path, size_px: tuple[int, int] | None) -> NDArray[Any]:

@@ -40,7 +40,8 @@ def compare(
 
       blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095 --plot compared.png
 
-    Noise is looked for where both pictures are even. Pictures need not be aligned to better than a few pixels.
+    Noise is looked for where both pictures are even. Align them to a few pixels: what is framed otherwise shows in
+    the lowest octaves. Simulate with --bit-depth native, and take the real one raw, so that both are linear.
     """
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")

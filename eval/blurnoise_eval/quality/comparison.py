@@ -2,7 +2,7 @@
 
 Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. A quantity
 agrees where the two are no further apart than noise puts them in 95 of 100 cases. The pictures must show the same
-at the same place to a few pixels; nothing here needs them to be aligned better than that.
+at the same place to a few pixels; what is framed otherwise shows in the lowest octaves of the spectrum.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def compare(pair: Pair) -> Compared:
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
-    octaves, spectrum = _spectrum(pair)
+    octaves, spectrum = _spectrum(pair, levels)
     quantities = [_mean(pair, levels), *noise, *sharpness, *octaves]
     return Compared(tuple(quantities), tuple(notes), levels, spectrum)
 
@@ -246,30 +246,31 @@ def _unusable(flags: frozenset[Flag]) -> bool:
     return bool(UNUSABLE & flags)
 
 
-def _spectrum(pair: Pair) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
+def _spectrum(pair: Pair, levels: Floats) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
     """Power relative to the mean squared, by octave below half a cycle per px.
 
-    A Hann window leaves 1/2.1 (per axis) of an octave's values independent; the power of n of them is known to
-    1/sqrt(n), one picture's; what both pictures show alike makes less of a difference than that.
+    A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
+    octave's values independent. N is that of white noise as the levels have it, or all of P without them.
     """
     height, width = pair.real.shape
     window = np.outer(np.hanning(height), np.hanning(width))
     norm = float((window * window).sum())
     fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
     radius = np.hypot(fx, fy)
-    powers = []
-    for each in (pair.simulated, pair.real):
+    powers, noise = [], []
+    for column, each in enumerate((pair.simulated, pair.real), start=1):
         mean = float((window * each).sum() / window.sum())
+        noise.append(float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) and mean else math.inf)
         powers.append(
             np.abs(np.fft.rfft2(window * (each / mean - 1))) ** 2 / norm if mean else np.zeros(radius.shape)
         )
     found, high = [], 0.5
     while high * min(height, width) >= 8:
         ring = (radius > high / 2) & (radius <= high)
-        count = float(ring.sum()) / 2.1**2
         simulated, real = (float(power[ring].mean()) for power in powers)
+        errors = [_power_error(power[ring], white) for power, white in zip(powers, noise, strict=True)]
         name = f"power, {high / 2:.3g} to {high:.3g} c/px"
-        found.append(Quantity(name, "px^2", simulated, real, _Z * math.sqrt(2 / count)))
+        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*errors)))
         high /= 2
     steps = min(height, width) // 2
     rings = np.round(radius * 2 * steps).astype(int)
@@ -279,3 +280,11 @@ def _spectrum(pair: Pair) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]
         np.bincount(rings[inside], power[inside], steps + 1)[1:] / np.maximum(counts, 1) for power in powers
     ]
     return found, (np.arange(1, steps + 1) / (2 * steps), told[0], told[1])
+
+
+def _power_error(powers: Floats, noise: float) -> float:
+    """Standard deviation of the mean of ``powers``, relative to it."""
+    white = np.minimum(noise, powers) if math.isinf(noise) else noise
+    varying = white**2 + 2 * white * np.maximum(powers - white, 0)
+    total = float(powers.sum())
+    return 2.1 * math.sqrt(float(np.sum(varying))) / total if total else math.nan
