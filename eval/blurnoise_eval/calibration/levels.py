@@ -112,11 +112,14 @@ def level_of(
             pair = values
     frames, pixels = len(means), height * width
     each = (squares - total * total / frames) / (frames - 1)
+    signals = np.array(means) - dark_dn
+    if kind == "flat" and (signals > 0).all():  # shot noise of the first one's light, to that of the mean
+        each *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
     variance = float(each.mean()) * pixels / (pixels - 1)
     rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / width
     power = float((pair * pair).mean())
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
-    signal = float(np.mean(means)) - dark_dn
+    signal = float(signals.mean())
     level = Level(
         kind=kind,
         exposure_s=exposure_s,

@@ -29,6 +29,7 @@ MOST_EDGES = 4
 SMALLEST_PX = 64
 _CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noise loses it
 _EVEN = 2.5  # times the variance of cells that noise alone explains
+_COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
 _Z = 1.96
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -62,9 +63,10 @@ class Quantity:
         """In words."""
         if not math.isfinite(self.difference) or not math.isfinite(self.chance):
             return "cannot tell"
-        return (
-            "agree" if abs(self.difference) <= self.chance else f"differs by {100 * self.difference:+.2g} %"
-        )
+        if abs(self.difference) <= self.chance:
+            return "agree"
+        digits = ".0f" if abs(self.difference) >= 1 else ".2g"
+        return f"differs by {100 * self.difference:+{digits}} %"
 
     def row(self) -> dict[str, Any]:
         """Plain values, None for what cannot be told."""
@@ -216,8 +218,8 @@ def _blocks(picture: Floats) -> _Blocks:
 
 def _even(blocks: _Blocks) -> NDArray[np.bool_]:
     """Where cells vary by no more than noise explains, which may itself be coarse: then as in most even squares."""
-    usual = float(np.percentile(blocks.structure, 25))
-    return np.asarray(blocks.structure < _EVEN * max(1.0, usual))
+    usual = min(max(1.0, float(np.percentile(blocks.structure, 25))), _COARSEST)
+    return np.asarray(blocks.structure < _EVEN * usual)
 
 
 def _sharpness(pair: Pair) -> list[Quantity]:

@@ -181,7 +181,8 @@ def test_a_camera_of_the_independent_model_is_found(tmp_path: Path) -> None:
     gain, read_e2, dark_e_s, size = 0.8, 20.0, 200.0, (120, 160)
     random = np.random.default_rng(8)
     device = module.Camera(
-        bit_depth=12, width=size[1], height=size[0], K=gain, K_min=gain, K_steps=1, temperature=22, temperature_ref=22,
+        bit_depth=12, width=size[1], height=size[0], K=gain, K_min=gain, K_steps=1, temperature=22,
+        temperature_ref=22,
         dark_current_ref=dark_e_s, dark_signal_0=40.0, sigma2_dark_0=read_e2, u_esat=4200.0, seed=11,
         dsnu=1.5 * random.standard_normal(size), prnu=1 + 0.01 * random.standard_normal(size),
     )  # fmt: skip

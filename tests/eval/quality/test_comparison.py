@@ -23,11 +23,17 @@ SIZE = (257, 320)
 
 
 def picture(seed: int, *, light: float = 1.0, blur: float = 0.0, camera: Camera = CAMERA) -> np.ndarray:
-    chart = charts.slanted_edge(SIZE[1], SIZE[0], angle_deg=5.0)
-    electrons = 5000.0 * light * chart.reshape(1, 1, *SIZE)
+    chart = charts.slanted_edge(*SIZE, angle_deg=5.0)
+    electrons = 5000.0 * light * chart
     if blur:
         electrons = torch.from_numpy(cv2.GaussianBlur(electrons[0, 0].numpy(), (0, 0), blur))[None, None]
-    dn = read_out(electrons.float(), camera, exposure_s=0.0, generator=torch.Generator().manual_seed(seed))
+    dn = read_out(
+        electrons.float(),
+        camera,
+        exposure_s=0.0,
+        temperature_c=20.0,
+        generator=torch.Generator().manual_seed(seed),
+    )
     return dn[0, 0].numpy().astype(np.uint16)
 
 
@@ -45,6 +51,7 @@ def verdicts(found: Compared) -> dict[str, str]:
     return told
 
 
+@pytest.mark.slow
 def test_draws_of_one_camera_agree() -> None:
     """Of some ten quantities per pair 5 % differ by chance: over eight pairs fewer than 4 + 4 sqrt(4)."""
     differing = [
@@ -90,6 +97,7 @@ def test_what_differs_is_told_apart() -> None:
     assert verdicts(noisier)["mean"] == "agree"
 
 
+@pytest.mark.slow
 def test_chance_is_as_wide_as_differences_are() -> None:
     """Differences over their chance, of 12 pairs: a spread of 1/1.96 within a factor of 1.6, kind by kind."""
     shares: dict[str, list[float]] = {}
