@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from blurnoise_eval.calibration.transfer import Line, Transfer, Z, root
 
 Floats = NDArray[np.float64]
 _DEPTHS = (8, 10, 12, 14, 16)
+_SURELY = 5.0  # standard deviations
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
 
 
@@ -113,6 +114,15 @@ def measure(
     soundness.check_noise(used)
     pattern = transfer.dark_pattern(total / (len(dark) * step), dark)
     fit = transfer.fit(dark, used, pattern)
+    hidden, hidden_error = 0.0, 0.0
+    for _ in range(3):  # the gain hardly depends on it
+        found, error = transfer.hidden_charge(dark, fit)
+        if hidden == 0 and found < _SURELY * error:
+            break
+        hidden, hidden_error = found, error
+        fit = transfer.fit(_without(dark, hidden), _without(used, hidden), pattern)
+    exposures = np.array([level.exposure_s for level in [*dark, *used]])
+    fit = replace(fit, expected_dn2=fit.expected_dn2 + hidden * exposures)
     top_dn = (
         max(level.mean_dn for level in used) if clipped.clip_dn is None else clipped.clip_dn
     ) - fit.dark.offset
@@ -124,11 +134,17 @@ def measure(
     bright = [flat[place] for place in chosen]
     estimates["prnu"] = _prnu(light, fit.dark, bright, dark)
     notes = _notes(fit, step, dark, len(flat) - len(used))
+    if hidden:
+        estimates["dark_current_e_s"] = _with_hidden(estimates["dark_current_e_s"], fit, hidden, hidden_error)
+        notes.append(
+            "noise in the dark grows with exposure and the mean does not, as where the camera takes it off: dark "
+            "current is that of the variance"
+        )
     method = "photon transfer"
-    if emva.conditions(dark, flat, clipped.clip_dn is not None) and not fit.rounding:
-        if found := emva.analysis(dark, flat):
-            estimates |= found.estimates
-            method = found.method
+    if not hidden and emva.conditions(dark, flat, clipped.clip_dn is not None) and not fit.rounding:
+        if standard := emva.analysis(dark, flat):
+            estimates |= standard.estimates
+            method = standard.method
         else:
             notes.append(
                 "EMVA 1288's own conditions hold: pip install 'blurnoise[emva]' measures by its package"
@@ -193,6 +209,21 @@ def _as_bounds(estimates: dict[str, Estimate], fit: Transfer) -> dict[str, Estim
     loose["read_noise_e"] = Estimate(read.value, 0.0, max(read.high, TWO_NUMBERS_DN / fit.gain))
     loose["black_level_dn"] = Estimate(black.value, black.value - 0.5, black.value + 0.5)
     return estimates | loose
+
+
+def _without(levels: Sequence[Level], hidden_dn2_s: float) -> list[Level]:
+    """The levels less the variance of dark charge that their means do not show."""
+    return [
+        replace(level, variance_dn2=level.variance_dn2 - hidden_dn2_s * level.exposure_s) for level in levels
+    ]
+
+
+def _with_hidden(shown: Estimate, fit: Transfer, hidden: float, error: float) -> Estimate:
+    more = hidden / fit.gain**2
+    margin = Z * math.hypot(error / fit.gain**2, 2 * more * fit.error((1, 0, 0)) / fit.gain)
+    margin = math.hypot(margin, (shown.high - shown.low) / 2)
+    value = shown.value + more
+    return Estimate(value, max(0.0, value - margin), value + margin)
 
 
 def _over_gain(dn: float, error_dn: float, gain: Estimate) -> Estimate:

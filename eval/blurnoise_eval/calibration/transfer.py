@@ -177,6 +177,20 @@ def _best_start(data: _Data, start: Floats) -> Floats:
     return min([start, *tries], key=lambda each: float((_residuals(each, data, line) ** 2).sum()))
 
 
+def hidden_charge(dark: Sequence[Level], fit: Transfer) -> tuple[float, float]:
+    """Dark variance that grows with exposure beyond what the dark mean says, DN^2/s, and its standard deviation.
+
+    A camera that takes the mean of shielded pixels off hides dark charge from the mean, not from the variance.
+    """
+    if fit.rounding or math.isnan(fit.dark.slope):
+        return 0.0, math.inf
+    exposure, seen, error = np.array(
+        [(level.exposure_s, level.variance_dn2, level.variance_error_dn2) for level in dark]
+    ).T
+    line = _straight(exposure, seen, np.maximum(error, 1e-9))
+    return line.slope - fit.gain * fit.dark.slope, line.slope_error
+
+
 def widened(chi_square: float, freedom: int) -> float:
     """By how much a variance grows for scatter beyond chance: chi-square per degree of freedom, or 1."""
     if freedom < 1 or chi2.sf(chi_square, freedom) > SUSPICIOUS:
