@@ -42,16 +42,16 @@ def draw(found: Compared) -> Figure:
 
     figure = Figure(figsize=(11.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for column, label, mark, colour in ((1, "simulated", "o", "#0072b2"), (2, "real", "s", "#d55e00")):
+    for column, label, mark, colour in ((1, "simulated", "o-", "#0072b2"), (2, "real", "s--", "#d55e00")):
         left.plot(
             100 * found.levels[:, 0],
             100 * found.levels[:, column],
-            mark + "-",
+            mark,
             ms=5,
             color=colour,
             label=label,
         )
-        right.loglog(found.spectrum[0], found.spectrum[column], color=colour, lw=1.2, label=label)
+        right.loglog(found.spectrum[0], found.spectrum[column], mark[1:], color=colour, lw=1.2, label=label)
     left.set_xlabel("Level / % of full scale", fontsize=9)
     left.set_ylabel("Noise / % of full scale", fontsize=9)
     right.set_xlabel("Frequency / cycles per px", fontsize=9)

@@ -62,6 +62,10 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path: Path)
     assert widths["dark_current_e_s"] < 0.05
     assert widths["prnu"] < 0.1
     assert found.clip_dn == CAMERA.clip_dn
+    brightest = max(
+        found.flat[place].mean_dn for place in found.used
+    )  # EMVA 1288 fits up to 70 % of saturation
+    assert brightest - CAMERA.black_level_dn < 0.71 * (CAMERA.clip_dn - CAMERA.black_level_dn)
     assert found.method == "photon transfer"
     assert found.size_px == (320, 241)
 
