@@ -61,7 +61,7 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path: Path)
     assert widths["system_gain_dn_per_e"] < 0.015  # not so wide that they would hold anything
     assert widths["dark_current_e_s"] < 0.05
     assert widths["prnu"] < 0.1
-    assert found.clip_dn == CAMERA.clip_dn
+    assert found.clip_dn == pytest.approx(CAMERA.clip_dn, abs=0.5)  # read noise may lie on top of a full well
     brightest = max(
         found.flat[place].mean_dn for place in found.used
     )  # EMVA 1288 fits up to 70 % of saturation
