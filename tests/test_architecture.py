@@ -52,7 +52,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"report"},
         {"sweep"},
         {"bench"},
-        {"quality"},
+        {"quality", "calibration"},
         {"cli"},
     ],
     "blurnoise_eval.detectors": [

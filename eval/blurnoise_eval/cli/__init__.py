@@ -13,7 +13,9 @@ from typer.main import get_command
 from blurnoise_eval.cli import (
     bench,
     cameras,
+    cameras_fit,
     chart,
+    compare,
     detections,
     gallery,
     inspect,
@@ -35,6 +37,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (simulate.simulate, "one picture as a camera would take it"),
     (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
+    (compare.compare, "a simulated picture beside a real one of the same chart"),
     (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
     (motion.motion, "road speed -> px/s and blur length"),
     (chart.chart, "render a test target"),
@@ -45,6 +48,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (train.train, "train the stop-sign detector, and write it as ONNX"),
     (scenes.scenes, "render labelled road-sign scenes, as COCO"),
     (cameras.cameras, "the cameras there are, their figures and where these come from"),
+    (cameras_fit.cameras_fit, "your own camera, from dark and flat frames or a DNG"),
 )
 _DESCRIPTION = """\
 What exposure time should this camera use, and how does my detector hold up
@@ -61,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
-    words = _with_ocr_method(sys.argv[1:] if arguments is None else arguments)
+    words = _with_ocr_method(_named(sys.argv[1:] if arguments is None else arguments))
     accept_all_text()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
@@ -86,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _program(arguments: Sequence[str]) -> Any:
     """The program; where a command is named, with that alone: options that nobody asks for take time to make."""
-    named = [entry for entry in COMMANDS if [entry[0].__name__] == [*arguments[:1]]]
+    named = [entry for entry in COMMANDS if [_name(entry[0])] == [*arguments[:1]]]
     program = typer.Typer(
         cls=Program,
         help=_DESCRIPTION,
@@ -99,8 +103,19 @@ def _program(arguments: Sequence[str]) -> Any:
     )
     program.callback()(lambda: None)  # without it, one command would have no name
     for run, about in named or COMMANDS:
-        program.command(run.__name__, cls=Command, short_help=about)(run)
+        program.command(_name(run), cls=Command, short_help=about)(run)
     return get_command(program)
+
+
+def _name(run: Callable[..., None]) -> str:
+    """A command's name: that of its function, in two words where that has two."""
+    return run.__name__.replace("_", " ")
+
+
+def _named(arguments: Sequence[str]) -> list[str]:
+    """The arguments with a command's name of two words as the one that it is here."""
+    both = " ".join(arguments[:2])
+    return [both, *arguments[2:]] if both in {_name(run) for run, _ in COMMANDS} else [*arguments]
 
 
 def _told(error: typer.TyperException) -> str:

@@ -29,6 +29,7 @@ def cameras(
 
       blurnoise cameras                              the presets, a line each
       blurnoise cameras imx250 --save mine.yaml      a starting point for your own
+      blurnoise cameras fit frames/ -o mine.yaml     your own, from dark and flat frames
       blurnoise cameras mine.yaml --plot mine.png    variance against mean, and SNR
       blurnoise sweep --camera mine.yaml -o run      the answer for it
 

@@ -21,7 +21,7 @@ from typer.main import get_command
 from blurnoise.camera import PRESETS
 
 Output = pytest.CaptureFixture[str]
-NAMES = [run.__name__ for run, _ in COMMANDS]
+NAMES = [run.__name__.replace("_", " ") for run, _ in COMMANDS]
 LISTS = [axis.option for axis in AXES]
 
 
@@ -128,8 +128,8 @@ def test_help_says_the_numbers_that_apply(capsys: Output) -> None:
 def test_programs_help_lists_the_commands(capsys: Output) -> None:
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
-    for run, about in COMMANDS:
-        assert f"  {run.__name__:10}  {about}\n" in shown
+    for name, (_, about) in zip(NAMES, COMMANDS, strict=True):
+        assert f"  {name:11}  {about}\n" in shown
 
 
 def test_nothing_to_do_shows_where_to_begin(capsys: Output) -> None:

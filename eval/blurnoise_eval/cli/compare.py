@@ -1,0 +1,75 @@
+"""``blurnoise compare``: does the simulator describe my camera?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli._options import Json
+from blurnoise_eval.system.terminal import say, say_json, show
+
+
+def compare(
+    simulated: Annotated[
+        Path, Argument(metavar="SIMULATED", help="what 'blurnoise simulate' made of the chart")
+    ],
+    real: Annotated[Path, Argument(metavar="REAL", help="your camera's picture of it, of the same size")],
+    *,
+    linear: Annotated[
+        bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")
+    ] = False,
+    srgb: Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")] = False,
+    black_level: Annotated[
+        float | None, Option(metavar="DN", help="of no light, in both (default: 0)")
+    ] = None,
+    full_scale: Annotated[
+        float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
+    ] = None,
+    plot: Annotated[
+        Path | None, Option(metavar="OUT.png", help="draw noise over level and both spectra; or .pdf, .svg")
+    ] = None,
+    table: Annotated[
+        Path | None, Option("--csv", metavar="OUT.csv", help="a row per quantity, for pandas")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare a simulated picture with a real one of the same chart: mean, noise at each level, sharpness of slanted
+    edges, and power spectrum by octaves. Each quantity agrees, or differs by more than chance allows.
+
+      blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095 --plot compared.png
+
+    Noise is looked for where both pictures are even. Align them to a few pixels: what is framed otherwise shows in
+    the lowest octaves. Simulate with --bit-depth native, and take the real one raw, so that both are linear.
+    """
+    if linear and srgb:
+        raise ValueError("linear, srgb: must be one of them")
+    from blurnoise_eval.datasets import decode
+    from blurnoise_eval.drawing.photon_transfer import plot_suffix
+    from blurnoise_eval.quality import comparison, comparison_view
+    from blurnoise_eval.quality.picture import Coding
+    from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.tables import csv_lines
+
+    if plot:
+        plot_suffix(plot)  # before anything is measured
+    coding: Coding = "linear" if linear else "srgb" if srgb else "auto"
+    pair = comparison.pair_of(
+        decode(simulated), decode(real), coding, black_level=black_level, full_scale=full_scale
+    )
+    found = comparison.compare(pair)
+    rows = [quantity.row() for quantity in found.quantities]
+    if table:
+        write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
+    if plot:
+        comparison_view.write(found, plot)
+    if as_json:
+        say_json({"simulated": str(simulated), "real": str(real), "notes": found.notes, "quantities": rows})
+        return
+    show(comparison_view.as_table(found))
+    for note in found.notes:
+        say(note, error=True)
+    for path in (table, plot):
+        if path:
+            say(path)

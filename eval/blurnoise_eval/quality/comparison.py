@@ -1,0 +1,292 @@
+"""A simulated picture beside a real one of the same chart: is each quantity the same but for chance?
+
+Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. A quantity
+agrees where the two are no further apart than noise puts them in 95 of 100 cases. The pictures must show the same
+at the same place to a few pixels; what is framed otherwise shows in the lowest octaves of the spectrum.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise.metrics import Flag
+from blurnoise_eval.datasets import Image
+from blurnoise_eval.quality import picture as measuring
+from blurnoise_eval.quality.find_edges import UNUSABLE
+from blurnoise_eval.quality.picture import Coding, Linear
+
+Floats = NDArray[np.float64]
+BLOCK_PX = 16
+"""Side of the squares in which noise is looked for."""
+MOST_LEVELS = 8
+FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %
+MOST_EDGES = 4
+SMALLEST_PX = 64
+_CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noise loses it
+_EVEN = 2.5  # times the variance of cells that noise alone explains
+_COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
+_Z = 1.96
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two pictures, (H, W), shares of full scale above black, and as they were made linear."""
+
+    simulated: Floats
+    real: Floats
+    linear: tuple[Linear, Linear]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of both pictures. chance: 95 % of the relative difference that noise makes; NaN: nothing to tell."""
+
+    name: str
+    unit: str
+    simulated: float
+    real: float
+    chance: float
+
+    @property
+    def difference(self) -> float:
+        """Of the real one, relative to the simulated one."""
+        return self.real / self.simulated - 1 if self.simulated else math.nan
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if not math.isfinite(self.difference) or not math.isfinite(self.chance):
+            return "cannot tell"
+        if abs(self.difference) <= self.chance:
+            return "agree"
+        digits = ".0f" if abs(self.difference) >= 1 else ".2g"
+        return f"differs by {100 * self.difference:+{digits}} %"
+
+    def row(self) -> dict[str, Any]:
+        """Plain values, None for what cannot be told."""
+        numbers = {
+            "simulated": self.simulated, "real": self.real, "difference": self.difference, "chance": self.chance,
+        }  # fmt: skip
+        told = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
+        return {"quantity": self.name, "unit": self.unit, **told, "verdict": self.verdict}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What two pictures have in common. levels (n, 3): level, noise of the simulated and of the real one.
+
+    spectrum: frequency in cycles/px and both powers, each (n,), rings of the relative power.
+    """
+
+    quantities: tuple[Quantity, ...]
+    notes: tuple[str, ...]
+    levels: Floats
+    spectrum: tuple[Floats, Floats, Floats]
+
+
+def pair_of(
+    simulated: Image,
+    real: Image,
+    coding: Coding = "auto",
+    *,
+    black_level: float | None = None,
+    full_scale: float | None = None,
+) -> Pair:
+    """Make both pictures linear in the same way.
+
+    Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
+    """
+    sizes = [f"{each.shape[1]} x {each.shape[0]}" for each in (simulated, real)]
+    if sizes[0] != sizes[1]:
+        raise ValueError(
+            f"simulated is {sizes[0]} px, real {sizes[1]}: must be of one size, of the same chart"
+        )
+    if simulated.dtype != real.dtype:
+        bits = [8 * each.itemsize for each in (simulated, real)]
+        raise ValueError(f"simulated has {bits[0]} bits, real {bits[1]}: must be of one depth")
+    if min(simulated.shape[:2]) < SMALLEST_PX:
+        raise ValueError(
+            f"simulated and real are {sizes[0]} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}"
+        )
+    first, second = (
+        measuring.linear(each, coding, black_level=black_level, full_scale=full_scale)
+        for each in (simulated, real)
+    )
+    return Pair(_share(first), _share(second), (first, second))
+
+
+def compare(pair: Pair) -> Compared:
+    """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures."""
+    notes = list(dict.fromkeys(note for light in pair.linear for note in light.notes))
+    levels, noise = _noise(pair)
+    if not noise:
+        notes.append("no squares that are even in both pictures: noise is not compared")
+    sharpness = _sharpness(pair)
+    if not sharpness:
+        notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
+    octaves, spectrum = _spectrum(pair, levels)
+    quantities = [_mean(pair, levels), *noise, *sharpness, *octaves]
+    return Compared(tuple(quantities), tuple(notes), levels, spectrum)
+
+
+def _share(light: Linear) -> Floats:
+    planes = light.picture.numpy()
+    grey = np.tensordot(_LUMINANCE, planes, 1) if len(planes) == 3 else planes[0]
+    return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
+
+
+def _mean(pair: Pair, levels: Floats) -> Quantity:
+    """Chance by the noise of the levels alone, the same in every pixel."""
+    noise = math.sqrt(float((levels[:, 1:] ** 2).mean())) if len(levels) else 0.0
+    simulated, real = float(pair.simulated.mean()), float(pair.real.mean())
+    chance = _Z * noise * math.sqrt(2 / pair.real.size) / abs(simulated) if simulated else math.nan
+    return Quantity("mean", "of full scale", simulated, real, chance)
+
+
+def _noise(pair: Pair) -> tuple[Floats, list[Quantity]]:
+    """Noise of the squares that are even in both pictures, by level."""
+    simulated, real = (_blocks(each) for each in (pair.simulated, pair.real))
+    even = _even(simulated) & _even(real)
+    level = (simulated.level + real.level)[even] / 2
+    variances = np.stack([simulated.variance[even], real.variance[even]], 1)
+    unclipped = (variances > 0).all(1)
+    level, variances = level[unclipped], variances[unclipped]
+    if len(level) < FEWEST_BLOCKS:
+        return np.empty((0, 3)), []
+    rows, quantities = [], []
+    for members in _by_level(level):
+        deviations = np.sqrt(variances[members].mean(0))
+        # chi-square of all squares' pixels, or the scatter between the squares, whichever is more: of variances
+        count = len(members)
+        scatter = variances[members].std(0, ddof=1) / variances[members].mean(0) / math.sqrt(count)
+        error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
+        at = float(level[members].mean())
+        rows.append((at, float(deviations[0]), float(deviations[1])))
+        chance = _Z * math.hypot(*error.tolist())
+        quantities.append(
+            Quantity(f"noise at {100 * at:.3g} %", "of full scale", rows[-1][1], rows[-1][2], chance)
+        )
+    return np.array(rows), quantities
+
+
+def _by_level(level: Floats) -> list[NDArray[np.intp]]:
+    """Squares of like level: parted at the widest gaps of the ordered levels, as a chart's patches lie."""
+    order = np.argsort(level, kind="stable")
+    gaps = np.diff(level[order])
+    wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
+    cuts = sorted(int(place) + 1 for place in wide if gaps[place] > 0.01)
+    return [part for part in np.split(order, cuts) if len(part) >= FEWEST_BLOCKS]
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Of each square: mean, variance about its plane, and variance of cells' means over what noise makes of it."""
+
+    level: Floats
+    variance: Floats
+    structure: Floats
+
+
+def _blocks(picture: Floats) -> _Blocks:
+    rows, columns = (side // BLOCK_PX for side in picture.shape)
+    squares = picture[: rows * BLOCK_PX, : columns * BLOCK_PX]
+    squares = (
+        squares.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
+    )
+    level = squares.mean((1, 2))
+    place = np.arange(BLOCK_PX) - (BLOCK_PX - 1) / 2
+    power = BLOCK_PX * float(place @ place)
+    across = np.einsum("bij,j->b", squares, place) / power
+    down = np.einsum("bij,i->b", squares, place) / power
+    tilt = across[:, None, None] * place + down[:, None, None] * place[:, None]
+    rest = squares - level[:, None, None] - tilt
+    variance = (rest * rest).sum((1, 2)) / (BLOCK_PX**2 - 3)
+    cells = BLOCK_PX // _CELL_PX
+    means = rest.reshape(-1, cells, _CELL_PX, cells, _CELL_PX).mean((2, 4))
+    expected = variance / _CELL_PX**2
+    structure = (means * means).sum((1, 2)) / (cells**2 - 3)
+    return _Blocks(
+        level, variance, np.divide(structure, expected, out=np.zeros_like(level), where=expected > 0)
+    )
+
+
+def _even(blocks: _Blocks) -> NDArray[np.bool_]:
+    """Where cells vary by no more than noise explains, which may itself be coarse: then as in most even squares."""
+    usual = min(max(1.0, float(np.percentile(blocks.structure, 25))), _COARSEST)
+    return np.asarray(blocks.structure < _EVEN * usual)
+
+
+def _sharpness(pair: Pair) -> list[Quantity]:
+    """MTF50 at edges of the simulated picture that the real one shows at the same place."""
+    try:
+        regions, _ = measuring.found_regions(pair.linear[0])
+    except ValueError:  # there is none
+        return []
+    both = [measuring.measure(light, regions) for light in pair.linear]
+    found = []
+    for first, second in zip(*both, strict=True):
+        told = first.estimates["mtf50"], second.estimates["mtf50"]
+        if any(_unusable(each.edge.flags) for each in (first, second)) or not all(each.told for each in told):
+            continue
+        if first.edge.bright_side != second.edge.bright_side:
+            continue
+        errors = [(each.high - each.low) / 2 / each.value for each in told]
+        at = ",".join(map(str, first.roi[:2]))
+        found.append(
+            Quantity(f"MTF50 at {at}", "cycles/px", told[0].value, told[1].value, math.hypot(*errors))
+        )
+    return found[:MOST_EDGES]
+
+
+def _unusable(flags: frozenset[Flag]) -> bool:
+    return bool(UNUSABLE & flags)
+
+
+def _spectrum(pair: Pair, levels: Floats) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
+    """Power relative to the mean squared, by octave below half a cycle per px.
+
+    A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
+    octave's values independent. N is that of white noise as the levels have it, or all of P without them.
+    """
+    height, width = pair.real.shape
+    window = np.outer(np.hanning(height), np.hanning(width))
+    norm = float((window * window).sum())
+    fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
+    radius = np.hypot(fx, fy)
+    powers, noise = [], []
+    for column, each in enumerate((pair.simulated, pair.real), start=1):
+        mean = float((window * each).sum() / window.sum())
+        noise.append(float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) and mean else math.inf)
+        powers.append(
+            np.abs(np.fft.rfft2(window * (each / mean - 1))) ** 2 / norm if mean else np.zeros(radius.shape)
+        )
+    found, high = [], 0.5
+    while high * min(height, width) >= 8:
+        ring = (radius > high / 2) & (radius <= high)
+        simulated, real = (float(power[ring].mean()) for power in powers)
+        errors = [_power_error(power[ring], white) for power, white in zip(powers, noise, strict=True)]
+        name = f"power, {high / 2:.3g} to {high:.3g} c/px"
+        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*errors)))
+        high /= 2
+    steps = min(height, width) // 2
+    rings = np.round(radius * 2 * steps).astype(int)
+    inside = (rings >= 1) & (rings <= steps)
+    counts = np.bincount(rings[inside], minlength=steps + 1)[1:]
+    told = [
+        np.bincount(rings[inside], power[inside], steps + 1)[1:] / np.maximum(counts, 1) for power in powers
+    ]
+    return found, (np.arange(1, steps + 1) / (2 * steps), told[0], told[1])
+
+
+def _power_error(powers: Floats, noise: float) -> float:
+    """Standard deviation of the mean of ``powers``, relative to it."""
+    white = np.minimum(noise, powers) if math.isinf(noise) else noise
+    varying = white**2 + 2 * white * np.maximum(powers - white, 0)
+    total = float(powers.sum())
+    return 2.1 * math.sqrt(float(np.sum(varying))) / total if total else math.nan

@@ -1,0 +1,107 @@
+"""``blurnoise cameras fit``: a folder or a DNG in, a camera that other commands take out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import made_frames
+import numpy as np
+import pytest
+from blurnoise_eval.cli import main
+
+from blurnoise import Camera
+
+CAMERA = replace(
+    made_frames.drawn_camera(2),
+    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
+    bit_depth=12,
+)  # fmt: skip
+Output = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    planes = made_frames.exposed(CAMERA, 1, size=(96, 121))
+    return made_frames.save(tmp_path_factory.mktemp("frames"), planes)
+
+
+def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys: Output) -> None:
+    path = tmp_path / "mine.yaml"
+    assert (
+        main(["cameras", "fit", str(folder), "-o", str(path), "--bit-depth", "12", "--temperature-c", "31"])
+        == 0
+    )
+    shown = capsys.readouterr().out
+    assert "photon transfer of 16 flat and 16 dark frames" in shown
+    assert shown.splitlines()[-2:] == [str(path), str(tmp_path / "mine.png")]
+    assert (tmp_path / "mine.png").stat().st_size > 10_000
+    camera = Camera.load(path)
+    assert camera.system_gain_dn_per_e == pytest.approx(0.4, rel=0.02)
+    assert camera.sources["read_noise_e"].startswith(
+        "measured: photon transfer of 16 flat and 16 dark frames, 95 % "
+    )
+    assert camera.sources["full_well_e"].startswith("assumed: the converter's limit; no frame clips, up to ")
+    assert camera.sources["bit_depth"] == "stated with the frames"
+    assert (camera.dark_reference_c, camera.sources["dark_reference_c"]) == (31.0, "stated with the frames")
+    assert camera.sources["f_number"] == "assumed, as of the preset imx250"
+    assert set(camera.sources) == set(camera.to_dict()) - {"name", "sources"}
+    assert main(["cameras", str(path)]) == 0
+
+
+def test_json_and_another_base(folder: Path, tmp_path: Path, capsys: Output) -> None:
+    path = tmp_path / "mine.json"
+    assert main(["cameras", "fit", str(folder), "-o", str(path), "--base", "ar0237", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (
+        told["figures"]["system_gain_dn_per_e"]["low"] < 0.4 < told["figures"]["system_gain_dn_per_e"]["high"]
+    )
+    assert len(told["levels"]) == 16
+    assert told["camera"]["pixel_pitch_um"] == 3.0
+    assert Camera.load(path).sources["pixel_pitch_um"] == "assumed, as of the preset ar0237"
+
+
+def test_a_dng(tmp_path: Path, capsys: Output) -> None:
+    made_frames.write_dng(
+        tmp_path / "photo.dng",
+        np.zeros((48, 64), np.uint16),
+        {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)},
+    )
+    path = tmp_path / "phone.yaml"
+    assert main(["cameras", "fit", "--dng", str(tmp_path / "photo.dng"), "-o", str(path)]) == 0
+    assert "iso 400" in capsys.readouterr().out
+    assert Camera.load(path).system_gain_dn_per_e == pytest.approx(0.4095)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (["-o", "x.yaml"], "folder, dng: must be one of them"),
+        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, dng: must be one of them"),
+        (["FOLDER", "-o", "x.txt"], "suffix of x.txt"),
+        (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
+        (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "bit_depth = 17"),
+        (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "bit_depth = 11: frames hold"),
+        (["FOLDER", "-o", "x.yaml", "--raw-size", "640"], "raw_size = '640'"),
+        (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "bit_depth = 12: goes with a folder"),
+        (["missing", "-o", "x.yaml"], "folder = 'missing'"),
+        (["--dng", "missing.dng", "-o", "x.yaml"], "missing.dng"),
+    ],
+)
+def test_bad_input_is_told_in_a_line(
+    folder: Path, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, words: list[str], why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["cameras", "fit", *(str(folder) if word == "FOLDER" else word for word in words)]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("blurnoise: error: ")
+    assert why in told
+    assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_cameras_alone_are_what_they_were(capsys: Output) -> None:
+    assert main(["cameras", "imx250"]) == 0
+    assert main(["cameras", "fit", "--help"]) == 0
+    assert "Usage: blurnoise cameras fit [OPTIONS] [FOLDER]" in capsys.readouterr().out

@@ -1,0 +1,157 @@
+"""Two pictures of one chart: alike but for the draw of noise, or not, and then in what."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval.cli import main
+from blurnoise_eval.quality.comparison import Compared, Quantity, compare, pair_of
+
+from blurnoise import Camera, charts
+from blurnoise.sensor.readout import read_out
+
+CAMERA = replace(Camera.preset("imx250"), black_level_dn=20.0)
+SIZE = (257, 320)
+
+
+def picture(seed: int, *, light: float = 1.0, blur: float = 0.0, camera: Camera = CAMERA) -> np.ndarray:
+    chart = charts.slanted_edge(*SIZE, angle_deg=5.0)
+    electrons = 5000.0 * light * chart
+    if blur:
+        electrons = torch.from_numpy(cv2.GaussianBlur(electrons[0, 0].numpy(), (0, 0), blur))[None, None]
+    dn = read_out(
+        electrons.float(),
+        camera,
+        exposure_s=0.0,
+        temperature_c=20.0,
+        generator=torch.Generator().manual_seed(seed),
+    )
+    return dn[0, 0].numpy().astype(np.uint16)
+
+
+def compared(first: np.ndarray, second: np.ndarray) -> Compared:
+    return compare(pair_of(first, second, "linear", black_level=20.0, full_scale=4095.0))
+
+
+def verdicts(found: Compared) -> dict[str, str]:
+    """By the kind of quantity, "agree" or how it differs; the worst of a kind."""
+    told: dict[str, str] = {}
+    for each in found.quantities:
+        kind = each.name.split()[0].strip(",")
+        if told.get(kind, "agree") == "agree":
+            told[kind] = each.verdict
+    return told
+
+
+@pytest.mark.slow
+def test_draws_of_one_camera_agree() -> None:
+    """Of some ten quantities per pair 5 % differ by chance: over eight pairs fewer than 4 + 4 sqrt(4)."""
+    differing = [
+        each
+        for seed in range(8)
+        for each in compared(picture(2 * seed), picture(2 * seed + 1)).quantities
+        if each.verdict != "agree"
+    ]
+    assert len(differing) < 12
+    found = compared(picture(0), picture(1))
+    names = [each.name for each in found.quantities]
+    assert names[0] == "mean"
+    assert sum(name.startswith("noise at") for name in names) == 2
+    assert sum(name.startswith("MTF50") for name in names) == 1
+    assert sum(name.startswith("power") for name in names) >= 4
+
+
+def test_noise_is_the_cameras() -> None:
+    """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the edge's own squares are left out."""
+    found = compared(picture(0), picture(1))
+    for level, simulated, real in found.levels:
+        electrons = level * 4075 / CAMERA.system_gain_dn_per_e
+        expected = np.sqrt(electrons + CAMERA.dark_variance_dn2() / CAMERA.system_gain_dn_per_e**2)
+        expected *= CAMERA.system_gain_dn_per_e / 4075
+        assert simulated == pytest.approx(expected, rel=0.02)
+        assert real == pytest.approx(expected, rel=0.02)
+
+
+def test_what_differs_is_told_apart() -> None:
+    simulated = picture(0)
+    darker = verdicts(compared(simulated, picture(1, light=0.8)))
+    assert darker["mean"].startswith("differs by -")
+    assert darker["noise"].startswith("differs by -")
+    assert darker["MTF50"] == "agree"
+    blurred = verdicts(compared(simulated, picture(1, blur=1.0)))
+    assert blurred["MTF50"].startswith("differs by -")
+    assert blurred["power"].startswith("differs by -")
+    assert blurred["mean"] == "agree"
+    noisier = compared(simulated, picture(1, camera=replace(CAMERA, read_noise_e=20.0)))
+    darkest = next(each for each in noisier.quantities if each.name.startswith("noise"))
+    assert darkest.difference > 0.1
+    assert verdicts(noisier)["power"].startswith("differs by +")
+    assert verdicts(noisier)["mean"] == "agree"
+
+
+@pytest.mark.slow
+def test_chance_is_as_wide_as_differences_are() -> None:
+    """Differences over their chance, of 12 pairs: a spread of 1/1.96 within a factor of 1.6, kind by kind."""
+    shares: dict[str, list[float]] = {}
+    for seed in range(12):
+        for each in compared(picture(50 + 2 * seed), picture(51 + 2 * seed)).quantities:
+            shares.setdefault(each.name.split()[0], []).append(each.difference / each.chance)
+    for kind, found in shares.items():
+        assert 1 / 1.6 < 1.96 * np.sqrt(np.mean(np.square(found))) < 1.6, kind
+
+
+def test_what_cannot_be_told() -> None:
+    assert Quantity("x", "", 0.0, 1.0, 0.1).verdict == "cannot tell"
+    assert Quantity("x", "", 1.0, 2.5, 0.1).verdict == "differs by +150 %"
+    flat = compared(np.full(SIZE, 500, np.uint16), np.full(SIZE, 500, np.uint16))
+    assert any("sharpness is not compared" in note for note in flat.notes)
+    assert any("noise is not compared" in note for note in flat.notes)
+
+
+@pytest.mark.parametrize(
+    ("second", "why"),
+    [
+        (np.zeros((257, 321), np.uint16), "simulated is 320 x 257 px, real 321 x 257: must be of one size"),
+        (np.zeros(SIZE, np.uint8), "simulated has 16 bits, real 8: must be of one depth"),
+    ],
+)
+def test_pictures_that_do_not_go_together(second: np.ndarray, why: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(why)):
+        pair_of(picture(0), second)
+    with pytest.raises(ValueError, match="at least 64 x 64"):
+        pair_of(np.zeros((63, 99), np.uint8), np.zeros((63, 99), np.uint8))
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, seed in (("a", 0), ("b", 1)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))
+    words = [
+        "compare",
+        str(tmp_path / "a.png"),
+        str(tmp_path / "b.png"),
+        "--black-level",
+        "20",
+        "--full-scale",
+        "4095",
+    ]
+    assert main([*words, "--plot", str(tmp_path / "c.png"), "--csv", str(tmp_path / "c.csv")]) == 0
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines()[:12])) <= 80
+    assert "agree" in shown
+    assert (tmp_path / "c.png").stat().st_size > 10_000
+    with (tmp_path / "c.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0]["quantity"] == "mean"
+    assert main([*words, "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["quantities"]) == len(rows)
+    assert main([*words[:2], str(tmp_path / "missing.png")]) == 2
+    assert main([*words, "--srgb", "--linear"]) == 2
+    assert capsys.readouterr().err.count("\n") == 2

@@ -1,0 +1,94 @@
+"""Frames of cameras that are made up, as the simulator takes them, and files that hold them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
+
+from blurnoise import Camera
+from blurnoise.sensor.readout import expose
+
+LONGEST_S = 0.1
+
+
+def drawn_camera(seed: int) -> Camera:
+    """Read noise 0.5 to 20 e-, gain 0.05 to 5 DN/e-, 10 to 16 bits; a well that may or may not fill the converter."""
+    random = np.random.default_rng(seed)
+    bits = int(random.integers(10, 17))
+    read_e, gain = (
+        10 ** random.uniform(np.log10(0.5), np.log10(20)),
+        10 ** random.uniform(np.log10(0.05), np.log10(5)),
+    )
+    black = math.ceil(6 * gain * read_e + random.uniform(0, 20)) + float(random.choice([0, 0.3, 0.5]))
+    range_e = (2**bits - 1 - black) / gain
+    return Camera(
+        name=f"drawn from {seed}",
+        pixel_pitch_um=3.0,
+        f_number=2.0,
+        transmission=1.0,
+        quantum_efficiency=0.6,
+        full_well_e=max(50.0, min(range_e * random.uniform(0.8, 1.3), 3e5)),
+        system_gain_dn_per_e=gain,
+        read_noise_e=read_e,
+        dark_current_e_s=10 ** random.uniform(-1, 2.5),
+        prnu=random.uniform(0.002, 0.02),
+        dsnu_e=read_e * random.uniform(0.1, 1.0),
+        black_level_dn=black,
+        bit_depth=bits,
+    )
+
+
+def exposed(
+    camera: Camera, seed: int, *, size: tuple[int, int], levels: int = 8, frames: int = 2, top: float = 0.9
+) -> dict[tuple[str, float], list[np.ndarray]]:
+    """Planes (H, W) uint16 by (kind, exposure_s), the brightest flat ones at ``top`` of saturation."""
+    pattern = camera.fixed_pattern((1, *size), seed)
+    generator = torch.Generator().manual_seed(seed)
+    found = {}
+    for exposure_s in np.linspace(LONGEST_S / levels, LONGEST_S, levels):
+        for kind in ("dark", "flat"):
+            photons = photons_s(camera, top) * exposure_s * (kind == "flat")
+            dn = expose(
+                torch.full((frames, 1, *size), photons),
+                camera,
+                exposure_s=float(exposure_s),
+                temperature_c=camera.dark_reference_c,
+                fixed_pattern=pattern,
+                generator=generator,
+            )
+            found[kind, float(exposure_s)] = [each.numpy().astype(np.uint16) for each in dn[:, 0]]
+    return found
+
+
+def photons_s(camera: Camera, top: float = 0.9) -> float:
+    """Photons per pixel and second of the flat light."""
+    return top * camera.saturation_e / float(camera.quantum_efficiency) / LONGEST_S
+
+
+def save(folder: Path, planes: dict[tuple[str, float], list[np.ndarray]]) -> Path:
+    """As NPY files named by what they are."""
+    folder.mkdir(exist_ok=True)
+    for (kind, exposure_s), each in planes.items():
+        for number, plane in enumerate(each):
+            np.save(folder / f"{kind}_{1e3 * exposure_s:.4f}ms_{number}.npy", plane)
+    return folder
+
+
+def write_dng(path: Path, plane: np.ndarray, tags: dict[int, tuple[int, object]]) -> None:
+    """An uncompressed DNG of one plane, (H, W) uint16; tags: number -> (TIFF's type, value), beside the usual."""
+    directory = ImageFileDirectory_v2(b"II*\0\0\0\0\0")
+    height, width = plane.shape
+    usual = {
+        256: (4, width), 257: (4, height), 258: (3, 16), 259: (3, 1), 262: (3, 32803), 273: (4, 0), 277: (3, 1),
+        278: (4, height), 279: (4, plane.nbytes), 33421: (3, (2, 2)), 33422: (1, b"\0\1\1\2"),
+        50706: (1, b"\1\4\0\0"),
+    }  # fmt: skip
+    for number, (kind, value) in sorted({**usual, **tags}.items()):
+        directory.tagtype[number] = kind
+        directory[number] = value
+    # Pillow adds the directory's end to the strip's place
+    path.write_bytes(b"II*\0\x08\0\0\0" + directory.tobytes(8) + plane.astype("<u2").tobytes())
