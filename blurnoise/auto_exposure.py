@@ -128,6 +128,10 @@ class AutoExposure:
         return exposure_s
 
 
+USUAL = AutoExposure()
+"""18 % at 30 frames a second."""
+
+
 def mean_luma(light: Tensor) -> Tensor:
     """Mean light of pictures (B, C, H, W) in linear light, (B,): by luma where there are three colours."""
     means = batch_shaped("light", light).mean(dim=(-2, -1))

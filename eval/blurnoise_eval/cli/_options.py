@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from functools import wraps
+from functools import partial, wraps
 from inspect import Parameter, signature
 from typing import Annotated, Any, NamedTuple
 
 from typer import Option
 
-from blurnoise_eval.grid.axes import AXES, Axis
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES, Axis
 
 Grid = dict[str, tuple[float, ...]]
 """Values by the name of their axis, in its column's unit."""
@@ -45,18 +45,20 @@ class Region(NamedTuple):
     height: int
 
 
-def numbers(text: str) -> tuple[float, ...]:
-    """Parse "1,5,10" or "start:stop:step", stop included. Raises ``ValueError``."""
+def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
+    """Parse "1,5,10" or "start:stop:step", stop included; "auto" where that is allowed. Raises ``ValueError``."""
     try:
         if ":" not in text:
-            return tuple(float(part) for part in text.split(","))
+            parts = text.split(",")
+            return tuple(AUTOMATIC if automatic and part.strip() == "auto" else float(part) for part in parts)
         start, stop, step = (float(part) for part in text.split(":"))
         count = math.floor((stop - start) / step + 1e-9) + 1
         if step == 0 or count < 1 or count > _MOST_NUMBERS:
             raise ValueError
         return tuple(start + step * index for index in range(count))
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise ValueError(f"{text!r}: must be numbers as {_LIST}") from None
+        or_auto = ", or auto" if automatic else ""
+        raise ValueError(f"{text!r}: must be numbers as {_LIST}{or_auto}") from None
 
 
 def bounds(text: str | Range) -> Range:
@@ -134,14 +136,16 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
 
 def default_text(axis: Axis) -> str | None:
     """What a sweep tests if not told, as it is typed."""
-    return ",".join(f"{axis.shown(value):g}" for value in axis.default) or None
+    return (
+        ",".join("auto" if value == AUTOMATIC else f"{axis.shown(value):g}" for value in axis.default) or None
+    )
 
 
 def _axis_option(axis: Axis, usual: str | None) -> Parameter:
     option = Option(
         axis.option,
-        parser=numbers,
-        metavar="LIST",
+        parser=partial(numbers, automatic=True) if axis.automatic else numbers,
+        metavar="auto|LIST" if axis.automatic else "LIST",
         help=axis.about,
         rich_help_panel=f"Conditions, each as {_LIST}",
     )

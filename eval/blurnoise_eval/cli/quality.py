@@ -14,7 +14,10 @@ from blurnoise_eval.system.terminal import say, say_json, show
 
 
 @axis_options(
-    exposure_s="0.5,1,2,5,10,15,20,30,45,60,90", illuminance_lux="5,50,500", velocity_x_px_s="0,200,500,1000"
+    exposure_s="0.5,1,2,5,10,15,20,30,45,60,90",
+    illuminance_lux="5,50,500",
+    velocity_x_px_s="0,200,500,1000",
+    gain_db="0",
 )
 def quality(
     *,

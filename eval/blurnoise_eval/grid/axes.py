@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
 
 
+AUTOMATIC = math.inf
+"""The value of an axis that is ``automatic`` where the camera sets it itself, for each picture; "auto" in tables."""
+
+
 @dataclass(frozen=True)
 class Axis:
     """One quantity that a sweep can vary.
@@ -24,8 +28,9 @@ class Axis:
     ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
     unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: where it stands
     when nobody states it. default: what a sweep tests if not told; empty: its own.
-    text: for captions, unit included; slug: for file names. logarithmic: how it is drawn. fails: more of it is
-    worse, so a curve over it has a point at which it fails for good.
+    automatic: it may be left to the camera, as ``AUTOMATIC``. text: for captions, unit included; slug: for file
+    names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails
+    for good.
     """
 
     name: str
@@ -43,18 +48,24 @@ class Axis:
     positive: bool = False
     logarithmic: bool = False
     fails: bool = False
+    automatic: bool = False
     default: tuple[float, ...] = ()
 
     def checked(self, values: Iterable[float]) -> tuple[float, ...]:
         """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
-        from blurnoise._core.checks import in_range  # late: options of the command line are made from here
-
-        kept = tuple(sorted({in_range(self.name, value, self.low, self.high) + 0.0 for value in values}))
+        kept = tuple(sorted({self._one(value) for value in values}))
         if not kept:
             raise ValueError(f"{self.name}: must hold at least one value")
         if self.positive and kept[0] == self.low:
             raise ValueError(f"{self.name} = {kept[0]!r}: must be > {self.low:g}")
         return kept
+
+    def _one(self, value: float) -> float:
+        from blurnoise._core.checks import in_range  # late: options of the command line are made from here
+
+        if self.automatic and value == AUTOMATIC:
+            return AUTOMATIC
+        return in_range(self.name, value, self.low, self.high) + 0.0
 
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
@@ -125,9 +136,11 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:g}px",
     ),
     Axis(
-        "gain_db", "gain_db", "--gain-db", "digital gain after the converter, dB (default: 0)",
-        "Gain", "dB", 1.0, -120.0, 120.0,
-        own=lambda camera: 0.0, text=lambda value: f"gain {value:g} dB", slug=lambda value: f"{value:g}dB",
+        "gain_db", "gain_db", "--gain",
+        "dB, analogue as far as the camera goes, then digital; auto: for each picture what brings its mean to 18 %",
+        "Gain", "dB", 1.0, -120.0, 120.0, own=lambda camera: 0.0, automatic=True, default=(AUTOMATIC,),
+        text=lambda value: "automatic gain" if value == AUTOMATIC else f"gain {value:g} dB",
+        slug=lambda value: "auto" if value == AUTOMATIC else f"{value:g}dB",
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)

@@ -18,10 +18,12 @@ import numpy as np
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise._core.limits import limited
+from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.exposure import Exposure
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise_eval.grid.axes import (
+    AUTOMATIC,
     AXES,
     CORE,
     FURTHER,
@@ -115,8 +117,16 @@ class Conditions(Mapping[str, float | None]):
         stated = self.stated
         return {each.name: stated.get(each.name, each.own(camera)) for each in AXES}
 
-    def exposure(self, camera: Camera, seed: int = 0) -> Exposure:
-        """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it."""
+    @property
+    def automatic(self) -> bool:
+        """Whether the camera sets its gain itself."""
+        return self["gain_db"] == AUTOMATIC
+
+    def exposure(self, camera: Camera, seed: int = 0, *, automatic_gain_db: float = 0.0) -> Exposure:
+        """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it.
+
+        automatic_gain_db: what the camera sets, where the gain is left to it.
+        """
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
         for each in AXES:
@@ -124,6 +134,8 @@ class Conditions(Mapping[str, float | None]):
             place, _, part = each.into.partition(".")
             if value is None:
                 continue
+            if each.automatic and value == AUTOMATIC:
+                value = automatic_gain_db
             if place == "camera":
                 lens[part] = value
             elif part:
@@ -154,6 +166,7 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
+    auto_exposure: what sets the gain where it is left to the camera.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -161,6 +174,7 @@ class SweepPlan:
     seed: int = 0
     examples: bool = True
     grey_anchor: str | None = None
+    auto_exposure: AutoExposure = USUAL
 
     def __post_init__(self) -> None:
         if self.grey_anchor is not None:
@@ -211,8 +225,11 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any."""
+        """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any, and no
+        auto-exposure where it sets nothing."""
         values = asdict(self)
+        if AUTOMATIC not in self.values("gain_db"):
+            del values["auto_exposure"]
         if self.grey_anchor is None:
             del values["grey_anchor"]
         return values

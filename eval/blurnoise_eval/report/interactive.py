@@ -65,7 +65,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             _axis(SPEED, [velocity_text(velocity) for velocity in velocities], "viridis"),
             *(
                 _axis(axis, [axis.text(value) for value in tested], "viridis")
-                | {"values": [_short(axis.shown(value)) for value in tested]}
+                | {"values": _places(axis, tested)}
                 | {"logarithmic": axis.logarithmic and tested[0] > 0}
                 for axis, tested in zip(settings.axes, values, strict=True)
                 if tested
@@ -132,6 +132,13 @@ def _axis(axis: Axis | Coordinate, texts: list[str], colours: str) -> dict[str, 
     return {"word": word(axis), "title": axis_label(axis), "unit": axis.unit, "texts": texts} | {
         "colours": line_colours(colours, len(texts))
     }
+
+
+def _places(axis: Axis, tested: list[float]) -> list[float | None]:
+    """Where values stand on their axis; side by side where the camera sets one of them itself."""
+    if not all(map(math.isfinite, tested)):
+        return [float(place) for place in range(len(tested))]
+    return [_short(axis.shown(value)) for value in tested]
 
 
 def _short(value: float | None) -> float | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -59,7 +60,7 @@ def figures_of(data: RunData) -> Figures:
     further: Figures = {
         f"confidence_{axis.name}.png": partial(figures.confidence_axis, axis=axis)
         for axis in data.settings.further
-        if data.answers
+        if data.answers and all(map(math.isfinite, data.settings.values(axis)))
     }
     return FIGURES | further | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
 

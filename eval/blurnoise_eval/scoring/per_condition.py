@@ -18,6 +18,8 @@ from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
 COUNTS = ("n_images", "n_targets", "errors")
+PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated")
+"""Means over the pictures of a condition; None of the untouched ones."""
 MEANS = (
     "target_confidence", "detection_rate", "confidence_when_found", "target_confidence_swept",
     "detection_rate_swept", "read_confidence", "exact_match", "character_error_rate",
@@ -60,7 +62,7 @@ def score_rows(
             sums = every.get(tuple(row[name] for name in CONDITIONS), {})
             judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(row)), clusters)
             progress(1)
-            shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS)}
+            shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
             yield Scored(shared | scores, judged.mean("exact_match") if truth is None else judged.coco["ap"])
 

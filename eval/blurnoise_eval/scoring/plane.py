@@ -73,6 +73,6 @@ def _mean(points: Array) -> float:
 
 
 def _along(x: Array, y: Sequence[float]) -> float:
-    if len(x) < 2:
+    if len(x) < 2 or not np.isfinite(x).all():  # what the camera sets itself has no place on its axis
         return float(np.mean(y))
     return float(np.trapezoid(y, x) / (x[-1] - x[0]))

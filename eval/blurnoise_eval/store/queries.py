@@ -19,11 +19,14 @@ _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pic
 
 
 def condition_counts(store: Store, model: str) -> list[Row]:
-    """Per condition of a model, untouched first: numbers of pictures, errors and targets."""
+    """Per condition of a model, untouched first: numbers of pictures, errors and targets, mean gain, dB, signal to
+    noise, dB, brightness and saturated share of the pictures."""
     same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
       SELECT seen.*, n_targets FROM (
-        SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors
+        SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors,
+          AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
+          AVG(saturated) AS saturated
         FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
       LEFT JOIN (
         SELECT {_SHARED}, COUNT(*) AS n_targets FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}

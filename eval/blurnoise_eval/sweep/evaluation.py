@@ -36,6 +36,7 @@ from blurnoise_eval.sweep.run_folder import open_run, read_run, write_tables
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.tables import plain
 
 _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 Rows = list[dict[str, Any]]
@@ -184,7 +185,7 @@ class Evaluation:
             "reflectance": reflectance(self._data),
             "cluster": self.cluster,
             "models": self.models,
-            "answers": self.answers,
+            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
         }
         if self.outcome is not None:
             done = self.outcome

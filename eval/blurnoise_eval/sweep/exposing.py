@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from blurnoise.auto_exposure import USUAL, AutoExposure, mean_luma
 from blurnoise.camera import Camera
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
+from blurnoise.radiometry import dark_electrons, photoelectrons
 from blurnoise_eval.datasets import Image, UnreadablePicture, eight_bit
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.scoring.matching import MoveBoxes
@@ -26,7 +30,8 @@ class Frame(NamedTuple):
     """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, where it moves boxes and what they
     sweep.
 
-    saturated: the share of its values at a limit of well, converter or picture; None of the untouched picture.
+    saturated: the share of its values at a limit of well, converter or picture. gain_db: with which it was taken.
+    snr_db: of a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture.
     """
 
     cell: Cell
@@ -35,6 +40,9 @@ class Frame(NamedTuple):
     move_boxes: MoveBoxes | None = None
     sweep_boxes: MoveBoxes | None = None
     saturated: float | None = None
+    gain_db: float | None = None
+    snr_db: float | None = None
+    brightness: float | None = None
 
 
 class Scene:
@@ -52,28 +60,63 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
+        self.mean_light = float(mean_luma(self.light.light)[0])
 
 
-def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Frame]:
-    """The picture of each cell; a cell without conditions is the picture as it is, and stands first."""
+def frames(
+    scene: Scene, cells: Sequence[Cell], camera: Camera, auto_exposure: AutoExposure = USUAL
+) -> Iterator[Frame]:
+    """The picture of each cell; a cell without conditions is the picture as it is, and stands first.
+
+    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light.
+    """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
-    exposures = [at.exposure(camera, cell.seed) for cell, at in exposed]
+    exposures = []
+    for cell, at in exposed:
+        exposure = at.exposure(camera, cell.seed)
+        if at.automatic:
+            gain_db = auto_exposure.gain_db(
+                exposure.camera,
+                mean_light=scene.mean_light,
+                illuminance_lux=exposure.illuminance_lux,
+                exposure_s=exposure.exposure_s,
+                temperature_c=exposure.temperature_c,
+            )
+            exposure = replace(exposure, gain_db=gain_db)
+        exposures.append(exposure)
     taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
-        saturated = np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size
         yield Frame(
-            cell, frame.picture, frame.simulate_ms, box_mover(exposure), box_sweeper(exposure), saturated
+            cell,
+            frame.picture,
+            frame.simulate_ms,
+            box_mover(exposure),
+            box_sweeper(exposure),
+            saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
+            gain_db=exposure.gain_db,
+            snr_db=snr_db(exposure, scene.mean_light),
+            brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
         )
 
 
 def brightest(exposure: Exposure) -> int:
     """The 8-bit value of what stands at the full well or at full scale, whichever is less; three times the read
     noise below it still counts."""
-    camera = exposure.camera
+    camera, digital_db = exposure.amplified
     margin_dn = math.ceil(3 * camera.read_noise_e * camera.system_gain_dn_per_e)
     limit_dn = max(int(camera.clip_dn) - margin_dn, 1)
-    return int(tones_8bit(camera, exposure.gain_db)[limit_dn])
+    return int(tones_8bit(camera, digital_db)[limit_dn])
+
+
+def snr_db(exposure: Exposure, light: float) -> float | None:
+    """Temporal signal to noise of a pixel with so much light, EMVA 1288: signal by the noise of signal, dark charge,
+    read-out and rounding, 20 log10; None without light. Of a pixel below saturation."""
+    camera = exposure.amplified.camera
+    signal_e = light * photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
+    dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
+    noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
+    return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
 
 
 def box_mover(exposure: Exposure) -> MoveBoxes | None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
+from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.grid.conditions import Cell
@@ -31,6 +32,7 @@ class Work:
     models: tuple[Model, ...]
     camera: Camera
     grey_anchor: str | None = None
+    auto_exposure: AutoExposure = USUAL
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -69,7 +71,7 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
-        for frame in frames(prepared.scene, block.cells, camera):
+        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure):
             kept = frame.cell.cell_id in block.examples
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None

@@ -5,8 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
+
+
+def plain(value: Any) -> Any:
+    """A value for a file: infinity is an axis's that the camera sets itself, "auto"; JSON has none."""
+    return "auto" if value == math.inf else value
 
 
 def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
@@ -15,7 +21,7 @@ def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterato
     writer = csv.DictWriter(line, fieldnames=columns)
     writer.writeheader()
     for row in rows:
-        writer.writerow(row)
+        writer.writerow({name: plain(value) for name, value in row.items()})
         yield line.getvalue()
         line.seek(0)
         line.truncate()
@@ -26,6 +32,6 @@ def json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
     """A list of rows as JSON, a line each."""
     before = "["
     for row in rows:
-        yield f"{before}\n {json.dumps(row)}"
+        yield f"{before}\n {json.dumps({name: plain(value) for name, value in row.items()})}"
         before = ","
     yield "[]\n" if before == "[" else "\n]\n"
