@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, shown
 from blurnoise.spectra import Curve, Spectrum, cut_short
@@ -69,7 +70,7 @@ def behind_generic_filters(bare: Spectrum) -> FilterCurves:
         np.interp(nm, bare.wavelengths_nm, bare.values) if isinstance(bare, Curve) else np.full(len(nm), bare)
     )
 
-    def curve(transmission: float | np.ndarray) -> Curve:  # type: ignore[type-arg]
+    def curve(transmission: float | NDArray[np.float64]) -> Curve:
         return Curve((*nm, 660.0), (*np.round(own * transmission, 4), 0.0))
 
     each = {

@@ -60,19 +60,22 @@ def demosaic(plane: Tensor, cfa: str, method: Method) -> Tensor:
 
 def padded(plane: NDArray[Any]) -> NDArray[Any]:
     """A plane (H, W) with ``MARGIN`` pixels around it."""
-    return cv2.copyMakeBorder(plane, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101)
+    framed: NDArray[Any] = cv2.copyMakeBorder(plane, MARGIN, MARGIN, MARGIN, MARGIN, cv2.BORDER_REFLECT_101)
+    return framed
 
 
 def by_opencv(raw: NDArray[np.uint16], cfa: str, method: Method) -> NDArray[np.uint16]:
     """Colours (H, W, 3) of a plane with its margin, in integers of 16 bits; of RCCC grey, (H, W, 3) too."""
     inner = slice(MARGIN, -MARGIN)
     if cfa != "RCCC":
-        return cv2.cvtColor(raw, _CODES[method][as_bayer(cfa)])[inner, inner]
+        colours: NDArray[np.uint16] = cv2.cvtColor(raw, _CODES[method][as_bayer(cfa)])
+        return colours[inner, inner]
     grey = raw.copy()
     up, down, left, right = raw[1:-2:2, 2:-1:2], raw[3::2, 2:-1:2], raw[2:-1:2, 1:-2:2], raw[2:-1:2, 3::2]
     total = up.astype(np.uint32) + down + left + right
     grey[2:-1:2, 2:-1:2] = (total + 2) // 4
-    return cv2.merge([grey[inner, inner]] * 3)
+    merged: NDArray[np.uint16] = cv2.merge([grey[inner, inner]] * 3)
+    return merged
 
 
 def _bilinear(plane: Tensor, cfa: str) -> Tensor:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise.camera import Camera
@@ -37,9 +40,10 @@ class Jpeg(PictureStep):
         return picture + (found - picture).detach() if picture.requires_grad else found
 
 
-def _round_trip(image: np.ndarray, quality: int) -> np.ndarray:  # type: ignore[type-arg]
+def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """Of (3, H, W) or (H, W), 8 bits."""
     given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
     _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    seen = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
-    return seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
+    seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
+    back: NDArray[np.uint8] = seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
+    return back

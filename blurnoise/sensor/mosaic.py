@@ -10,6 +10,7 @@ that the camera can tell, is no light. Behind a clear filter all colours add up.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -47,9 +48,9 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
     planes(camera, colours)
     differentiable = light.requires_grad and torch.is_grad_enabled()
     plain = light.device.type == "cpu" and not differentiable  # NumPy wakes no threads
-    seen = light.detach().numpy() if plain else light
+    seen: Any = light.detach().numpy() if plain else light
     out = torch.empty_like(light[:, :1], requires_grad=False, memory_format=torch.contiguous_format)
-    to = out.numpy() if plain else out
+    to: Any = out.numpy() if plain else out
     if camera.cfa == "mono":
         to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
         return out
@@ -92,7 +93,8 @@ def outside_share(light: Tensor, camera: Camera) -> float:
     return float((seen.amin(1) < -1e-6).double().mean())
 
 
-def _weighted(light: Tensor, row: Row) -> Tensor:
+def _weighted(light: Any, row: Row) -> Any:
+    """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
     if light.shape[1] == 1:
         return light[:, 0] * sum(row)
     parts = [light[:, place] * weight for place, weight in enumerate(row) if weight]
