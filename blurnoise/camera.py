@@ -83,7 +83,7 @@ class Camera:
     demosaic: Literal["bilinear", "edge"] = "bilinear"
     ccm: Matrix | None = None
     tone: tone.ToneCurve = "srgb"
-    jpeg_quality: Annotated[int, Ge(1), Le(100)] | None = None
+    jpeg_quality: Annotated[int | None, Ge(1), Le(100)] = None
     width_px: _Side = 1920
     height_px: _Side = 1080
     hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -161,7 +162,7 @@ def _with_mosaic(base: Figures, name: str) -> Figures:
         **base,
         "name": name,
         "cfa": "RGGB",
-        "quantum_efficiency": behind_generic_filters(base["quantum_efficiency"]),
+        "quantum_efficiency": replace(behind_generic_filters(base["quantum_efficiency"]), clear=None),
         "ccm": _AR0231_CCM,
         "sources": {**base["sources"], **sources},
     }
