@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -255,12 +255,7 @@ class Camera:
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
         values: dict[str, object] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        values["sources"] = dict(self.sources)
-        values["quantum_efficiency"] = camera_files.plain_curves(self.quantum_efficiency)
-        for name in ("white_balance", "ccm", "tone"):
-            values[name] = camera_files.plain_rows(values[name])
-        values["conversion_gains"] = [asdict(row) for row in self.conversion_gains]
-        return values
+        return {name: camera_files.plain(value) for name, value in values.items()}
 
 
 class Amplified(NamedTuple):

@@ -25,7 +25,7 @@ from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
 from blurnoise.colour import FilterCurves, marked
 from blurnoise.gain import ConversionGain
-from blurnoise.spectra import Curve, Spectrum
+from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _SETTINGS = ("defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality")
@@ -120,18 +120,15 @@ def within(where: str, error: Exception) -> Exception:
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
-def plain_curves(curves: Spectrum | FilterCurves) -> object:
-    """A quantum efficiency as :func:`completed` takes it."""
-    if isinstance(curves, FilterCurves):
-        return {name: plain_curves(curve) for name, curve in curves.stated()}
-    if isinstance(curves, Curve):
-        return {"wavelengths_nm": list(curves.wavelengths_nm), "values": list(curves.values)}
-    return curves
-
-
-def plain_rows(value: object) -> object:
-    """Tuples as lists, whatever they hold."""
-    return [plain_rows(each) for each in value] if isinstance(value, tuple) else value
+def plain(value: object) -> object:
+    """A camera's field as :func:`completed` takes it, of mappings, lists and what JSON has."""
+    if isinstance(value, FilterCurves):
+        return {name: plain(curve) for name, curve in value.stated()}
+    if isinstance(value, (Curve, ConversionGain)):
+        return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
+    if isinstance(value, tuple):
+        return [plain(each) for each in value]
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _curves(stated: Mapping[str, Any], folder: Path) -> Curve | FilterCurves:

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
+from blurnoise import exposure as exposure_module
 from blurnoise.colour import FilterCurves, inverse
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.mosaics import magnification
@@ -165,6 +166,25 @@ def test_light_outside_red_green_blue_is_planned_for() -> None:
             (("wide", wide), ("plain", camera("RGGB")))}  # fmt: skip
     ratio = told["wide"]["shot noise"].contribution_dn / told["plain"]["shot noise"].contribution_dn
     assert ratio == pytest.approx(1.2**0.5)
+
+
+def test_what_is_left_out_counts_as_colours_magnify_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes ask for plans at the brightest that a plane may be; frames, by how much they are to be magnified."""
+    asked: list[tuple[float, float]] = []
+    real = exposure_module.plan_at
+
+    def watched(at: Any, tolerance_dn: float) -> Any:
+        asked.append((at.white_e, tolerance_dn))
+        return real(at, tolerance_dn)
+
+    monkeypatch.setattr(exposure_module, "plan_at", watched)
+    wide = camera("RGGB", ccm=((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    scene, white_e = ExposedScene(light(count=1)), photoelectrons(wide, 50.0, 0.01)
+    scene.expose(wide, generator=[1], **CONDITIONS)
+    next(scene.frames([Exposure(wide, 0.01, 50.0)]))
+    assert asked[0] == pytest.approx((1.2 * white_e, 0.1))
+    assert asked[1] == pytest.approx((1.2 * white_e, 0.1 / magnification(wide)))
+    assert magnification(wide) == pytest.approx(2.5)  # blue's gain, 0.5 / 0.2
 
 
 def test_gradients_go_through_the_mosaic() -> None:
