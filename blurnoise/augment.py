@@ -30,7 +30,7 @@ from blurnoise.encoding import Encoding
 from blurnoise.exposure import scene_reflectance
 from blurnoise.light import effects, motion
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.picture.develop import develop
+from blurnoise.picture.develop import develop, in_channels
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.simulation import simulate
@@ -109,7 +109,7 @@ def expose_pictures(
             generator=[seeds[item] for item in of],
             fidelity=fidelity,
         )
-        return develop(dn, camera, encoding=encoding, gain_db=digital_db)
+        return in_channels(develop(dn, camera, encoding=encoding, gain_db=digital_db), scene.shape[1])
 
     taken_by: dict[Amplified, list[int]] = {}
     for item, gain in enumerate(gains):

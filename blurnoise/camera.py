@@ -7,20 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise import camera_files, gain, presets
+from blurnoise import camera_files, colour, gain, presets, tone
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import LIMITS, within
 from blurnoise._core.validation import Figure, Text, check_fields
+from blurnoise.colour import Cfa, FilterCurves, Matrix, Row
 from blurnoise.spectra import Curve
 from blurnoise.transfer import Optics
 
@@ -32,8 +33,8 @@ class Camera:
     """A camera: lens, pixel, converter (EMVA 1288 release 4, linear model).
 
     pixel_pitch_um: square pixel. f_number: working f-number N. transmission: lens and atmosphere, 0-1.
-    quantum_efficiency: electrons per photon, a number over 400-700 nm or a :class:`Curve`, IR-cut and colour
-    filter included; all channels of a colour picture share it, as after a white balance.
+    quantum_efficiency: electrons per photon, a number over 400-700 nm or a :class:`Curve`, IR-cut included; with a
+    mosaic of colour filters one for each filter, :class:`blurnoise.colour.FilterCurves`.
     full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark, at gain
     0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
     analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
@@ -43,6 +44,11 @@ class Camera:
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
     ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
     diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none.
+    cfa: the mosaic, see :mod:`blurnoise.colour`. "none": each colour of a picture has a sensor of its own, and all
+    share the quantum efficiency. "mono": one plane of light, which comes out grey.
+    white_balance, demosaic, ccm, tone, jpeg_quality: how frames become pictures, see :mod:`blurnoise.picture.steps`.
+    white_balance: "auto" follows the light; or the gains of red, green (or clear) and blue, whose ratios count.
+    ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
     sources: field name -> where its figure comes from.
 
@@ -54,7 +60,7 @@ class Camera:
     pixel_pitch_um: Annotated[Figure, within("pixel_pitch_um")]
     f_number: Annotated[Figure, within("f_number")]
     transmission: Annotated[Figure, Ge(0), Le(1)]
-    quantum_efficiency: Figure | Curve
+    quantum_efficiency: Figure | Curve | FilterCurves
     full_well_e: Annotated[Figure, within("full_well_e")]
     system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
     read_noise_e: Annotated[Figure, within("read_noise_e")]
@@ -72,16 +78,27 @@ class Camera:
     defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
     defocus_counts_pixel: bool = False
     diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
+    cfa: Cfa = "none"
+    white_balance: Literal["auto"] | Row = "auto"
+    demosaic: Literal["bilinear", "edge"] = "bilinear"
+    ccm: Matrix | None = None
+    tone: tone.ToneCurve = "srgb"
+    jpeg_quality: Annotated[int | None, Ge(1), Le(100)] = None
     width_px: _Side = 1920
     height_px: _Side = 1080
     hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ccm", colour.checked_matrix(self.ccm, self.cfa))
+        object.__setattr__(self, "white_balance", colour.checked_gains(self.white_balance, self.cfa))
+        object.__setattr__(self, "tone", tone.checked(self.tone))
         check_fields(self)
         curve = self.quantum_efficiency
-        for value in curve.values if isinstance(curve, Curve) else (curve,):
-            in_range("quantum_efficiency", value, 0.0, 1.0)
+        if not isinstance(curve, FilterCurves):
+            for value in curve.values if isinstance(curve, Curve) else (curve,):
+                in_range("quantum_efficiency", value, 0.0, 1.0)
+        colour.check_filters(self.cfa, curve)
         self._check_gains()
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
         for name in self.sources:
@@ -238,15 +255,7 @@ class Camera:
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
         values: dict[str, object] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        values["sources"] = dict(self.sources)
-        if isinstance(self.quantum_efficiency, Curve):
-            curve = self.quantum_efficiency
-            values["quantum_efficiency"] = {
-                "wavelengths_nm": list(curve.wavelengths_nm),
-                "values": list(curve.values),
-            }
-        values["conversion_gains"] = [asdict(row) for row in self.conversion_gains]
-        return values
+        return {name: camera_files.plain(value) for name, value in values.items()}
 
 
 class Amplified(NamedTuple):

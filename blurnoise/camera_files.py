@@ -2,7 +2,8 @@
 
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
 {wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; one that is cut
-short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`).
+short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`). Behind a mosaic it is
+{red: ..., green: ..., blue: ..., clear: ...}, each of these.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
+from blurnoise.colour import FilterCurves, marked
 from blurnoise.gain import ConversionGain
-from blurnoise.spectra import Curve, cut_short
+from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
-_NO_FIGURES = ("name", "defocus_counts_pixel", "sources")
+_SETTINGS = ("defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality")
+_NO_FIGURES = ("name", *_SETTINGS, "sources")
 T = TypeVar("T")
 _BASES = {figures["name"]: figures for figures in presets.FIGURES}
 
@@ -86,9 +89,9 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
         )
     values["sources"] = base["sources"] | {name: source for name in figures if name in stated} | own.sources
     if isinstance(values["quantum_efficiency"], Mapping):
-        curve = values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+        curves = values["quantum_efficiency"] = _curves(values["quantum_efficiency"], folder)
         told = values["sources"].get("quantum_efficiency", "")
-        if (mark := cut_short(curve)) and mark not in told:
+        if (mark := marked(curves)) and mark not in told:
             values["sources"]["quantum_efficiency"] = f"{told}; marked: {mark}"
     if isinstance(values.get("conversion_gains"), Sequence):
         values["conversion_gains"] = tuple(map(_conversion_gain, values["conversion_gains"]))
@@ -117,8 +120,32 @@ def within(where: str, error: Exception) -> Exception:
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
-def _curve(stated: Mapping[str, Any], folder: Path) -> Curve:
+def plain(value: object) -> object:
+    """A camera's field as :func:`completed` takes it, of mappings, lists and what JSON has."""
+    if isinstance(value, FilterCurves):
+        return {name: plain(curve) for name, curve in value.stated()}
+    if isinstance(value, (Curve, ConversionGain)):
+        return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
+    if isinstance(value, tuple):
+        return [plain(each) for each in value]
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _curves(stated: Mapping[str, Any], folder: Path) -> Curve | FilterCurves:
+    names = [entry.name for entry in fields(FilterCurves)]
+    if not stated.keys() & {*names}:
+        return _curve(stated, folder)
     name = "quantum_efficiency"
+    for key in stated:
+        known(f"{name}: filter", key, names)
+    each = {
+        key: _curve(curve, folder, f"{name}.{key}") if isinstance(curve, Mapping) else curve
+        for key, curve in stated.items()
+    }
+    return FilterCurves(**each)
+
+
+def _curve(stated: Mapping[str, Any], folder: Path, name: str = "quantum_efficiency") -> Curve:
     try:
         if "csv" in stated and stated.keys() <= {"csv", "column"}:
             table = _checked(_Table, stated)

@@ -32,7 +32,7 @@ from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.radiometry import photoelectrons
-from blurnoise.sensor import stages
+from blurnoise.sensor import mosaic, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 from blurnoise.spectra import Curve
 
@@ -101,6 +101,7 @@ def plan(
     if moved.shape != (2,):
         raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
     x, y = (limited("displacement_px", along) for along in moved.tolist())
+    white_e *= mosaic.peak(camera, illuminant)
     at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant)
     return plan_at(at, tolerance_dn)
 

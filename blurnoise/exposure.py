@@ -31,8 +31,10 @@ from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint, items, operating_points
-from blurnoise.picture.develop import develop_8bit, tabulated, tones_8bit
+from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
+from blurnoise.picture.mosaics import magnification
 from blurnoise.radiometry import photoelectrons
+from blurnoise.sensor import mosaic
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.sensor.stages import nearly_full_e
@@ -128,7 +130,7 @@ class ExposedScene:
         limited("tolerance_dn", tolerance_dn)
         self._border, self._illuminant, self._pattern_seed = border, illuminant, pattern_seed
         self._tolerance_dn = tolerance_dn
-        self._fields: OrderedDict[tuple[int, str], Tensor] = OrderedDict()
+        self._fields: OrderedDict[tuple[int, str, int], Tensor] = OrderedDict()
         self._lock = threading.Lock()
 
     @classmethod
@@ -153,7 +155,10 @@ class ExposedScene:
         noise: bool = True,
         quantised: bool = True,
     ) -> Tensor:
-        """Frame i of picture i, digital numbers (B, C, H, W); arguments as :func:`blurnoise.simulate` takes them."""
+        """Frame i of picture i, digital numbers (B, C, H, W), of a mosaic or one plane (B, 1, H, W).
+
+        Arguments as :func:`blurnoise.simulate` takes them.
+        """
         points = operating_points(
             self.light,
             camera,
@@ -179,14 +184,16 @@ class ExposedScene:
         if self.fidelity == "full" or differentiable:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
+        peak = mosaic.peak(camera, self._illuminant)
         for item, at in enumerate(_each(points)):
-            needs = plan_at(_brighter(at, self._brightest[item]), self._tolerance_dn)
+            needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
         if len(groups) == 1:
             ((needs, of),) = groups.values()
             return frames(of, needs)
-        out = torch.empty_like(self.light, memory_format=torch.contiguous_format)
+        planes = mosaic.planes(camera, self.light.shape[1])
+        out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
         for needs, of in groups.values():
             out[of] = frames(of, needs)
         return out
@@ -211,6 +218,8 @@ class ExposedScene:
         self, light: Tensor, shared: _Alike, alike: Sequence[_Planned]
     ) -> Sequence[NDArray[np.uint8]]:
         count, (_, colours, height, width) = len(alike), self.light.shape
+        sensed = mosaic.on_sensor(light, shared.camera, self._illuminant)
+        planes = sensed.shape[1]
         read_noise_e = shared.camera.read_noise_e
         own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
             shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
@@ -225,18 +234,21 @@ class ExposedScene:
             "noise": shared.noisy,
             "without": shared.without,
             "checked": True,
-            "normal": self._normal(shared.seed).expand(count, -1, -1, -1),
-            "read": self._normal(shared.seed, "read").expand(count, -1, -1, -1) if own_read else None,
+            "normal": self._normal(shared.seed, "frame", planes).expand(count, -1, -1, -1),
+            "read": self._normal(shared.seed, "read", planes).expand(count, -1, -1, -1) if own_read else None,
         }
-        expanded = light.expand(count, -1, -1, -1)
-        if not tabulated():
+        expanded = sensed.expand(count, -1, -1, -1)
+        if tabulated(shared.delivering):
+            seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
+            tones = tones_8bit(shared.delivering, shared.digital_db, self._illuminant)
+            read_out(expanded, shared.camera, **given, tones=tones, out=seen.permute(0, 3, 1, 2))
+            if planes == colours:
+                return list(seen.numpy())
+            developed = seen.permute(0, 3, 1, 2)
+        else:
             dn = read_out(expanded, shared.camera, **given)
-            developed = develop_8bit(dn, shared.delivering, shared.digital_db)
-            return list(developed.permute(0, 2, 3, 1).contiguous().numpy())
-        seen = torch.empty((count, height, width, colours), dtype=torch.uint8)
-        tones = tones_8bit(shared.delivering, shared.digital_db)
-        read_out(expanded, shared.camera, **given, tones=tones, out=seen.permute(0, 3, 1, 2))
-        return list(seen.numpy())
+            developed = develop_8bit(dn, shared.delivering, shared.digital_db, self._illuminant)
+        return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
     def _planned(self, exposures: Sequence[Exposure]) -> Iterator[_Planned]:
         for camera, of_camera in groupby(exposures, key=lambda each: each.amplified.camera):
@@ -252,8 +264,9 @@ class ExposedScene:
             )
             for place, (exposure, at) in enumerate(zip(some, _each(points), strict=True)):
                 digital_db = exposure.amplified.digital_db
-                gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out
-                lit = _brighter(at, self._brightest[0])
+                gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
+                gain *= magnification(camera, self._illuminant)
+                lit = _brighter(at, self._brightest[0] * mosaic.peak(camera, self._illuminant))
                 needs = plan_at(lit, self._tolerance_dn / gain) if self.fidelity == "auto" else None
                 without = needs.without if needs else effects.NOTHING
                 alike = _Alike(
@@ -279,8 +292,9 @@ class ExposedScene:
         reduced = _reduced(points, needs)
         without = needs.without if needs else effects.NOTHING
         moved = effects.through(light, reduced, border=self._border, without=without)
+        sensed = mosaic.on_sensor(moved, reduced.camera, self._illuminant)
         return read_out(
-            moved,
+            sensed,
             reduced.camera,
             white_e=points.white_e,
             exposure_s=points.exposure_s,
@@ -292,22 +306,24 @@ class ExposedScene:
             quantised=quantised,
             without=without,
             checked=True,
-            out=moved if moved is not light and moved.is_contiguous() else None,
+            out=sensed if sensed is not light and sensed.is_contiguous() else None,
         )
 
     def _pattern(self, camera: Camera) -> FixedPattern | None:
         if camera.prnu == 0 and camera.dsnu_e == 0:
             return None
-        return camera.fixed_pattern(tuple(self.light.shape[1:]), self._pattern_seed)
+        _, colours, *size = self.light.shape
+        return camera.fixed_pattern((mosaic.planes(camera, colours), *size), self._pattern_seed)
 
-    def _normal(self, seed: int, stream: str = "frame") -> Tensor:
-        """The N(0, 1) field of a seed and stream, of one picture; the last ``_FIELDS`` are kept."""
+    def _normal(self, seed: int, stream: str, planes: int) -> Tensor:
+        """The N(0, 1) field of a seed and stream, of one picture's planes; the last ``_FIELDS`` are kept."""
+        key = (seed, stream, planes)
         with self._lock:
-            if (seed, stream) not in self._fields:
-                self._fields[seed, stream] = rng.standard_normal([seed], self.light, stream)
+            if key not in self._fields:
+                self._fields[key] = rng.standard_normal([seed], self.light[:, :planes], stream)
                 while len(self._fields) > _FIELDS:
                     self._fields.popitem(last=False)
-            return self._fields[seed, stream]
+            return self._fields[key]
 
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
+from blurnoise.colour import behind_generic_filters
 from blurnoise.spectra import Curve, Spectrum, cut_short
 
 Figures = Mapping[str, Any]
@@ -26,6 +28,12 @@ _PREGIUS_GAIN = MappingProxyType(
 )
 _PREGIUS_POST_SHARE = round((0.92 / 2.2) ** 2, 3)
 _NO_SERIES = "assumed: no public gain series found, none behind the amplifier"
+_NO_COLOURS = MappingProxyType(
+    {
+        "cfa": "chosen: no filters; the colours of a picture have a sensor each, as of a camera with three",
+        "ccm": "without: no filters",
+    }
+)
 _LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
 _OF_SNR = "derived: 10^(SNRmax/10) of the "
 _OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "
@@ -119,6 +127,7 @@ def _with_black_level(
             "defocus_radius_px": "assumed: in focus",
             "diffraction_wavelength_um": "without: a picture has been through a lens already",
             "hfov_deg": "assumed: the lens is the user's choice",
+            **_NO_COLOURS,
             **sources,
         },
     }
@@ -140,19 +149,45 @@ _LIN = "Lin et al., Sensors 2024, 24, 5135"
 _LIN_QE = 5774.616 / 24421.8
 _LIN_GAIN = 5.88
 
+
+def _with_mosaic(base: Figures, name: str) -> Figures:
+    """A camera behind generic filters in a Bayer pattern."""
+    sources = {
+        "cfa": "assumed: the usual pattern",
+        "quantum_efficiency": "assumed: the sensor's own, 0.50 held below 470 nm, behind the generic filters of "
+        "blurnoise.colour.behind_generic_filters",
+        "ccm": "assumed: that of the AR0231 in openpilot, system/camerad/sensors (MIT), daylight",
+    }
+    return {
+        **base,
+        "name": name,
+        "cfa": "RGGB",
+        "quantum_efficiency": replace(behind_generic_filters(base["quantum_efficiency"]), clear=None),
+        "ccm": _AR0231_CCM,
+        "sources": {**base["sources"], **sources},
+    }
+
+
+_AR0231_CCM = (
+    (1.3671875, -0.0546875, -0.3125),
+    (-0.53125, 1.4609375, 0.0703125),
+    (-0.578125, -0.25, 1.828125),
+)
+_IMX250 = _from_emva(
+    "imx250",
+    pixel_pitch_um=3.45,
+    snr_max_db=40.3,
+    dynamic_range_db=71.2,
+    size_px=(2464, 2056),
+    quantum_efficiency=_BLACKFLY_QE,
+    qe_source=_QE_ASSUMED,
+    source=_MVFOX,
+    read_noise_post_share=_PREGIUS_POST_SHARE,
+    gain_sources=_PREGIUS_GAIN,
+)
 FIGURES: tuple[Figures, ...] = (
-    _from_emva(
-        "imx250",
-        pixel_pitch_um=3.45,
-        snr_max_db=40.3,
-        dynamic_range_db=71.2,
-        size_px=(2464, 2056),
-        quantum_efficiency=_BLACKFLY_QE,
-        qe_source=_QE_ASSUMED,
-        source=_MVFOX,
-        read_noise_post_share=_PREGIUS_POST_SHARE,
-        gain_sources=_PREGIUS_GAIN,
-    ),
+    _IMX250,
+    _with_mosaic(_IMX250, "imx250c"),
     _from_emva(
         "imx249",
         pixel_pitch_um=5.86,
@@ -271,6 +306,7 @@ FIGURES: tuple[Figures, ...] = (
             "dark_doubling_c": "without effect: no dark current",
             "prnu": "the tool has none",
             "dsnu_e": "the tool has none",
+            **_NO_COLOURS,
         },
     },
 )

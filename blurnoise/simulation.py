@@ -38,7 +38,9 @@ def simulate(
     noise: bool = True,
     quantised: bool = True,
 ) -> Tensor:
-    """Expose ``image`` with ``camera``; returns digital numbers of the same shape, integral values.
+    """Expose ``image`` with ``camera``; returns digital numbers, integral values, of the same shape.
+
+    Of a camera with a mosaic, or of one plane of light, it is the raw plane: (B, 1, H, W), C being 1 or 3.
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
@@ -48,7 +50,8 @@ def simulate(
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
-    Order: linear light, then :data:`blurnoise.light.effects.EFFECTS` (lens, motion), then
+    Order: linear light, then :data:`blurnoise.light.effects.EFFECTS` (lens, motion), the colour filters
+    (:mod:`blurnoise.sensor.mosaic`), then
     :data:`blurnoise.sensor.stages.STAGES` (light level, shot, dark and read noise, full well, gain, black level,
     rounding, converter limits).
 

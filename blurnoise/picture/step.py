@@ -12,15 +12,17 @@ from torch import Tensor
 
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
+from blurnoise.spectra import Curve
 
 
 @dataclass(frozen=True)
 class Development:
-    """How a frame becomes a picture. gain_db: digital gain. encoding: of the picture."""
+    """How a frame becomes a picture: digital gain, the picture's encoding, the light on the scene."""
 
     camera: Camera
     gain_db: float = 0.0
     encoding: Encoding = "srgb"
+    illuminant: str | Curve = "D55"
 
 
 class PictureStep(ABC):
@@ -31,6 +33,10 @@ class PictureStep(ABC):
 
     name: str
     pointwise: bool = True
+
+    def active(self, camera: Camera) -> bool:
+        """Whether it does anything to this camera's frames."""
+        return True
 
     @abstractmethod
     def apply(self, picture: Tensor, at: Development) -> Tensor:

@@ -1,14 +1,18 @@
 """The picture's steps, one table in causal order: digital numbers to a picture, after the converter.
 
 Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), then a picture in [0, 1].
-``STEPS`` is read wherever a frame is developed: a new entry is all that a new step needs.
+``STEPS`` is read wherever a frame is developed: a new entry is all that a new step needs. What a camera does not have
+(a mosaic, JPEG) it passes over.
 """
 
 from __future__ import annotations
 
 from torch import Tensor
 
-from blurnoise.encoding import srgb_from_linear
+from blurnoise import tone
+from blurnoise.camera import Camera
+from blurnoise.picture.jpeg import Jpeg
+from blurnoise.picture.mosaics import ColourMatrix, Demosaic, WhiteBalance
 from blurnoise.picture.step import Development, PictureStep
 
 
@@ -33,14 +37,28 @@ class DigitalGain(PictureStep):
 
 
 class Tone(PictureStep):
-    """Clipping to [0, 1], and the sRGB curve where asked for."""
+    """Clipping to [0, 1], and where asked for the camera's curve, sRGB's by default."""
 
     name = "tone"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
         """Coded."""
-        return srgb_from_linear(picture) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
+        return tone.coded(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
-BLACK_LEVEL, DIGITAL_GAIN, TONE = BlackLevel(), DigitalGain(), Tone()
-STEPS: tuple[PictureStep, ...] = (BLACK_LEVEL, DIGITAL_GAIN, TONE)
+BLACK_LEVEL, DIGITAL_GAIN, TONE, JPEG = BlackLevel(), DigitalGain(), Tone(), Jpeg()
+WHITE_BALANCE, DEMOSAIC, COLOUR_MATRIX = WhiteBalance(), Demosaic(), ColourMatrix()
+STEPS: tuple[PictureStep, ...] = (
+    BLACK_LEVEL,
+    WHITE_BALANCE,
+    DEMOSAIC,
+    COLOUR_MATRIX,
+    DIGITAL_GAIN,
+    TONE,
+    JPEG,
+)
+
+
+def active(camera: Camera) -> tuple[PictureStep, ...]:
+    """The steps that do something to this camera's frames, in order."""
+    return tuple(step for step in STEPS if step.active(camera))

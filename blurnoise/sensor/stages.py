@@ -15,6 +15,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.camera import Camera
+from blurnoise.colour import FilterCurves, marked
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.radiometry import electrons_per_lux_s
 from blurnoise.sensor.stage import (
@@ -26,7 +27,7 @@ from blurnoise.sensor.stage import (
     signal_bound_e,
     within_range_dn,
 )
-from blurnoise.spectra import Curve, cut_short
+from blurnoise.spectra import Curve, Spectrum
 
 
 class SpectralIntegration(SensorStage):
@@ -49,8 +50,7 @@ class SpectralIntegration(SensorStage):
 
     def how(self, camera: Camera, noisy: bool) -> str:
         """Once; and where the curve is cut short."""
-        curve = camera.quantum_efficiency
-        mark = cut_short(curve) if isinstance(curve, Curve) else ""
+        mark = marked(camera.quantum_efficiency)
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
@@ -383,10 +383,15 @@ def censored(mean: Tensor, variance: Tensor, low: Tensor, high: Tensor) -> tuple
 @lru_cache(maxsize=64)
 def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
     """Relative error of the signal if the sensor's curve were flat, at its mean over wavelengths."""
-    curve = camera.quantum_efficiency
-    if not isinstance(curve, Curve):
-        return 0.0
-    mean = sum(curve.values) / len(curve.values)
-    flat = electrons_per_lux_s(replace(camera, quantum_efficiency=mean), illuminant)
+    curves = camera.quantum_efficiency
+    if isinstance(curves, FilterCurves):
+        even: float | FilterCurves = FilterCurves(**{name: _mean(curve) for name, curve in curves.stated()})
+    else:
+        even = _mean(curves)
+    flat = electrons_per_lux_s(replace(camera, quantum_efficiency=even), illuminant)
     exact = electrons_per_lux_s(camera, illuminant)
     return abs(flat - exact) / exact if exact > 0 else 0.0
+
+
+def _mean(curve: Spectrum) -> float:
+    return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve

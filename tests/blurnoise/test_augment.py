@@ -120,6 +120,26 @@ def test_half_precision_modules_draw_in_float32() -> None:
 # What is done with it
 
 
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("encoding", ["srgb", "linear"])
+def test_colour_cameras_return_the_shape_they_got(encoding: Any, channels: int) -> None:
+    """A camera each: with filters, of one plane, with a sensor for each colour; one plane comes out grey."""
+    mono = replace(Camera.preset("imx250"), cfa="mono")
+    cameras = (Camera.preset("imx250c"), mono, Camera.preset("imx250"))
+    image = pictures(channels=channels)[:1].expand(3, -1, -1, -1)
+    given: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 80.0, "encoding": encoding}
+    seen = expose_pictures(image, cameras, generator=[4, 5, 6], **given)
+    assert seen.shape == image.shape
+    for index, camera in enumerate(cameras):
+        alone = expose_pictures(image[:1], camera, generator=[4 + index], **given)
+        assert torch.equal(alone[0], seen[index])
+    assert torch.equal(seen[1, 0], seen[1, -1])
+    assert torch.equal(seen[0, 0], seen[0, -1]) == torch.equal(seen[2, 0], seen[2, -1]) == (channels == 1)
+    aug = RandomExposure(cameras, encoding=encoding, p=1.0)
+    assert aug(image).shape == image.shape
+    assert torch.equal(aug(image, params=aug._params), aug(image, params=aug._params))
+
+
 @pytest.mark.parametrize("encoding", ["srgb", "linear"])
 @pytest.mark.parametrize("channels", [1, 3])
 def test_is_simulate_and_develop(encoding: Any, channels: int) -> None:

@@ -23,6 +23,7 @@ from blurnoise.encoding import Encoding
 from blurnoise.exposure import scene_reflectance
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.picture.develop import develop_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import readout as sensor
 from blurnoise.simulation import simulate
@@ -39,6 +40,8 @@ YARDSTICK = "torch.randn"
 BLUR = "blur alone"
 NOISE = {"auto": "noise alone, auto", "full": "noise alone, full"}
 WHOLE = {"auto": "simulate, auto", "full": "simulate, full"}
+PICTURES = "simulate and develop"
+COLOUR = "simulate and develop, Bayer"
 KORNIA = "kornia MotionBlur + GaussianNoise"
 ALBUMENTATIONS = "albumentations MotionBlur + ShotNoise + GaussNoise"
 
@@ -210,12 +213,18 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
     blur = partial(effects.through, light, OperatingPoint(camera, none, none, none, motion))
     moved = blur()
     whole = partial(
-        simulate, image, camera, illuminance_lux=case.illuminance_lux,
+        simulate, image, camera=camera, illuminance_lux=case.illuminance_lux,
         velocity_px_s=motion / case.exposure_s, encoding=case.encoding, **conditions,
     )  # fmt: skip
     noise = partial(sensor.read_out, moved, camera, white_e=white_e, **conditions)
+    seen_by = {PICTURES: camera, **({COLOUR: _with_mosaic(camera)} if image.shape[1] == 3 else {})}
+
+    def pictures(by: Camera) -> Tensor:
+        return develop_8bit(whole(camera=by), by)
+
     calls: dict[str, tuple[Kind, Callable[[], object]]] = {
         **{name: ("whole", partial(whole, fidelity=fidelity)) for fidelity, name in WHOLE.items()},
+        **{name: ("whole", partial(pictures, by)) for name, by in seen_by.items()},
         BLUR: ("stage", blur),
         **{name: ("stage", partial(noise, fidelity=fidelity)) for fidelity, name in NOISE.items()},
         KORNIA: ("other", partial(_kornia(nearest_odd(case.length_px)), image)),
@@ -224,6 +233,12 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
         calls[ALBUMENTATIONS] = ("other", partial(_albumentations, image, nearest_odd(case.length_px)))
     calls[YARDSTICK] = ("yardstick", partial(torch.randn, case.shape))
     return calls
+
+
+def _with_mosaic(camera: Camera) -> Camera:
+    """The camera behind the colour filters, and with the colour matrix, of the preset imx250c."""
+    of = Camera.preset("imx250c")
+    return replace(camera, cfa=of.cfa, quantum_efficiency=of.quantum_efficiency, ccm=of.ccm)
 
 
 def _kornia(taps: int) -> torch.nn.Sequential:

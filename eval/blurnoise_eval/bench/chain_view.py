@@ -76,7 +76,7 @@ def _draw(axes: Axes, bench: Bench, case: Case) -> None:
     rows = [row for row in bench.rows if row.case == case.name]
     fidelities = {name: fidelity for fidelity, name in WHOLE.items()}
     for place, row in enumerate(rows):
-        if row.kind == "whole":
+        if row.name in fidelities:
             parts = {
                 "blur": bench.row(case.name, BLUR).ms.median,
                 "noise": bench.row(case.name, NOISE[fidelities[row.name]]).ms.median,

@@ -16,7 +16,7 @@ Grid = dict[str, tuple[float, ...]]
 """Values by the name of their axis, in its column's unit."""
 
 # Named here, too, so that completion need not import PyTorch; a test holds them to what there is.
-CAMERAS = ("imx250", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
+CAMERAS = ("imx250", "imx250c", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "torchvision", "tfod", "ppocr",

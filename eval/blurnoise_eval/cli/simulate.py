@@ -61,8 +61,9 @@ def simulate(
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.exposure import anchored, scene_reflectance
     from blurnoise.grey_anchor import reflectance_text, share_above_white
-    from blurnoise.picture.develop import develop_8bit
-    from blurnoise.radiometry import photoelectrons
+    from blurnoise.picture.develop import develop_8bit, in_channels
+    from blurnoise.radiometry import filter_electrons, photoelectrons
+    from blurnoise.sensor.mosaic import outside_share
     from blurnoise.simulation import simulate
     from blurnoise_eval.datasets import decode, write_picture
 
@@ -85,7 +86,11 @@ def simulate(
         grey_anchor=grey_anchor,
     )
     native = bit_depth == "native"
-    out = dn.to(torch.int32).numpy().astype("uint16") if native else develop_8bit(dn, taker, gain_db).numpy()
+    if native:
+        out = dn.to(torch.int32).numpy().astype("uint16")
+    else:
+        seen = develop_8bit(dn, taker, gain_db)
+        out = in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()
     write_picture(output, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
     needs = plan(
         taker,
@@ -105,6 +110,13 @@ def simulate(
         "full_scale_dn": taker.full_scale_dn,
         "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.saturated_dn)).float().mean()),
     }
+    if taker.cfa != "none":
+        facts["cfa"] = taker.cfa
+        per_lux_s = filter_electrons(taker)
+        facts |= {f"white_electrons_{each}": e * lux * exposure_s for each, e in per_lux_s.items() if each}
+        if taker.ccm is not None:
+            light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
+            facts["outside_gamut_percent"] = 100 * outside_share(light, taker)
     if grey_anchor is not None:
         light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
         facts["above_white_percent"] = 100 * share_above_white(light)

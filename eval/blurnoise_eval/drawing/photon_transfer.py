@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
 from blurnoise.camera import PRESETS, Camera
+from blurnoise.colour import FilterCurves
 from blurnoise.spectra import Curve
 from blurnoise_eval.system.terminal import plain
 
@@ -105,6 +106,10 @@ def figures(camera: Camera) -> Table:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, FilterCurves):
+        return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
+    if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
+        return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
     if not isinstance(value, Curve):
         return f"{value:.5g}" if isinstance(value, float) else str(value)
     nm, values = value.wavelengths_nm, value.values

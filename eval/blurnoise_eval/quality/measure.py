@@ -32,7 +32,7 @@ from blurnoise.metrics.contrast import detection_probability, patch_contrast
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
-from blurnoise.radiometry import photoelectrons
+from blurnoise.radiometry import behind_one_filter, photoelectrons
 from blurnoise_eval.grid.axes import blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.threads import limited_threads
@@ -139,9 +139,11 @@ def measure(
 ) -> list[Row]:
     """Every metric under every condition of ``plan``, in its order; the same rows whatever the threads.
 
+    Of a camera with a mosaic the pixels behind its strongest filter, as if all were.
     ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` does.
     """
     scenes = _Scenes()
+    camera = behind_one_filter(camera)
     rows: list[Row] = []
     pool = ThreadPoolExecutor(threads)
     with limited_threads(1):  # conditions are worked on side by side, each on one core

@@ -18,9 +18,11 @@ from blurnoise_eval.bench.chain import (
     ALBUMENTATIONS,
     BATCH,
     BLUR,
+    COLOUR,
     KORNIA,
     NOISE,
     PICTURE,
+    PICTURES,
     WHOLE,
     YARDSTICK,
     Bench,
@@ -33,7 +35,7 @@ from blurnoise_eval.cli import main
 Output = pytest.CaptureFixture[str]
 SMALL = replace(BATCH, shape=(3, 3, 61, 73), length_px=7.0)
 TINY = Extent((SMALL, PICTURE), fewest=1, most=2, seconds=0)
-NAMES = [*WHOLE.values(), BLUR, *NOISE.values(), KORNIA, YARDSTICK]
+NAMES = [*WHOLE.values(), PICTURES, BLUR, *NOISE.values(), KORNIA, YARDSTICK]
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,10 @@ def test_case_is_the_scene_it_says() -> None:
     assert torch.equal(frames[WHOLE["auto"]], frames[NOISE["auto"]])  # the stages make up the whole
     assert torch.equal(frames[WHOLE["full"]], frames[NOISE["full"]])
     assert not torch.equal(frames[WHOLE["full"]], frames[WHOLE["auto"]])
+    grey, colour = calls[PICTURES][1](), calls[COLOUR][1]()
+    assert grey.shape == colour.shape == SMALL.shape  # as many values
+    assert grey.dtype == colour.dtype == torch.uint8
+    assert COLOUR not in chain._calls(replace(PICTURE, shape=(1, 1, 20, 30)))
     blurred, other = calls[BLUR][1](), calls[KORNIA][1]()
     assert float(blurred.std()) < 0.2 < 0.28 < float(torch.rand(9999).std())
     assert other.shape == SMALL.shape

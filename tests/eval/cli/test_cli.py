@@ -178,6 +178,38 @@ def test_simulate(tmp_path: Path, capsys: Output, shape: tuple[int, ...], dtype:
     assert (facts["camera"], facts["full_scale_dn"]) == (camera, 4095)
 
 
+@pytest.mark.parametrize("shape", [(31, 44), (31, 44, 3)])
+@pytest.mark.parametrize("camera", ["imx250c", "mono.yaml"])
+def test_simulate_with_colour_filters_or_one_plane(
+    tmp_path: Path, capsys: Output, shape: tuple[int, ...], camera: str
+) -> None:
+    """Natively the raw plane; to look at, colours of a mosaic and grey of one plane, in the photograph's channels."""
+    (tmp_path / "mono.yaml").write_text("base: imx250\ncfa: mono\n")
+    taker = Camera.preset(camera) if "." not in camera else Camera.load(tmp_path / camera)
+    name = camera if "." not in camera else str(tmp_path / camera)
+    source, picture = tmp_path / "scene.png", pixels(shape, np.uint8)
+    write_picture(source, picture)
+    options = ("--exposure-ms", 12.3, "--lux", 70, "--seed", 5, "--camera", name)
+    facts = told(capsys, "simulate", source, "-o", tmp_path / "dn.png", *options, "--bit-depth", "native")
+    told(capsys, "simulate", source, "-o", tmp_path / "view.png", *options)
+    planes = picture[None] if picture.ndim == 2 else picture.transpose(2, 0, 1)
+    scene = torch.from_numpy((planes / 255).astype(np.float32))[None]
+    dn = simulate(scene, taker, exposure_s=12.3 / 1e3, illuminance_lux=70, generator=[5])
+    native = cv2.imread(str(tmp_path / "dn.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(native, dn[0, 0].numpy())
+    view = cv2.imread(str(tmp_path / "view.png"), cv2.IMREAD_UNCHANGED)
+    seen = develop_8bit(dn, taker)[0].permute(1, 2, 0).numpy()
+    assert view.shape == ((31, 44, 3) if taker.cfa == "RGGB" else shape)
+    np.testing.assert_array_equal(view[..., ::-1] if view.ndim == 3 else view[..., None], np.broadcast_to(
+        seen, view.shape if view.ndim == 3 else (*shape, 1)))  # fmt: skip
+    assert facts["cfa"] == taker.cfa
+    assert facts["white_electrons"] == pytest.approx(photoelectrons(taker, 70, 0.0123))
+    if taker.cfa == "RGGB":
+        assert facts["white_electrons_G"] == pytest.approx(facts["white_electrons"])
+        assert facts["white_electrons_B"] < facts["white_electrons_R"] < facts["white_electrons_G"]
+        assert facts["outside_gamut_percent"] == 0  # all weights of that matrix's inverse are positive
+
+
 def test_simulate_with_another_lens(tmp_path: Path, capsys: Output) -> None:
     write_picture(tmp_path / "scene.png", pixels((8, 9)))
     command = ("simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png")

@@ -24,7 +24,7 @@ from plans import plan as swept
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
 from blurnoise.metrics.estimate import Estimate
-from blurnoise.radiometry import photoelectrons
+from blurnoise.radiometry import behind_one_filter, photoelectrons
 
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
@@ -281,6 +281,12 @@ def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
 
 
 @pytest.mark.slow
+def test_colour_cameras_are_measured_behind_one_filter() -> None:
+    """As if green were before every pixel: the raw pixels of a mosaic would be edges of their own."""
+    camera, short = Camera.preset("imx250c"), swept((0.01,), (50.0,), (0.0,))
+    assert quality.measure(camera, short) == quality.measure(behind_one_filter(camera), short)
+
+
 def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
     rows = [
         Row(at.on(CAMERA), metric.name, Estimate(1.0, 0.5, 2.0), 1, 1)
