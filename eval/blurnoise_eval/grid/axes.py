@@ -111,7 +111,7 @@ AXES: tuple[Axis, ...] = (
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
         1.0, -1e7, 1e7, own=lambda camera: 0.0,
         text=lambda value: f"{value:g} px/s", slug=lambda value: f"{value:g}",
-        default=(0.0, 200.0, 500.0, 1000.0),
+        default=(0.0, 300.0, 1000.0),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",

@@ -15,9 +15,11 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
-from blurnoise_eval.scoring.curves import endurances, endurances_across, surfaces
+from blurnoise_eval.scoring.curves import endurances, endurances_across
 from blurnoise_eval.scoring.exposure_window import answers
+from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.coco_export import write_detections
 from hypothesis import HealthCheck, assume, given, settings
@@ -110,12 +112,16 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
             assert found.keys() == expected.keys()
             for cell_id, one in expected.items():
                 assert {name: found[cell_id][name] for name in one.cell} == one.cell
-            means = queries.condition_means(store, "m", 0.25)
+            means = queries.condition_counts(store, "m")
             assert [row["n_images"] for row in means] == [1] * len(scores)
-            assert Counter(row["target_confidence"] for row in means) == Counter(scores.values())
+            sums = {
+                tuple(row[name] for name in CONDITIONS): row["target_confidence"]
+                for row in queries.target_sums(store, "m", 0.25)
+            }
+            assert Counter(sums.values()) == Counter(scores.values())
             for row in means:
                 ((_, _, detections),) = queries.detections_at(store, "m", row)
-                assert detections.scores.tolist() == [row["target_confidence"]]
+                assert detections.scores.tolist() == [sums[tuple(row[name] for name in CONDITIONS)]]
             store.export()
             header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
             assert [name for name in header if name in NAMES] == list(NAMES)
@@ -131,15 +137,15 @@ def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict
             found = list(surfaces(queries.exposed_targets(store)))
     exposed = Counter(score for at, score in scores.items() if at is not None)
     assert len({(each.model, each.group, each.setting) for each in found}) == len(found)
-    assert Counter(value for each in found for value in each.confidence.ravel().tolist()) == exposed
+    assert Counter(value for each in found for value in each.mean.ravel().tolist()) == exposed
     assert len(found) == math.prod(max(1, len(plan.values(name))) for name in SETTING)
-    told = [answer for each in found for answer in answers(each, 0.5, np.random.default_rng(0))]
+    told = [answer for each in found for answer in answers(each, 0.5)]
     assert Counter(value for answer in told for value in answer.confidence) == exposed
     assert len({tuple(answer.at.values()) for answer in told}) == len(told)
 
-    curves = [curve for each in found for curve in endurances(each, 0.5, np.random.default_rng(0))]
+    curves = [curve for each in found for curve in endurances(each, 0.5)]
     for _, group in groupby(found, key=lambda each: each.group):
-        curves += endurances_across(list(group), 0.5, np.random.default_rng(0))
+        curves += endurances_across(list(group), 0.5)
     for axis in ("exposure_s", *SETTING):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails
