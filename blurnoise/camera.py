@@ -21,6 +21,8 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import within
 from blurnoise._core.validation import Figure, Text, check_fields
+from blurnoise.field import Field
+from blurnoise.lens import SAME_EVERYWHERE, Lens
 from blurnoise.spectra import Curve
 from blurnoise.transfer import Optics
 
@@ -41,6 +43,8 @@ class Camera:
     ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
     diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
+    lens: what changes over the field, see :class:`blurnoise.lens.Lens`; a picture of another size stands for the
+    largest part of the sensor that has its shape.
     sources: field name -> where its figure comes from.
 
     Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
@@ -68,6 +72,7 @@ class Camera:
     width_px: _Side = 1920
     height_px: _Side = 1080
     hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
+    lens: Annotated[Lens, "must be a Lens"] = SAME_EVERYWHERE
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,6 +84,24 @@ class Camera:
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
+        self._check_lens()
+
+    def _check_lens(self) -> None:
+        lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um
+        if lens.mtf and blurred:
+            raise ValueError(
+                "lens.mtf: is measured with defocus and diffraction, at its own f-number; defocus_radius_px and "
+                "diffraction_wavelength_um must be 0 beside it"
+            )
+        if lens.field_curvature_px and self.defocus_counts_pixel:
+            raise ValueError("lens.field_curvature_px: must be 0 where defocus_counts_pixel is true")
+        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not lens.focal_px)):
+            raise ValueError(
+                f"hfov_deg = {self.hfov_deg:g}: must be < 180 for the field angles of lens.falloff_power and "
+                "lens.distortion, or lens.distortion states its focal_px"
+            )
+        if lens.displaces:
+            self.field.check()
 
     @property
     def full_scale_dn(self) -> int:
@@ -104,7 +127,13 @@ class Camera:
         return Optics(
             defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px,
             diffraction_lambda_n_px=self.diffraction_wavelength_um * self.f_number / self.pixel_pitch_um,
+            measured=self.lens.mtf.per_px(self.pixel_pitch_um) if self.lens.mtf else None,
         )
+
+    @property
+    def field(self) -> Field:
+        """The field that the lens has on the sensor."""
+        return Field(self.lens, self.width_px, self.height_px, self.hfov_deg, self.pixel_pitch_um)
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
@@ -185,6 +214,7 @@ class Camera:
         """Plain values for JSON, sources included."""
         values: dict[str, object] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         values["sources"] = dict(self.sources)
+        values["lens"] = self.lens.to_dict()
         if isinstance(self.quantum_efficiency, Curve):
             curve = self.quantum_efficiency
             values["quantum_efficiency"] = {

@@ -1,7 +1,8 @@
 """Camera files (.json, .yaml, .yml): they map the fields of :class:`blurnoise.Camera` to values.
 
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
-{wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file.
+{wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file. ``lens`` maps the
+figures of :class:`blurnoise.lens.Lens`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
+from blurnoise.lens import Lens
 from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
@@ -85,6 +87,8 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
     values["sources"] = base["sources"] | {name: source for name in figures if name in stated} | own.sources
     if isinstance(values["quantum_efficiency"], Mapping):
         values["quantum_efficiency"] = _curve(values["quantum_efficiency"], folder)
+    if isinstance(values.get("lens"), Mapping):
+        values["lens"] = _lens(values["lens"], folder)
     return values
 
 
@@ -126,6 +130,13 @@ def _curve(stated: Mapping[str, Any], folder: Path) -> Curve:
     raise ValueError(
         f"{name} = {shown(stated)}: must be a number, {{wavelengths_nm, values}} or {{csv, column}}"
     )
+
+
+def _lens(stated: Mapping[str, Any], folder: Path) -> Lens:
+    try:
+        return Lens.from_dict(stated, folder)
+    except (TypeError, ValueError) as error:
+        raise within("lens", error) from None
 
 
 def _checked(kind: type[T], stated: Mapping[str, Any]) -> T:

@@ -70,11 +70,11 @@ class Exposure:
             )
         integer("seed", self.seed, 0, rng.LAST_SEED)
 
-    def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
-        """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
+    def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """Where boxes (N, 4) of the scene, px, are at mid-exposure in a picture (H, W), by default the sensor's."""
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
-        at = OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y))
+        at = OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y), size=size)
         return effects.moved_boxes(boxes_xyxy, at)
 
 

@@ -93,6 +93,7 @@ def _with_black_level(
             "defocus_radius_px": "assumed: in focus",
             "diffraction_wavelength_um": "without: a picture has been through a lens already",
             "hfov_deg": "assumed: the lens is the user's choice",
+            "lens": "assumed: the same over the field; the lens is the user's choice",
             **sources,
         },
     }
@@ -227,6 +228,7 @@ FIGURES: tuple[Figures, ...] = (
             "width_px": f"quoted: {_LIN}, road scenes",
             "height_px": "assumed: 4096 x 2160",
             "hfov_deg": f"quoted: {_LIN}, as its Table 2 needs (printed as 99)",
+            "lens": "the tool has none",
             "dark_current_e_s": "the tool has none",
             "dark_reference_c": "without effect: no dark current",
             "dark_doubling_c": "without effect: no dark current",

@@ -7,7 +7,7 @@ calibration error, from ``FOUND_SCORE`` on.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -33,12 +33,14 @@ class Truth:
     """What is in the pictures, as a COCO data set, and what a model calls it.
 
     coco: annotations and categories as COCO's instances file has them. image_ids: by picture name.
-    category_of: a category's id by the model's number for it; other classes are not judged.
+    category_of: a category's id by the model's number for it; other classes are not judged. sizes_px: width and
+    height by image id.
     """
 
     coco: Mapping[str, Any]
     image_ids: Mapping[str, int]
     category_of: Mapping[int, int]
+    sizes_px: Mapping[int, tuple[int, int]] = field(default_factory=dict)
 
 
 class Alarms(NamedTuple):
@@ -133,15 +135,19 @@ class Judged:
 
     @cached_property
     def _annotations(self) -> Sequence[Mapping[str, Any]]:
-        return _moved(self.truth.coco["annotations"], self.move_boxes) if self.truth else ()
+        return _moved(self.truth, self.move_boxes) if self.truth else ()
 
 
-def _moved(annotations: Sequence[dict[str, Any]], move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
+def _moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
     """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
+    annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
     if move_boxes is None or not annotations:
         return annotations
+    sizes = [truth.sizes_px.get(each["image_id"], (np.nan, np.nan)) for each in annotations]
     sides = np.array([each["bbox"] for each in annotations], float)
-    boxes = move_boxes(np.concatenate([sides[:, :2], sides[:, :2] + sides[:, 2:]], axis=1))
+    boxes = move_boxes(
+        np.concatenate([sides[:, :2], sides[:, :2] + sides[:, 2:]], axis=1), np.array(sizes, float)
+    )
     moved = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
     return [{**each, "bbox": box} for each, box in zip(annotations, moved.tolist(), strict=True)]
 

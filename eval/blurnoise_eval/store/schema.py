@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 3  # of the tables below
+VERSION = 4  # of the tables below
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
@@ -26,6 +26,7 @@ CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".joi
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
   y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, truth TEXT, text TEXT,
   read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
-CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT);
+CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT, width_px INTEGER,
+  height_px INTEGER);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """

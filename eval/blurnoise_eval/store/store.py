@@ -39,7 +39,7 @@ class StoreError(ValueError):
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
-    picture: identity and content of the picture that it was computed from.
+    picture: identity, content, width and height, px, of the picture that it was computed from.
     Beside what is stored: the picture as PNG where it is to be kept as the row's ``example``, and how many NaN
     and infinite values the model answered with.
     """
@@ -49,7 +49,7 @@ class CellResult:
     detections: Detections
     example_png: bytes | None = None
     non_finite_values: int = 0
-    picture: tuple[str, str] | None = None
+    picture: tuple[str, str, int, int] | None = None
 
 
 class Store:
@@ -141,8 +141,16 @@ class Store:
         """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
         return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
 
-    def note_picture(self, image: str, identity: str, content: str) -> None:
-        """Note what a picture's cells are computed from: of a picture that has cells the content stays the same.
+    def note_picture(
+        self,
+        image: str,
+        identity: str,
+        content: str,
+        width_px: int | None = None,
+        height_px: int | None = None,
+    ) -> None:
+        """Note what a picture's cells are computed from: of a picture that has cells the content stays the same, and
+        so does its size, which need not be stated again.
 
         Raises :class:`StoreError` for another content: rows of two pictures would stand under one name.
         """
@@ -154,13 +162,24 @@ class Store:
             )
         if held != (identity, content):
             with self._transaction() as db:
-                db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?)", (image, identity, content))
+                db.execute(
+                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?) ON CONFLICT (image) DO UPDATE SET"
+                    " identity = excluded.identity, content = excluded.content,"
+                    " width_px = ifnull(excluded.width_px, width_px),"
+                    " height_px = ifnull(excluded.height_px, height_px)",
+                    (image, identity, content, width_px, height_px),
+                )
 
     def pictures(self, image: str | None = None) -> dict[str, tuple[str, str]]:
         """Identity and content of the pictures, or of one, that cells were computed from."""
         query = "SELECT * FROM pictures WHERE image IN (SELECT image FROM cells)"
         found = self.rows(query) if image is None else self.rows(f"{query} AND image = ?", image)
         return {row["image"]: (row["identity"], row["content"]) for row in found}
+
+    def picture_sizes(self) -> dict[str, tuple[int, int]]:
+        """Width and height, px, of the pictures that cells were computed from."""
+        rows = self.rows("SELECT image, width_px, height_px FROM pictures WHERE width_px IS NOT NULL")
+        return {row["image"]: (row["width_px"], row["height_px"]) for row in rows}
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""

@@ -54,6 +54,9 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     try:
         coco = json.loads(path.read_text(encoding="utf-8"))
         image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
+        sizes_px = {
+            image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids
+        }
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(
             f"{path}: cannot be read ({error}); repeat the sweep's command to restore it"
@@ -68,12 +71,12 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
         if labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
-            return Truth(coco, image_ids, known)
+            return Truth(coco, image_ids, known, sizes_px)
         own = {
             "annotations": list(_own_annotations(store, name, image_ids, classes)),
             "categories": [{"id": number, "name": label} for number, label in enumerate(classes, start=1)],
         }
-        return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))})
+        return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
 
     return truth_of
 

@@ -49,10 +49,16 @@ def frames(scene: Scene, cells: Sequence[Cell], camera: Camera) -> Iterator[Fram
 
 def box_mover(exposure: Exposure) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to where they are in the picture at mid-exposure; None: they stay."""
-    if not effects.displace():
+    if not effects.displace(exposure.camera):
         return None
 
-    def move(boxes_xyxy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(exposure.move_boxes(torch.from_numpy(boxes_xyxy)).numpy(), float)
+    def move(boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = np.empty_like(boxes_xyxy)
+        for width, height in np.unique(sizes_px, axis=0):
+            alike = (np.array_equal(each, (width, height), equal_nan=True) for each in sizes_px)
+            of = np.fromiter(alike, bool, len(sizes_px))
+            size = None if np.isnan(width) else (int(height), int(width))
+            moved[of] = exposure.move_boxes(torch.from_numpy(boxes_xyxy[of]), size).numpy()
+        return moved
 
     return move

@@ -41,7 +41,8 @@ class PreparedPicture:
 
     def __init__(self, picture: Picture, models: Sequence[Model]) -> None:
         image = picture.load()
-        self.source = picture.identity, content(image)
+        height, width = image.shape[:2]
+        self.source = picture.identity, content(image), width, height
         self.scene = Scene(image)
         self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
 
