@@ -46,7 +46,7 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     plane = _coefficients(extended(image, (_MARGIN, _MARGIN), spans, border))
     parts = []
     for strip in strips:
-        pairs = (_pairs(each[strip]) for each in (down, across))
+        pairs = (_pairs(each[strip], np.float64) for each in (down, across))
         along_y, along_x = (
             [tuple(torch.from_numpy(each) for each in pair) for pair in axis] for axis in pairs
         )
@@ -115,7 +115,7 @@ def _remapped(
             planes[channel] = packed.multiply(plane, _packed_prefilter(*spans), scratch)
 
     def see(strip: slice) -> None:
-        along_y, along_x = _pairs(y[strip]), _pairs(x[strip])
+        along_y, along_x = _pairs(y[strip], np.float32), _pairs(x[strip], np.float32)
         for plane, target in zip(planes, targets, strict=True):
             seen = target[strip]
             seen[:] = 0
@@ -154,15 +154,15 @@ def _strip(plane: Tensor, along_y: list[Any], along_x: list[Any]) -> Tensor:
     return seen
 
 
-def _pairs(position: Floats) -> list[tuple[Floats, Floats]]:
+def _pairs(position: Floats, kind: type[np.floating[Any]]) -> list[tuple[Floats, Floats]]:
     """Where to sample for each pair of taps, px, and its weight."""
     first = np.floor(position)
-    weights = _pieces((position - first).astype(np.float32))
-    first = first.astype(np.float32)
-    pairs = []
+    weights = _pieces((position - first).astype(kind))
+    first = first.astype(kind)
+    pairs: list[tuple[Floats, Floats]] = []
     for place in range(0, _TAPS, 2):
         both = weights[place] + weights[place + 1]
-        pairs.append((first + (weights[place + 1] / both + np.float32(place - 2)), both))
+        pairs.append((first + (weights[place + 1] / both + (place - 2)), both))
     return pairs
 
 
