@@ -125,7 +125,8 @@ class Field:
         return _least_light(self)
 
     def _displaced(self) -> float:
-        x, y = _pixels(self.size, _COARSE)
+        (height, width), share = self.size, np.linspace(0.0, 1.0, _COARSE)
+        x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)  # from edge to edge
         seen_x, seen_y = self._seen_at(*self._directions(x, y, self.size), self.size)
         return float(np.hypot(seen_x - x, seen_y - y).max())
 
@@ -162,10 +163,7 @@ def _least_light(field: Field) -> float:
     return float(field.light((max(1, height // step), max(1, width // step))).min())
 
 
-def _pixels(size: Size, points: int | None = None) -> tuple[Floats, Floats]:
-    """The pixels' centres (x, y), or so many points from the first to the last, as a grid."""
-    height, width = size
-    x = np.linspace(0.0, width - 1.0, points or width)
-    y = np.linspace(0.0, height - 1.0, points or height)
-    across, down = np.meshgrid(x, y)
+def _pixels(size: Size) -> tuple[Floats, Floats]:
+    """The pixels' centres (x, y), (H, W) each."""
+    across, down = np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0])))
     return across, down

@@ -52,8 +52,8 @@ class Mtf:
         frequencies = tuple(each * per_unit for each in self.frequencies)
         if frequencies[-1] < 0.5 and self.values[-1] > _LEFT:
             raise ValueError(
-                f"frequencies: must reach 0.5 cycles/px ({0.5 / per_unit:g} {self.unit}) or a value of {_LEFT:g}, "
-                f"end at {self.frequencies[-1]:g} {self.unit} with {self.values[-1]:g}"
+                f"lens.mtf: frequencies: must reach 0.5 cycles/px ({0.5 / per_unit:g} {self.unit}) or a value "
+                f"of {_LEFT:g}, end at {self.frequencies[-1]:g} {self.unit} with {self.values[-1]:g}"
             )
         first = () if frequencies[0] == 0 else (0.0,)
         return Measured((*first, *frequencies), (1.0, *self.values[1 - len(first) :]))

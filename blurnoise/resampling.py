@@ -43,14 +43,18 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     plain = image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad)
     if plain and image.dtype == torch.float32 and _remaps_exactly():
         return _remapped(image.detach(), across, down, spans, strips, border)
-    plane = _coefficients(extended(image, (_MARGIN, _MARGIN), spans, border))
+    at_once = 1 if image.device.type == "cpu" else len(image)  # whose bits then depend on no other picture
+    planes = [
+        _coefficients(extended(some, (_MARGIN, _MARGIN), spans, border))
+        for some in torch.split(image, at_once)
+    ]
     parts = []
     for strip in strips:
         pairs = (_pairs(each[strip], np.float64) for each in (down, across))
         along_y, along_x = (
             [tuple(torch.from_numpy(each) for each in pair) for pair in axis] for axis in pairs
         )
-        parts.append(_strip(plane, along_y, along_x))
+        parts.append(torch.cat([_strip(plane, along_y, along_x) for plane in planes]))
     return torch.cat(parts, dim=-2)
 
 
