@@ -86,7 +86,7 @@ class LateralColour(LightEffect):
         planes = [light[:, place : place + 1] for place in range(3)]
         for place, share in zip((0, 2), _shares(at.camera), strict=True):
             if share:
-                positions = at.camera.field.larger(share, _size(light))
+                positions = _larger(at.camera.field, share, _size(light))
                 planes[place] = resampling.sampled(planes[place], *positions, border)
         return torch.cat(planes, 1)
 
@@ -120,6 +120,11 @@ def _size(light: Tensor) -> Size:
 @lru_cache(maxsize=2)
 def _sources(field: Field, size: Size) -> tuple[Floats, Floats]:
     return field.sources(size)
+
+
+@lru_cache(maxsize=4)
+def _larger(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
+    return field.larger(share, size)
 
 
 DISTORTION, LATERAL_COLOUR = Distortion(), LateralColour()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
 from blurnoise.camera import PRESETS, Camera
+from blurnoise.lens import Lens
 from blurnoise.spectra import Curve
 from blurnoise_eval.system.terminal import plain
 
@@ -105,6 +106,9 @@ def figures(camera: Camera) -> Table:
 
 
 def _shown(value: object) -> str:
+    if isinstance(value, Lens):
+        stated = {name: figure for name, figure in value.to_dict().items() if figure}
+        return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
     if not isinstance(value, Curve):
         return f"{value:.5g}" if isinstance(value, float) else str(value)
     nm, values = value.wavelengths_nm, value.values
