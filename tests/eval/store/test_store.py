@@ -48,7 +48,6 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     cell |= {"n_detections": len(detections), "simulate_ms": 1.5, "infer_ms": 2.5, "error": None}
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
     target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
-    target |= {"confidence_swept": 0.05}
     target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
     rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
     return CellResult({**shared, **cell, "example": None}, rows, detections)
@@ -310,13 +309,3 @@ def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
     database.close()
     with pytest.raises(StoreError, match="another version"):
         Store(tmp_path)
-
-
-def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.note_picture("a", "2 bytes", "content", 64, 48)
-        store.note_picture("b", "3 bytes", "another")  # whose size nobody knows
-        store.note_picture("a", "touched since", "content")  # the same picture, so of the same size
-        store.add([result(0, image="a")])
-        assert store.pictures() == {"a": ("touched since", "content")}
-        assert store.picture_sizes() == {"a": (64, 48)}
