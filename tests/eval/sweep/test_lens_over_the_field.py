@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from blurnoise_eval import cli
+from blurnoise_eval import SweepPlan, cli, evaluate
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
@@ -22,7 +22,7 @@ from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
-from blurnoise.lens import Distortion, Lens
+from blurnoise.lens import Distortion, Lens, Mtf
 from blurnoise.light.distortion import DISTORTION
 
 SIZE_PX, CENTRES = 24, {(320, 480): (55.0, 40.0), (480, 320): (40.0, 430.0)}
@@ -118,3 +118,17 @@ def test_a_camera_file_is_explained(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert cli.main(command) == 2
     error = capsys.readouterr().err
     assert "lens: lateral_red = 2.0: must be" in error.replace("\n", " ")
+
+
+@pytest.mark.parametrize("axis", ["f_number", "defocus_radius_px"])
+def test_an_axis_that_a_measured_mtf_holds_is_refused(tmp_path: Path, axis: str) -> None:
+    mtf = Mtf((0.1, 0.5), (0.8, 0.1), "cycles/px")
+    plan = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (100.0,), axis: (1.0, 4.0)})
+    with pytest.raises(ValueError, match=r"lens\.mtf: is measured with defocus and diffraction"):
+        evaluate(
+            plan=plan,
+            camera=replace(CAMERA, lens=Lens(mtf=mtf)),
+            pictures=pictures(),
+            output=tmp_path / "run",
+        )
+    assert not (tmp_path / "run").exists()
