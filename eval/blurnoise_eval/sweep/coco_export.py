@@ -11,9 +11,11 @@ from typing import Any
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.scoring.judged import Truth, coco_results
+from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.scoring.judged import Truth, coco_results, moved
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import json_lines
 
@@ -98,7 +100,8 @@ def write_detections(
 
     ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
     repeat where it is not the camera's own; each with the truth beside it that it is to be compared with,
-    ``folder``/MODEL/instances.json. One condition is held at a time.
+    ``folder``/MODEL/instances.json, or where the lens moves boxes the condition's own, its name before -instances.json.
+    One condition is held at a time.
     Raises ``OSError`` where it cannot be written.
     """
     written = []
@@ -119,6 +122,11 @@ def write_detections(
             path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
+            if not at["clean"] and (
+                mover := box_mover(Conditions(**{axis: at[axis] for axis in NAMES}).exposure(camera))
+            ):
+                own = json.dumps({**whole, "annotations": moved(truth, mover)})
+                write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
     return written
 
