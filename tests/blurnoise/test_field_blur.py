@@ -150,7 +150,7 @@ def test_more_than_can_be_blended_is_named() -> None:
 
 
 def test_spreading_differs_as_the_radius_changes_across_a_disc() -> None:
-    """0 to 2 px over 640x480: light spread by the disc of where it comes from, against the disc of where it is seen."""
+    """0 to 2 px over 640x480: light spread by the disc of where it comes from, or seen through that of its place."""
     radius, image = radii(0.0, 2.0, 480, 640), picture(480, 640)[:, :1]
     nodes = discs(0.0, 2.0)
     weights = (torch.from_numpy(each) for each in field_blur._weights(radius**2, nodes))
