@@ -101,8 +101,8 @@ def write_detections(
 
     ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
     repeat where it is not the camera's own; each with the truth beside it that it is to be compared with,
-    ``folder``/MODEL/instances.json, or where the camera moves boxes CONDITION-instances.json. One condition is held at a time.
-    Raises ``OSError`` where it cannot be written.
+    ``folder``/MODEL/instances.json, or where the camera moves boxes CONDITION-instances.json. One condition is
+    held at a time. Raises ``OSError`` where it cannot be written.
     """
     written = []
     truth_of = truths(store)
