@@ -296,7 +296,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Boxes:
         """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
-        corners = moved_corners(input.data, params, self.ranges.cameras)
+        height, width = params["forward_input_shape"][-2:].tolist()
+        corners = moved_corners(input.data, params, self.ranges.cameras, (height, width))
         if corners is not input.data:
             input = input.clone()
             input.data.copy_(corners)
@@ -304,7 +305,6 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             return input
         # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
         half = swept_half_px(params).to(corners).reshape(-1, *[1] * (corners.ndim - 2), 2)
-        height, width = params["forward_input_shape"][-2:].tolist()
         centre = (corners.amin(-2, keepdim=True) + corners.amax(-2, keepdim=True)) / 2
         outward = (corners - centre).sign()
         # A box of one pixel has all its corners in the centre: there they go by their order.
@@ -332,19 +332,26 @@ def swept_half_px(params: Params) -> Tensor:
     return motion.swept_half_px(velocity * params["exposure_s"][:, None])
 
 
-def moved_corners(corners: Tensor, params: Params, cameras: Sequence[Camera]) -> Tensor:
+def moved_corners(
+    corners: Tensor, params: Params, cameras: Sequence[Camera], size: tuple[int, int]
+) -> Tensor:
     """Corners (B, N, 4, 2) or (N, 4, 2) of boxes, px, where the light effects have them at mid-exposure.
 
-    Where no effect displaces the picture, ``corners`` itself.
+    Where no effect displaces the picture (H, W) = ``size``, ``corners`` itself.
     """
-    if not effects.displace():
+    if not any(map(effects.displace, cameras)):
         return corners
     numbers = [params[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")]
     moved_px = velocity_px_s(params["speed_px_s"], params["direction_deg"]) * params["exposure_s"][:, None]
     rows = zip(params["camera_index"].tolist(), *numbers, moved_px.tolist(), strict=True)
     points = [
         OperatingPoint(
-            cameras[index], exposure_s, temperature_c, photoelectrons(cameras[index], lux, exposure_s), (x, y)
+            cameras[index],
+            exposure_s,
+            temperature_c,
+            photoelectrons(cameras[index], lux, exposure_s),
+            (x, y),
+            size=size,
         )
         for index, exposure_s, lux, temperature_c, (x, y) in rows
     ]

@@ -83,7 +83,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         if not params["applies"]:
             return inpt
         if isinstance(inpt, tv_tensors.BoundingBoxes):
-            return self._moved(inpt, params) if self.grow_boxes or effects.displace() else inpt
+            return self._moved(inpt, params) if self.grow_boxes or self._displaces() else inpt
         if isinstance(inpt, PIL.Image.Image):
             one_of("image: PIL mode", inpt.mode, ("L", "RGB"))
             picture = v2.functional.pil_to_tensor(inpt)
@@ -116,12 +116,15 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         ).reshape(picture.shape)
         return exposed.mul(255).round().to(torch.uint8) if picture.dtype == torch.uint8 else exposed
 
+    def _displaces(self) -> bool:
+        return any(map(effects.displace, self.ranges.cameras))
+
     def _moved(self, boxes: Any, params: dict[str, Any]) -> Any:
         if boxes.format.value not in ("XYXY", "XYWH", "CXCYWH"):
             raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
         upright = tv_tensors.BoundingBoxFormat.XYXY
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
-        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges.cameras)
+        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges.cameras, boxes.canvas_size)
         if self.grow_boxes:
             half_x, half_y = swept_half_px(params)[0].tolist()
             if not corners.is_floating_point():

@@ -22,6 +22,8 @@ from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import LIMITS, within
 from blurnoise._core.validation import Figure, Text, check_fields
 from blurnoise.colour import Cfa, FilterCurves, Matrix, Row
+from blurnoise.field import Field
+from blurnoise.lens import SAME_EVERYWHERE, Lens
 from blurnoise.spectra import Curve
 from blurnoise.transfer import Optics
 
@@ -50,6 +52,8 @@ class Camera:
     white_balance: "auto" follows the light; or the gains of red, green (or clear) and blue, whose ratios count.
     ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
+    lens: what changes over the field, see :class:`blurnoise.lens.Lens`; a picture of another size stands for the
+    largest part of the sensor that has its shape.
     sources: field name -> where its figure comes from.
 
     Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
@@ -87,6 +91,7 @@ class Camera:
     width_px: _Side = 1920
     height_px: _Side = 1080
     hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
+    lens: Annotated[Lens, "must be a Lens"] = SAME_EVERYWHERE
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -104,6 +109,24 @@ class Camera:
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
+        self._check_lens()
+
+    def _check_lens(self) -> None:
+        lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um
+        if lens.mtf and blurred:
+            raise ValueError(
+                "lens.mtf: is measured with defocus and diffraction, at its own f-number; defocus_radius_px and "
+                "diffraction_wavelength_um must be 0 beside it"
+            )
+        if lens.field_curvature_px and self.defocus_counts_pixel:
+            raise ValueError("lens.field_curvature_px: must be 0 where defocus_counts_pixel is true")
+        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not lens.focal_px)):
+            raise ValueError(
+                f"hfov_deg = {self.hfov_deg:g}: must be < 180 for the field angles of lens.falloff_power and "
+                "lens.distortion, or lens.distortion states its focal_px"
+            )
+        if lens.displaces:
+            self.field.check()
 
     def _check_gains(self) -> None:
         if self.analogue_gain_max_db > self.gain_max_db:
@@ -166,6 +189,7 @@ class Camera:
         return Optics(
             defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px,
             diffraction_lambda_n_px=self.diffraction_wavelength_um * self.f_number / self.pixel_pitch_um,
+            measured=self.lens.mtf.per_px(self.pixel_pitch_um) if self.lens.mtf else None,
         )
 
     def at_gain(self, gain_db: float) -> Amplified:
@@ -176,6 +200,11 @@ class Camera:
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
         return _at_gain(self, float(gain_db))
+
+    @property
+    def field(self) -> Field:
+        """The field that the lens has on the sensor."""
+        return Field(self.lens, self.width_px, self.height_px, self.hfov_deg, self.pixel_pitch_um)
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
@@ -255,6 +284,7 @@ class Camera:
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
         values: dict[str, object] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        values["lens"] = self.lens.to_dict()
         return {name: camera_files.plain(value) for name, value in values.items()}
 
 

@@ -3,7 +3,8 @@
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
 {wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; one that is cut
 short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`). Behind a mosaic it is
-{red: ..., green: ..., blue: ..., clear: ...}, each of these.
+{red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the
+figures of :class:`blurnoise.lens.Lens`.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
 from blurnoise.colour import FilterCurves, marked
 from blurnoise.gain import ConversionGain
+from blurnoise.lens import Lens
 from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
@@ -95,6 +97,8 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
             values["sources"]["quantum_efficiency"] = f"{told}; marked: {mark}"
     if isinstance(values.get("conversion_gains"), Sequence):
         values["conversion_gains"] = tuple(map(_conversion_gain, values["conversion_gains"]))
+    if isinstance(values.get("lens"), Mapping):
+        values["lens"] = _lens(values["lens"], folder)
     return values
 
 
@@ -175,6 +179,13 @@ def _conversion_gain(stated: object) -> object:
         return ConversionGain(**stated)
     except (TypeError, ValueError) as error:
         raise within("conversion_gains", error) from None
+
+
+def _lens(stated: Mapping[str, Any], folder: Path) -> Lens:
+    try:
+        return Lens.from_dict(stated, folder)
+    except (TypeError, ValueError) as error:
+        raise within("lens", error) from None
 
 
 def _checked(kind: type[T], stated: Mapping[str, Any]) -> T:

@@ -80,19 +80,18 @@ class Exposure:
         """The camera as it stands at the gain, and the digital gain that is left."""
         return self.camera.at_gain(self.gain_db)
 
-    def move_boxes(self, boxes_xyxy: Tensor) -> Tensor:
-        """Where boxes (N, 4) of the scene, px, are in the picture at mid-exposure."""
-        return effects.moved_boxes(boxes_xyxy, self._point)
+    def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """Where boxes (N, 4) of the scene, px, are at mid-exposure in a picture (H, W), by default the sensor's."""
+        return effects.moved_boxes(boxes_xyxy, self._point(size))
 
-    def sweep_boxes(self, boxes_xyxy: Tensor) -> Tensor:
+    def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
-        return effects.swept_boxes(boxes_xyxy, self._point)
+        return effects.swept_boxes(boxes_xyxy, self._point(size))
 
-    @property
-    def _point(self) -> OperatingPoint[float]:
+    def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
-        return OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y))
+        return OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y), size=size)
 
 
 class Frame(NamedTuple):

@@ -103,11 +103,11 @@ def _axis(size: int, margin: int, count: int, border: Border) -> Axis:
     if count == 1 and border == "reflect" and 2 * margin > 2 * size:
         return Axis(size, size, 0, max(1, 2 * size - 2))
     core = math.ceil(size / count)
-    return Axis(size, core, margin, _fast_length(core + 2 * margin) if margin else core)
+    return Axis(size, core, margin, fast_length(core + 2 * margin) if margin else core)
 
 
 @lru_cache(maxsize=4096)
-def _fast_length(length: int) -> int:
+def fast_length(length: int) -> int:
     """The next length that a Fourier transform likes: no prime above 7, beyond 256 a multiple of 32, not of 256.
 
     Rows or columns a large power of two apart share a place in the cache; they take up to half as long again.

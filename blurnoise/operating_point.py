@@ -27,7 +27,8 @@ Number = TypeVar("Number", float, Tensor)
 class OperatingPoint(Generic[Number]):
     """A camera and what its frame meets; hashable where the numbers are floats.
 
-    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure.
+    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure. size: (H, W) of
+    the picture whose boxes are moved, None for the sensor's.
     """
 
     camera: Camera
@@ -36,6 +37,7 @@ class OperatingPoint(Generic[Number]):
     white_e: Number
     displacement_px: Tensor | tuple[float, float] = (0.0, 0.0)
     illuminant: str | Curve = "D55"
+    size: tuple[int, int] | None = None
 
     @property
     def dark_e(self) -> Number:

@@ -128,6 +128,7 @@ def _with_black_level(
             "diffraction_wavelength_um": "without: a picture has been through a lens already",
             "hfov_deg": "assumed: the lens is the user's choice",
             **_NO_COLOURS,
+            "lens": "assumed: the same over the field; the lens is the user's choice",
             **sources,
         },
     }
@@ -301,6 +302,7 @@ FIGURES: tuple[Figures, ...] = (
             "analogue_gain_max_db": "the tool has no gain",
             "gain_max_db": "assumed: digital; the tool has no gain",
             "conversion_gains": "the tool has no gain",
+            "lens": "the tool has none",
             "dark_current_e_s": "the tool has none",
             "dark_reference_c": "without effect: no dark current",
             "dark_doubling_c": "without effect: no dark current",

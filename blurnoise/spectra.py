@@ -7,7 +7,6 @@ photopic curve V (1 nm) and the D-series components S0, S1, S2 (10 nm), both of 
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import shown
 from blurnoise._core.limits import limited
+from blurnoise._core.samples import read_samples
 
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
@@ -68,22 +68,7 @@ class Curve:
 
         Raises ``ValueError`` that names the file and line when a row does not hold numbers.
         """
-        samples: list[tuple[float, float]] = []
-        with Path(path).open(newline="", encoding="utf-8-sig") as handle:
-            for number, row in enumerate(csv.reader(handle), start=1):
-                if not row or not row[0].strip():
-                    continue
-                try:
-                    samples.append((float(row[0]), float(row[column])))
-                except (ValueError, IndexError):
-                    if samples or number > 1:
-                        raise ValueError(
-                            f"{path}, line {number}: expected a wavelength in nm and a number in column "
-                            f"{column}, got {','.join(row)!r}"
-                        ) from None
-        if len(samples) < 2:
-            raise ValueError(f"{path}: holds {len(samples)} samples; a curve needs at least 2")
-        nm, values = zip(*sorted(samples), strict=True)
+        nm, values = read_samples(path, column, "a wavelength in nm")
         return cls(nm, values)
 
     def within(self, low_nm: float, high_nm: float) -> Curve:

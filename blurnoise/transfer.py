@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -68,26 +69,72 @@ def sinc(x: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """A round transfer function at frequencies (cycles/px, increasing from 0), linear between, held beyond them."""
+
+    frequencies: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def at(self, f: Tensor) -> Tensor:
+        """Its values at radial frequencies f >= 0, of any shape."""
+        known, values = f.new_tensor(self.frequencies), f.new_tensor(self.values)
+        place = torch.searchsorted(known, f.contiguous(), right=True).clamp(1, len(known) - 1)
+        before, after = known[place - 1], known[place]
+        share = ((f - before) / (after - before)).clamp(0, 1)
+        return torch.lerp(values[place - 1], values[place], share)
+
+    @property
+    def lost(self) -> float:
+        """1 - value, RMS over the band of a sampled picture."""
+        return float((1 - self.at(_band())).square().mean().sqrt())
+
+    @property
+    def reach_px(self) -> float:
+        """Radius outside which the spread is 1e-4 RMS of white, in white noise."""
+        return _spread_px(self)
+
+
+def _band() -> Tensor:
+    """Radial frequencies (128, 128) that fill the band of a sampled picture."""
+    f = (torch.arange(128, dtype=torch.float64) + 0.5) / 256
+    return torch.hypot(f, f[:, None])
+
+
+@lru_cache(maxsize=16)
+def _spread_px(curve: Measured) -> float:
+    f = torch.fft.fftfreq(256, dtype=torch.float64)
+    spread = torch.fft.irfft2(curve.at(torch.hypot(f[:, None], f[:129].abs())), s=(256, 256))
+    place = f * 256
+    radius = torch.hypot(place[:, None], place).flatten()
+    order = radius.argsort(descending=True)
+    outside = spread.flatten()[order].square().cumsum(0).sqrt() / 2
+    return float(radius[order][int((outside <= 1e-4).sum().clamp_max(len(order) - 1))])
+
+
+@dataclass(frozen=True)
 class Optics:
-    """What the lens does to a sharp picture, in px; 0 leaves a cause out.
+    """What the lens does to a sharp picture, in px; 0 or None leaves a cause out.
 
     defocus_radius_px: of the disc of confusion. gaussian_sigma_px: aberrations and other small spreads.
-    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. Raises ``ValueError`` below 0 or above 1000.
+    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. measured: a transfer function of its own.
+    Raises ``ValueError`` below 0 or above 1000.
     """
 
     defocus_radius_px: float = 0.0
     gaussian_sigma_px: float = 0.0
     diffraction_lambda_n_px: float = 0.0
+    measured: Measured | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        for field in fields(self)[:3]:
             limited(field.name, getattr(self, field.name))
 
     @property
     def reach_px(self) -> float:
         """Radius outside which the spread is too faint to matter: the disc, 5 sigma, 8 Airy radii."""
         airy = 8 * 1.22 * self.diffraction_lambda_n_px
-        return self.defocus_radius_px + 5 * self.gaussian_sigma_px + airy
+        measured = self.measured.reach_px if self.measured else 0.0
+        return self.defocus_radius_px + 5 * self.gaussian_sigma_px + airy + measured
 
     @property
     def error(self) -> float:
@@ -95,10 +142,12 @@ class Optics:
 
         The worst picture is black and white without correlation, RMS contrast 1/2. 1 - OTF is at most
         (pi R f)^2 / 2 for the disc and 2 (pi sigma f)^2 for the Gaussian, whose RMS over the band of a
-        sampled picture, f^2 -> sqrt(7/180), is taken; for diffraction (4/pi) lambda N f, f -> sqrt(1/6).
+        sampled picture, f^2 -> sqrt(7/180), is taken; for diffraction (4/pi) lambda N f, f -> sqrt(1/6); for what
+        is measured, its own.
         """
         squares = (math.pi * self.defocus_radius_px) ** 2 / 2 + 2 * (math.pi * self.gaussian_sigma_px) ** 2
         lost = squares * math.sqrt(7 / 180) + 4 / math.pi * self.diffraction_lambda_n_px / math.sqrt(6)
+        lost += self.measured.lost if self.measured else 0.0
         return min(1.0, lost) / 2
 
     def response(self, fx: Tensor, fy: Tensor) -> Tensor:
@@ -111,6 +160,8 @@ class Optics:
             total = total * gaussian(f, self.gaussian_sigma_px)
         if self.diffraction_lambda_n_px:
             total = total * diffraction(f, self.diffraction_lambda_n_px)
+        if self.measured:
+            total = total * self.measured.at(f)
         return total
 
 

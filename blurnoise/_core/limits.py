@@ -52,6 +52,13 @@ LIMITS: Mapping[str, Limit] = {
     "prnu": Limit(0.0, 1.0),
     "dsnu_e": Limit(0.0, 1e6),
     "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
+    # lenses
+    "field_curvature_px": Limit(-50.0, 50.0),
+    "lateral_red": Limit(-0.1, 0.1),  # of the magnification
+    "lateral_blue": Limit(-0.1, 0.1),
+    "falloff_power": Limit(0.0, 16.0),  # of the field angle's cosine
+    "focal_px": Limit(0.0, 1e9, above=True),
+    "coefficient": Limit(-1e6, 1e6),
     # blurs
     "radius_px": Limit(0.0, 1000.0),
     "defocus_radius_px": Limit(0.0, 1000.0),

@@ -42,3 +42,16 @@ def multiply(plane: Plane, factors: Plane, scratch: Sequence[Plane], *, rows_alo
     np.multiply(spectrum, factors, out=spectrum)
     cv2.dft(spectrum, blurred, rows | cv2.DFT_INVERSE)
     return blurred
+
+
+def forward(plane: Plane, spectrum: Plane) -> None:
+    """The packed spectrum of a plane, into ``spectrum``, for :func:`back` with several factors."""
+    cv2.dft(plane, spectrum)
+
+
+def back(spectrum: Plane, factors: Plane, scratch: Sequence[Plane]) -> Plane:
+    """The plane of ``spectrum`` times the packed ``factors``, in the second of two ``scratch`` planes."""
+    weighted, blurred = scratch
+    np.multiply(spectrum, factors, out=weighted)
+    cv2.dft(weighted, blurred, cv2.DFT_INVERSE)
+    return blurred

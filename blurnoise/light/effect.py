@@ -12,6 +12,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
+from blurnoise.camera import Camera
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.transfer import SHARP, Optics
 
@@ -53,8 +54,15 @@ class LightEffect(ABC):
         """What of the operating point it depends on: equal keys, equal light."""
         return at
 
+    def displaces(self, camera: Camera) -> bool:
+        """Whether :meth:`move_boxes` moves any in pictures of this camera; by default, whether it is defined."""
+        return type(self).move_boxes is not LightEffect.move_boxes
+
     def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
-        """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were."""
+        """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were.
+
+        The picture's size is ``at.size``, or where that is None the sensor's.
+        """
         return boxes_xyxy
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:

@@ -12,13 +12,19 @@ from torch import Tensor
 
 from blurnoise import blur
 from blurnoise._core.borders import Border
+from blurnoise.camera import Camera
+from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.light.lens import DEFOCUS, DIFFRACTION
+from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
 from blurnoise.light.motion import MOTION
+from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.transfer import SHARP, Optics
 
-EFFECTS: tuple[LightEffect, ...] = (DEFOCUS, DIFFRACTION, MOTION)
+EFFECTS: tuple[LightEffect, ...] = (
+    DISTORTION, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, VIGNETTING,
+)  # fmt: skip
+"""Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
 NOTHING: frozenset[str] = frozenset()
 
 
@@ -52,9 +58,9 @@ def key(at: OperatingPoint[float], without: frozenset[str] = NOTHING) -> Hashabl
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
 
-def displace() -> bool:
-    """Whether any effect moves boxes at all."""
-    return any(type(effect).move_boxes is not LightEffect.move_boxes for effect in EFFECTS)
+def displace(camera: Camera) -> bool:
+    """Whether any effect moves boxes in pictures of this camera."""
+    return any(effect.displaces(camera) for effect in EFFECTS)
 
 
 def moved_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
@@ -81,7 +87,7 @@ def _joined(first: Blur, second: Blur) -> Blur | None:
     a, b = vars(first.optics), vars(second.optics)
     if any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
         return None
-    return Blur(Optics(**{cause: a[cause] + b[cause] for cause in a}), moved)
+    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved)
 
 
 def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:

@@ -43,8 +43,10 @@ class Motion(LightEffect):
 
     def how(self, at: OperatingPoint[float]) -> str:
         """The length."""
-        shares = at.camera.defocus_radius_px > 0 and not at.camera.defocus_counts_pixel
-        together = ", with the lens's" if shares or at.camera.diffraction_wavelength_um > 0 else ""
+        camera, lens = at.camera, at.camera.lens
+        apart = camera.defocus_counts_pixel or lens.field_curvature_px
+        shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
+        together = ", with the lens's" if shares else ""
         return f"transfer function, {math.hypot(*at.displacement_px):.3g} px{together}"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:

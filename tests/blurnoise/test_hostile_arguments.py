@@ -46,7 +46,9 @@ DIRECTED = {
 }
 SCENE = {"border": "reflect", "illuminant": "D55", "pattern_seed": 0, "fidelity": "auto", "tolerance_dn": 0.1}
 FIGURES = {
-    name: value for name, value in CAMERA.to_dict().items() if name not in ("sources", "quantum_efficiency")
+    name: value
+    for name, value in CAMERA.to_dict().items()
+    if name not in ("sources", "quantum_efficiency", "lens")
 }
 
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [

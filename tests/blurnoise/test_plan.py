@@ -32,9 +32,13 @@ BUSY = Camera(
     defocus_radius_px=1.2,
 )
 ORDER = [
+    "distortion",
+    "lateral colour",
     "defocus",
     "diffraction",
+    "measured MTF",
     "motion",
+    "vignetting",
     "spectral integration",
     "PRNU",
     "dark current",

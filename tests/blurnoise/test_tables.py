@@ -128,7 +128,7 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: p
 
 
 def test_todays_effects_leave_boxes_where_they_are() -> None:
-    assert not effects.displace()
+    assert not effects.displace(CAMERA)
     boxes = torch.tensor([[1.0, 2.0, 3.0, 4.0]])
     assert torch.equal(Exposure(CAMERA, 0.004, 20.0, (900.0, 0.0)).move_boxes(boxes), boxes)
 

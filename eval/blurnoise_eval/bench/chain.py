@@ -21,6 +21,7 @@ from torch import Tensor
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import scene_reflectance
+from blurnoise.lens import Distortion, Lens
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop_8bit
@@ -75,13 +76,24 @@ BATCH = Case(
     "batch", (8, 3, 512, 512), replace(IMX250, defocus_radius_px=1.5, dark_current_e_s=10.0),
     31.0, 0.01, 100.0, "linear",
 )  # fmt: skip
+LENS = Case(
+    "colour picture, lens over the field", (1, 3, 720, 1280),
+    replace(
+        IMX250, hfov_deg=70.0,
+        lens=Lens(
+            field_curvature_px=2.0, lateral_red=0.001, lateral_blue=-0.001, falloff_power=4.0,
+            distortion=Distortion("opencv", (-0.2, 0.03, 0.0, 0.0)),
+        ),
+    ),
+    30.0, 0.03, 50.0, "srgb",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Extent:
     """How much is measured; a call is repeated from ``fewest`` to ``most`` times, as fits into ``seconds``."""
 
-    cases: tuple[Case, ...] = (BATCH, PICTURE)
+    cases: tuple[Case, ...] = (BATCH, PICTURE, LENS)
     fewest: int = 5
     most: int = 21
     seconds: float = 6.0
@@ -210,7 +222,9 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
     light = scene_reflectance(image, case.encoding)
     white_e = photoelectrons(camera, case.illuminance_lux, case.exposure_s)
     none = light.new_zeros(len(light))
-    blur = partial(effects.through, light, OperatingPoint(camera, none, none, none, motion))
+    at = OperatingPoint(camera, none, none, none, motion)
+    blur = partial(effects.through, light, at)
+    apart = [effect for effect in effects.EFFECTS if effect.blur(at) is None]
     moved = blur()
     whole = partial(
         simulate, image, camera=camera, illuminance_lux=case.illuminance_lux,
@@ -226,6 +240,7 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
         **{name: ("whole", partial(whole, fidelity=fidelity)) for fidelity, name in WHOLE.items()},
         **{name: ("whole", partial(pictures, by)) for name, by in seen_by.items()},
         BLUR: ("stage", blur),
+        **{f"{each.name} alone": ("stage", partial(each.apply, light, at, "reflect")) for each in apart},
         **{name: ("stage", partial(noise, fidelity=fidelity)) for fidelity, name in NOISE.items()},
         KORNIA: ("other", partial(_kornia(nearest_odd(case.length_px)), image)),
     }

@@ -83,7 +83,7 @@ def _draw(axes: Axes, bench: Bench, case: Case) -> None:
                 "rest": max(0.0, bench.rest_ms(case.name, fidelities[row.name])),
             }
         else:
-            stage = "blur" if row.name == BLUR else "noise"
+            stage = "noise" if row.name in NOISE.values() else "blur"
             parts = {{"stage": stage, "other": "other libraries"}.get(row.kind, "rest"): row.ms.median}
         scale, left = row.ms.median / sum(parts.values()), 0.0
         for part, width in parts.items():

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import one_of
 from blurnoise.camera import PRESETS, Camera
 from blurnoise.colour import FilterCurves
+from blurnoise.lens import Lens
 from blurnoise.spectra import Curve
 from blurnoise_eval.system.terminal import plain
 
@@ -110,6 +111,9 @@ def _shown(value: object) -> str:
         return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
         return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
+    if isinstance(value, Lens):
+        stated = {name: figure for name, figure in value.to_dict().items() if figure}
+        return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
     if not isinstance(value, Curve):
         return f"{value:.5g}" if isinstance(value, float) else str(value)
     nm, values = value.wavelengths_nm, value.values

@@ -51,8 +51,8 @@ class Axis:
     automatic: bool = False
     default: tuple[float, ...] = ()
 
-    def checked(self, values: Iterable[float]) -> tuple[float, ...]:
-        """``values`` sorted, each once. Raises ``ValueError`` for none, or for one outside the limits."""
+    def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
+        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed. Raises ``ValueError`` for none, or for one outside the limits."""
         kept = tuple(sorted({self._one(value) for value in values}))
         if not kept:
             raise ValueError(f"{self.name}: must hold at least one value")
@@ -60,12 +60,12 @@ class Axis:
             raise ValueError(f"{self.name} = {kept[0]!r}: must be > {self.low:g}")
         return kept
 
-    def _one(self, value: float) -> float:
+    def _one(self, value: float | str) -> float:
         from blurnoise._core.checks import in_range  # late: options of the command line are made from here
 
-        if self.automatic and value == AUTOMATIC:
+        if self.automatic and value in ("auto", AUTOMATIC):
             return AUTOMATIC
-        return in_range(self.name, value, self.low, self.high) + 0.0
+        return in_range(self.name, value, self.low, self.high) + 0.0  # type: ignore[arg-type]  # text is refused
 
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""

@@ -171,25 +171,33 @@ class Judged:
 
     @cached_property
     def _annotations(self) -> Sequence[dict[str, Any]]:
-        """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
-        if self.truth is None or not self.truth.coco["annotations"]:
-            return ()
-        annotations: Sequence[dict[str, Any]] = self.truth.coco["annotations"]
-        return (
-            annotations
-            if self.move_boxes is None
-            else _with(annotations, self.move_boxes(_boxes(annotations)))
-        )
+        return moved(self.truth, self.move_boxes) if self.truth else ()
 
     @cached_property
     def _swept_annotations(self) -> Sequence[dict[str, Any]] | None:
         """Those with all that the boxes cover in the course of the exposure; None where that is no more."""
         if self.truth is None or self.sweep_boxes is None or not self._annotations:
             return None
-        moved = _boxes(self._annotations)
-        sizes = [self.truth.sizes_px.get(each["image_id"], (np.inf, np.inf)) for each in self._annotations]
-        swept = swept_within(self.sweep_boxes(_boxes(self.truth.coco["annotations"])), moved, sizes)
-        return None if np.array_equal(swept, moved) else _with(self._annotations, swept)
+        at_middle, sizes = _boxes(self._annotations), _sizes(self.truth)
+        swept = self.sweep_boxes(_boxes(self.truth.coco["annotations"]), sizes)
+        swept = swept_within(swept, at_middle, np.where(np.isnan(sizes), np.inf, sizes))
+        return None if np.array_equal(swept, at_middle) else _with(self._annotations, swept)
+
+
+def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
+    """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
+    annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
+    if move_boxes is None or not annotations:
+        return annotations
+    return _with(annotations, move_boxes(_boxes(annotations), _sizes(truth)))
+
+
+def _sizes(truth: Truth) -> NDArray[np.float64]:
+    """Width and height of each annotation's picture, (N, 2); NaN where it is not known."""
+    unknown = (np.nan, np.nan)
+    return np.array(
+        [truth.sizes_px.get(each["image_id"], unknown) for each in truth.coco["annotations"]], float
+    )
 
 
 def _by_picture(annotations: Sequence[Mapping[str, Any]]) -> dict[int, list[Mapping[str, Any]]]:

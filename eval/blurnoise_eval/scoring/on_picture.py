@@ -119,11 +119,11 @@ class DetectorView(View):
         if self._asked is None:
             self._asked = self._own_targets(found)
         targets, ids = [target for _, target, _ in self._asked], [number for *_, number in self._asked]
-        boxes = _boxes(targets, move_boxes)
+        boxes = _boxes(targets, move_boxes, image)
         confidences = swept = target_confidences(found, boxes, ids).tolist()
         if sweep_boxes is not None and boxes:
             size_px = image.shape[1], image.shape[0]
-            covered = swept_within(_boxes(targets, sweep_boxes), boxes, size_px)
+            covered = swept_within(_boxes(targets, sweep_boxes, image), boxes, size_px)
             if not np.array_equal(covered, boxes):
                 swept = target_confidences(found, covered.tolist(), ids).tolist()
         rows = zip(self._asked, boxes, confidences, swept, strict=True)
@@ -165,7 +165,7 @@ class ReaderView(View):
     def _answer(
         self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]:
-        boxes = _boxes((target for _, target in self._asked), move_boxes)
+        boxes = _boxes((target for _, target in self._asked), move_boxes, image)
         readings = self._read(image, boxes)
         rows = []
         for place, ((index, target), box, reading) in enumerate(
@@ -186,12 +186,13 @@ def view(model: Model, picture: Picture, image8: Picture8) -> View:
     return kind(model, picture, image8)  # type: ignore[arg-type]  # each its own kind of model
 
 
-def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None) -> list[Box]:
+def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Picture8) -> list[Box]:
     """Where the targets stand in a picture."""
     boxes = [target.box_xyxy for target in targets]
     if move_boxes is None or not boxes:
         return boxes
-    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in move_boxes(np.array(boxes, float)).tolist()]
+    sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
+    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in move_boxes(np.array(boxes, float), sizes).tolist()]
 
 
 def _row(index: int, target: Target, box: Box, confidence: float) -> dict[str, Any]:

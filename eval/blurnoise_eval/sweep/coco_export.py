@@ -11,9 +11,12 @@ from typing import Any
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.scoring.judged import Truth, coco_results
+from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.scoring.judged import Truth, coco_results, moved
+from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import json_lines
 
@@ -98,8 +101,8 @@ def write_detections(
 
     ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
     repeat where it is not the camera's own; each with the truth beside it that it is to be compared with,
-    ``folder``/MODEL/instances.json. One condition is held at a time.
-    Raises ``OSError`` where it cannot be written.
+    ``folder``/MODEL/instances.json, or where the camera moves boxes CONDITION-instances.json. One condition is
+    held at a time. Raises ``OSError`` where it cannot be written.
     """
     written = []
     truth_of = truths(store)
@@ -119,8 +122,18 @@ def write_detections(
             path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
+            if mover := _mover(at, camera):
+                own = json.dumps({**whole, "annotations": moved(truth, mover)})
+                write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
     return written
+
+
+def _mover(at: Mapping[str, Any], camera: Camera) -> MoveBoxes | None:
+    """Where a row's conditions take the boxes of the scene; None: they stay."""
+    return (
+        None if at["clean"] else box_mover(Conditions(**{axis: at[axis] for axis in NAMES}).exposure(camera))
+    )
 
 
 def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:

@@ -85,6 +85,8 @@ def evaluate(
         "engine": engine if isinstance(engine, str) else repr(engine),
     }
     facts |= {"threads": workers} if isinstance(engine, str) else {}
+    for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
+        at.exposure(seen_by)
     with Store(Path(output), create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
         with _bar("sweep", count_cells(shown, plan), progress) as advance:

@@ -121,7 +121,7 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
 
 def box_mover(exposure: Exposure) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to where they are in the picture at mid-exposure; None: they stay."""
-    return _mover(exposure.move_boxes) if effects.displace() else None
+    return _mover(exposure.move_boxes) if effects.displace(exposure.camera) else None
 
 
 def box_sweeper(exposure: Exposure) -> MoveBoxes:
@@ -129,5 +129,14 @@ def box_sweeper(exposure: Exposure) -> MoveBoxes:
     return _mover(exposure.sweep_boxes)
 
 
-def _mover(boxes: Callable[[torch.Tensor], torch.Tensor]) -> MoveBoxes:
-    return lambda boxes_xyxy: np.asarray(boxes(torch.from_numpy(boxes_xyxy)).numpy(), float)
+def _mover(boxes_in: Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]) -> MoveBoxes:
+    def move(boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = np.empty_like(boxes_xyxy)
+        for width, height in np.unique(sizes_px, axis=0):
+            alike = (np.array_equal(each, (width, height), equal_nan=True) for each in sizes_px)
+            of = np.fromiter(alike, bool, len(sizes_px))
+            size = None if np.isnan(width) else (int(height), int(width))
+            moved[of] = boxes_in(torch.from_numpy(boxes_xyxy[of]), size).numpy()
+        return moved
+
+    return move

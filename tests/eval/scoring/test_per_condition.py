@@ -13,7 +13,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import certainty, per_condition, registry
 from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
 from blurnoise_eval.scoring.matching import MoveBoxes
-from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.scoring.per_condition import PICTURES, performance, score_rows
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from pycocotools.coco import COCO
@@ -188,7 +188,7 @@ def test_truth_stands_where_the_conditions_move_it() -> None:
     judge = Judge(truth)
     before = judge([(name, 0, each) for name, each in found.items()])
     moved = [(name, 0, each) for name, each in shifted.items()]
-    after = judge(moved, lambda boxes: boxes + np.array([40.0, 0.0, 40.0, 0.0]))
+    after = judge(moved, lambda boxes, sizes: boxes + np.array([40.0, 0.0, 40.0, 0.0]))
     assert after == pytest.approx(before, abs=1e-6)
     assert judge(moved)["ap50"] < 0.5 * before["ap50"]
     assert judge([(name, 0, each) for name, each in found.items()]) == before  # nothing stays moved
@@ -263,7 +263,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         assert [each.row for each in moving] == [clean, exposed]
         assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
     assert told == [1, 1]
-    shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors")
+    shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", *PICTURES)
     columns = [f"{score.name}{end}" for score in registry.SCORES for end in ("", "_low", "_high")]
     assert tuple(clean) == tuple(exposed) == (*shared, *columns)
     assert all(clean[name] is None for name in columns if name.endswith(("_low", "_high")))  # of two pictures

@@ -1,0 +1,144 @@
+"""A camera whose lens distorts, from its file to a sweep: targets move with the picture, and are explained."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from blurnoise_eval import SweepPlan, cli, evaluate
+from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import coco_export, run_folder
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_models import matched_filter
+from numpy.typing import NDArray
+from plans import plan as swept
+
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.lens import Distortion, Lens, Mtf
+from blurnoise.light.distortion import DISTORTION
+
+SIZE_PX, CENTRES = 24, {(320, 480): (55.0, 40.0), (480, 320): (40.0, 430.0)}
+PINCUSHION = Distortion("opencv", (0.095, 0.0, 0.0, 0.0))
+CAMERA = replace(
+    Camera.preset("imx250"), width_px=480, height_px=480, hfov_deg=80.0, lens=Lens(distortion=PINCUSHION)
+)
+
+
+def sign(height: int, width: int) -> NDArray[np.uint8]:
+    linear = charts.stop_sign(SIZE_PX, height_px=height, width_px=width, centre_px=CENTRES[height, width])
+    return (srgb_from_linear(linear)[0].permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)
+
+
+def box(height: int, width: int) -> tuple[float, float, float, float]:
+    """Of the sign, whose box :func:`charts.stop_sign_box` tells for the middle alone."""
+    x0, y0, x1, y1 = charts.stop_sign_box(SIZE_PX, height_px=height, width_px=width)
+    (x, y), middle = CENTRES[height, width], ((x0 + x1) / 2, (y0 + y1) / 2)
+    return (x0 + x - middle[0], y0 + y - middle[1], x1 + x - middle[0], y1 + y - middle[1])
+
+
+def pictures() -> PictureSet:
+    made = [
+        Picture(f"{height}x{width}", (Target("stop sign", "a sign", box(height, width)),),
+                lambda h=height, w=width: sign(h, w), "rendered", place)  # type: ignore[misc]
+        for place, (height, width) in enumerate(CENTRES, start=1)
+    ]  # fmt: skip
+    return PictureSet("folder", "memory", tuple(made))
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    path = tmp_path_factory.mktemp("model") / "small.onnx"
+    return Detector(matched_filter.build(path, sizes_px=(28, 26, 24), input_px=480))
+
+
+def rows_of(
+    detector: Detector, folder: Path, camera: Camera
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    plan = swept((0.01,), (100.0,), (0.0,))
+    with Store(folder, create=True) as store:
+        run_folder.open_run(store, [detector], camera, pictures(), plan, {"command": "c", "threads": 1})
+        sweep.run([detector], camera, pictures(), plan, store)
+        data = run_folder.read_run(store, threshold=0.6)
+        targets = [row for row in store.targets() if not row["clean"]]
+    return targets, [row for row in data.scores if not row["clean"]]
+
+
+def test_targets_follow_the_distortion(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In pictures of two shapes, for the confidence in each target and for AP; unmoved boxes lose them."""
+    targets, scores = rows_of(detector, tmp_path / "moved", CAMERA)
+    for row in targets:
+        height, width = map(int, row["image"].split("x"))
+        was = np.array([box(height, width)])
+        expected = CAMERA.field.moved_boxes(was, (height, width))[0]
+        assert [row[edge] for edge in ("x0", "y0", "x1", "y1")] == pytest.approx(expected)
+        assert np.abs(expected - was).max() > 8
+        assert row["confidence"] > 0.4
+    assert [row["ap50"] for row in scores] == [pytest.approx(1.0)]
+    with Store(tmp_path / "moved") as store:
+        paths = coco_export.write_detections(store, tmp_path / "coco")
+    (seen,) = (path for path in paths if path.stem != "clean")
+    assert {path.name for path in seen.parent.iterdir()} == {
+        "instances.json", "clean.json", seen.name, f"{seen.stem}-instances.json",
+    }  # fmt: skip
+    moved = json.loads((seen.parent / f"{seen.stem}-instances.json").read_text())
+    told = sorted(tuple(each["bbox"][:2]) for each in moved["annotations"])
+    expected = sorted((row["x0"], row["y0"]) for row in targets)
+    assert np.array(told) == pytest.approx(np.array(expected))
+    monkeypatch.setattr(type(DISTORTION), "move_boxes", lambda self, boxes, at: boxes)
+    lost, lost_scores = rows_of(detector, tmp_path / "still", CAMERA)
+    assert all(row["confidence"] < 0.1 for row in lost)
+    assert lost_scores[0]["ap50"] < 0.1
+
+
+def test_a_camera_file_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lens = {
+        "field_curvature_px": 1.5,
+        "lateral_red": 0.0005,
+        "falloff_power": 4,
+        "distortion": {"model": "opencv", "coefficients": [-0.2, 0.03, 0, 0]},
+        "mtf": {"frequencies": [20, 80, 160], "values": [0.9, 0.6, 0.1], "unit": "lp/mm"},
+    }
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"base": "imx250", "lens": lens}))
+    chart, out = str(tmp_path / "chart.png"), str(tmp_path / "seen.png")
+    assert cli.main(["chart", "stop-sign", "-o", chart]) == 0
+    command = ["simulate", chart, "-o", out, "--camera", str(tmp_path / "mine.yaml"), "--explain"]
+    capsys.readouterr()
+    assert cli.main([*command, "--json"]) == 0
+    told = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
+    for name in ("distortion", "lateral colour", "defocus", "measured MTF", "vignetting"):
+        assert told[name]["kept"], name
+        assert told[name]["contribution_dn"] > 1
+    assert cli.main(command) == 0
+    printed = capsys.readouterr().out
+    for words in ("cos^4", "opencv, up to", "blended", "red +0.8", "3 samples"):
+        assert words in printed
+    assert cli.main(["cameras", str(tmp_path / "mine.yaml")]) == 0
+    assert "field_curvature_px" in capsys.readouterr().out
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"base": "imx250", "lens": {"lateral_red": 2}}))
+    assert cli.main(command) == 2
+    error = capsys.readouterr().err
+    assert "lens: lateral_red = 2.0: must be" in error.replace("\n", " ")
+
+
+@pytest.mark.parametrize("axis", ["f_number", "defocus_radius_px"])
+def test_an_axis_that_a_measured_mtf_holds_is_refused(tmp_path: Path, axis: str) -> None:
+    mtf = Mtf((0.1, 0.5), (0.8, 0.1), "cycles/px")
+    plan = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (100.0,), axis: (1.0, 4.0)})
+    with pytest.raises(ValueError, match=r"lens\.mtf: is measured with defocus and diffraction"):
+        evaluate(
+            plan=plan,
+            camera=replace(CAMERA, lens=Lens(mtf=mtf)),
+            pictures=pictures(),
+            output=tmp_path / "run",
+        )
+    assert not (tmp_path / "run").exists()
