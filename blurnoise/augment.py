@@ -81,7 +81,9 @@ def expose_pictures(
     seeds = rng.item_seeds(generator, batch)
     if isinstance(gain_db, AutoExposure):
         with torch.no_grad():
-            means = mean_luma(scene_reflectance(scene, encoding)).tolist()
+            light = scene_reflectance(scene, encoding)
+            by_camera = {each: mean_luma(light, each).tolist() for each in {*cameras}}
+            means = [by_camera[cameras[item % len(cameras)]][item] for item in range(batch)]
         set_by = zip(means, lux.tolist(), exposure.tolist(), temperature.tolist(), strict=True)
         gains = [
             gain_db.gain_db(

@@ -18,7 +18,7 @@ from blurnoise._core.checks import batch_shaped, in_range
 from blurnoise._core.limits import limited
 from blurnoise._core.validation import Figure, check_fields
 from blurnoise.camera import Camera
-from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
 
 LUMA = (0.2126, 0.7152, 0.0722)
@@ -132,10 +132,17 @@ USUAL = AutoExposure()
 """18 % at 30 frames a second."""
 
 
-def mean_luma(light: Tensor) -> Tensor:
-    """Mean light of pictures (B, C, H, W) in linear light, (B,): by luma where there are three colours."""
+def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Curve = "D55") -> Tensor:
+    """Mean light of pictures (B, C, H, W) in linear light, (B,): by luma where there are three colours.
+
+    Of a camera whose pictures are grey by what its pixels make of them.
+    """
     means = batch_shaped("light", light).mean(dim=(-2, -1))
-    return means @ means.new_tensor(LUMA) if light.shape[1] == len(LUMA) else means.mean(dim=1)
+    if light.shape[1] != len(LUMA):
+        return means.mean(dim=1)
+    if camera is None or camera.cfa not in ("mono", "RCCC"):
+        return means @ means.new_tensor(LUMA)
+    return means @ means.new_tensor(colour_shares(camera, illuminant))
 
 
 def _per_second(

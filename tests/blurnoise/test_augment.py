@@ -515,6 +515,18 @@ def test_automatic_gain_makes_the_brightness_the_targets() -> None:
     assert means[3] == pytest.approx(1.0)  # in bright light gain cannot help
 
 
+def test_automatic_gain_meters_what_each_camera_makes_of_colours() -> None:
+    """Red: luma of a mosaic's pictures, the one plane of grey ones; 0.18 to the converter's rounding and noise."""
+    flat = torch.tensor([0.6, 0.2, 0.1]).view(1, 3, 1, 1).expand(2, -1, 90, 110)
+    cameras = (Camera.preset("imx250c"), replace(Camera.preset("imx250"), cfa="mono"))
+    seen = expose_pictures(
+        flat, cameras, exposure_s=0.01, illuminance_lux=60.0, gain_db=AutoExposure(), generator=[1, 2],
+        encoding="linear",
+    )  # fmt: skip
+    luma = torch.einsum("c,bchw->b", torch.tensor([0.2126, 0.7152, 0.0722]), seen) / (90 * 110)
+    assert luma.tolist() == pytest.approx([0.18, 0.18], rel=0.01)
+
+
 def test_gain_is_drawn_in_its_range_and_replayed() -> None:
     aug = RandomExposure(TWO, gain_db=(3.0, 30.0), p=1.0)
     torch.manual_seed(8)

@@ -52,7 +52,10 @@ class Axis:
     default: tuple[float, ...] = ()
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
-        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed. Raises ``ValueError`` for none, or for one outside the limits."""
+        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed.
+
+        Raises ``ValueError`` for none, or for one outside the limits.
+        """
         kept = tuple(sorted({self._one(value) for value in values}))
         if not kept:
             raise ValueError(f"{self.name}: must hold at least one value")

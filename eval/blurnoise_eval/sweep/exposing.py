@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -60,7 +61,15 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
-        self.mean_light = float(mean_luma(self.light.light)[0])
+
+    def mean_light(self, camera: Camera) -> float:
+        """As the camera meters it: by luma, or by what its pixels make of the colours."""
+        return _mean_light(self.light, camera)
+
+
+@lru_cache(maxsize=64)
+def _mean_light(light: ExposedScene, camera: Camera) -> float:
+    return float(mean_luma(light.light, camera)[0])
 
 
 def frames(
@@ -78,7 +87,7 @@ def frames(
         if at.automatic:
             gain_db = auto_exposure.gain_db(
                 exposure.camera,
-                mean_light=scene.mean_light,
+                mean_light=scene.mean_light(camera),
                 illuminance_lux=exposure.illuminance_lux,
                 exposure_s=exposure.exposure_s,
                 temperature_c=exposure.temperature_c,
@@ -95,7 +104,7 @@ def frames(
             box_sweeper(exposure),
             saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
             gain_db=exposure.gain_db,
-            snr_db=snr_db(exposure, scene.mean_light),
+            snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
         )
 

@@ -79,14 +79,8 @@ def test_lists_may_begin_with_a_minus(monkeypatch: pytest.MonkeyPatch, option: s
 
 
 def test_a_new_axis_brings_its_option(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
-    fog = replace(
-        axis("gain_db"),
-        name="fog_m",
-        option="--fog-km",
-        about="how far one sees",
-        per_option=1e3,
-        automatic=False,
-    )
+    fog = replace(axis("gain_db"), name="fog_m", option="--fog-km", about="how far one sees")
+    fog = replace(fog, per_option=1e3, automatic=False)
     monkeypatch.setattr(_options, "AXES", (*AXES, fog))
     asked: list[Grid] = []
 
@@ -210,7 +204,7 @@ def test_completion_knows_what_there_is() -> None:
         ("blurnoise sw", ["sweep"]),
         ("blurnoise sweep --thr", ["--threshold", "--threads"]),
         ("blurnoise sweep --defo", ["--defocus-px"]),
-        ("blurnoise sweep --camera imx", ["imx250", "imx249"]),
+        ("blurnoise sweep --camera imx", ["imx250", "imx250c", "imx249"]),
         ("blurnoise inspect m.onnx --contract yolov6", ["yolov6", "yolov6e2e"]),
         ("blurnoise chart s", ["slanted-edge", "siemens-star", "stop-sign"]),
     ],

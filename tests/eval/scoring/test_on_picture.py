@@ -28,8 +28,9 @@ def sign(shift_px: int = 0) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.roll(coded, shift_px, axis=1))
 
 
-def to_the_right(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_the_right(boxes: NDArray[np.float64], sizes_px: NDArray[np.float64]) -> NDArray[np.float64]:
     assert boxes.shape == (1, 4)
+    assert sizes_px.shape == (1, 2)
     return boxes + np.array([SHIFT_PX, 0, SHIFT_PX, 0])
 
 

@@ -105,21 +105,30 @@ def test_the_swept_box_is_what_training_boxes_grow_to() -> None:
     ):
         velocity = float(speed * angle.cos()), float(-speed * angle.sin())
         exposure = Exposure(CAMERA, 0.02, 50.0, velocity)
-        swept = swept_within(box_sweeper(exposure)(before.astype(float)), before, (159, 119))
+        swept = swept_within(
+            box_sweeper(exposure)(before.astype(float), anywhere(len(before))), before, (159, 119)
+        )
         expected = np.concatenate([of_picture.min(axis=1), of_picture.max(axis=1)], axis=1)
         np.testing.assert_allclose(swept, expected, atol=1e-3)  # single precision there
+
+
+def anywhere(count: int) -> NDArray[np.float64]:
+    """Sizes of pictures that nobody knows."""
+    return np.full((count, 2), np.nan)
 
 
 def test_at_rest_nothing_is_swept_bit_for_bit() -> None:
     boxes = np.random.default_rng(0).uniform(-20, 300, (50, 4))
     still = Exposure(CAMERA, 0.02, 50.0, (0.0, 0.0))
     assert box_mover(still) is None
-    np.testing.assert_array_equal(swept_within(box_sweeper(still)(boxes), boxes, (280, 150)), boxes)
+    np.testing.assert_array_equal(
+        swept_within(box_sweeper(still)(boxes, anywhere(50)), boxes, (280, 150)), boxes
+    )
 
 
 def test_sweeping_ends_at_the_border_of_the_picture() -> None:
     moved = [[2.0, 10.0, 12.0, 20.0], [90.0, 30.0, 99.0, 48.0], [-5.0, 10.0, 30.0, 55.0]]
-    swept = box_sweeper(Exposure(CAMERA, 0.02, 50.0, (1000.0, -200.0)))(np.array(moved))
+    swept = box_sweeper(Exposure(CAMERA, 0.02, 50.0, (1000.0, -200.0)))(np.array(moved), anywhere(3))
     np.testing.assert_allclose(
         swept_within(swept, moved, (100, 50)), [[0, 8, 22, 22], [80, 28, 100, 50], [-5, 8, 40, 55]]
     )

@@ -29,7 +29,7 @@ from plans import plan as swept
 from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
 
-PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0))
+PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
 OPTIONS = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400", "--gain", "0")
 
 
