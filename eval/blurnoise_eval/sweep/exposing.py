@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -55,6 +54,7 @@ class Scene:
 
     def __init__(self, image: Image, grey_anchor: str | None = None) -> None:
         self.image8 = eight_bit(image)
+        self._means: dict[Camera, float] = {}
         try:
             self.light = ExposedScene.of_picture(image, grey_anchor)
         except ValueError as error:
@@ -64,12 +64,9 @@ class Scene:
 
     def mean_light(self, camera: Camera) -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
-        return _mean_light(self.light, camera)
-
-
-@lru_cache(maxsize=64)
-def _mean_light(light: ExposedScene, camera: Camera) -> float:
-    return float(mean_luma(light.light, camera)[0])
+        if camera not in self._means:
+            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
+        return self._means[camera]
 
 
 def frames(
