@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -43,6 +44,8 @@ _BARE = 0.6034
 """MTF50 of a pixel, cycles/px: sinc(f) = 1/2."""
 _CLOSE, _WIDE = (1 + torch.linspace(-half, half, 9, dtype=torch.float64) for half in (0.06, 0.2))
 """Cycles/px about 1, where pixels average everything away."""
+NEGATIVE = 0.04
+"""Share of the light, in half a pixel, by which what lies before the pixels may be less than none."""
 _SPARE, _TAIL_MATTERS = 1.3, 0.015
 """By which factor, and by which response beside it, a spline's power there is off."""
 _CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
@@ -174,6 +177,40 @@ def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
         ratio = (power - allowed).clamp_min(0) / mean.clamp_min(1e-15)
         found |= (ratio ** (1 / 3) - (1 - shift)) / shift.sqrt() > profile.certain(1)
     return found
+
+
+def negative(profile: Profile) -> Tensor:
+    """Whether such an edge asks for less than no light somewhere before the pixels, (B,): clipped, or sharpened.
+
+    The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
+    sum of E' at places a pixel apart, from the left or from the right, and must never fall: a line spread that
+    ends sooner than a pixel takes to leave it does so. Means over adjacent halves of a pixel are compared.
+    """
+    c = profile.coefficients.float()
+    count = c.shape[1]
+    knot = torch.arange(count) - count // 2
+    cosine = (1 / torch.sqrt(1 + profile.tilt**2)).float()
+    place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * cosine[:, None, None]  # knots; a pixel is 4 of them
+    away = (place - knot).abs()
+    spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
+    rises = _rises(count + 8) @ spline
+    found = (rises @ c[..., None])[..., 0]
+    beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # where there are no knots any more, the edge is 1
+    found += beyond @ _rises(count + 8).T
+    error = ((rises @ profile.covariance.float()) * rises).sum(2).clamp_min(0).sqrt()
+    limit = profile.certain(profile.free.sum(1))[:, None] * error
+    return (-found > limit.clamp_min(NEGATIVE)).any(1)
+
+
+@cache
+def _rises(count: int) -> Tensor:
+    """By how much P rises from a half of a pixel to the next, of an edge at quarters of a pixel, (n, count)."""
+    one = torch.eye(count)
+    curved = 2 * (one[4:] - 2 * one[2:-2] + one[:-4])
+    place = torch.arange(len(curved))
+    after = place[:, None] - place
+    aligned = (after % 4 == 0).float()
+    return torch.cat([(aligned * (after >= 0)) @ curved, -(aligned * (after < 0)) @ curved])
 
 
 def displaced(spline: Spline, noise: Tensor, mtf50: Tensor) -> Tensor:
