@@ -112,7 +112,7 @@ def bench(
         "images": (images, ("sweep", "training")),
         "pictures": (pictures, ("training",)),
         "scenes": (scenes, ("training",)),
-        "seeds": (seeds, ("training",)),
+        "seeds": (seeds, ("edges", "training")),
         "held-out": (held_out, ("training",)),
         "coco": (coco, ("training",)),
     }
@@ -131,7 +131,7 @@ def bench(
         sizes = {name: usual[name] if size is None else size for name, size in stated.items()}
         _train(folder, sizes, coco, images, workers, quick=quick, as_json=as_json)
     else:
-        _room(what, folder, workers, quick=quick, as_json=as_json)
+        _room(what, folder, workers, seeds, quick=quick, as_json=as_json)
 
 
 def _sweep(
@@ -158,8 +158,10 @@ def _sweep(
     print_facts(facts, as_json)
 
 
-def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) -> None:
-    """One room of methods side by side: tables, JSON, charts."""
+def _room(what: str, folder: Path, threads: int, seeds: int | None, *, quick: bool, as_json: bool) -> None:
+    """One room of methods side by side: tables, JSON, charts. seeds: pictures of each edge that deceives."""
+    from dataclasses import replace
+
     from blurnoise_eval.bench import (
         blur,
         blur_view,
@@ -184,6 +186,8 @@ def _room(what: str, folder: Path, threads: int, *, quick: bool, as_json: bool) 
     view: Any
     room, view = rooms[what]
     extent = room.QUICK if quick else room.FULL
+    if seeds:
+        extent = replace(extent, pictures=seeds)
     folder.mkdir(parents=True, exist_ok=True)
     with ProgressBar("bench", room.steps(extent)) as advance:
         bench = room.measure(extent, threads, advance)

@@ -68,6 +68,6 @@ def test_certainty_is_students() -> None:
     """Quantiles of Student's law at 1 - 0.0005 and 1 - 0.000005, from tables: 30 and 100 degrees of freedom."""
     for rows, places, quantile in ((31, 1, 3.646), (101, 1, 3.390), (101, 100, 4.654)):
         profile = Profile(
-            torch.zeros(1, 5), torch.zeros(1, rows, 5), torch.ones(1, 5), torch.zeros(1), white=True
+            torch.zeros(1, 5), torch.zeros(1, 5, 5), rows, torch.ones(1, 5), torch.zeros(1), white=True
         )
         assert float(profile.certain(places)) == pytest.approx(quantile, rel=0.02)
