@@ -60,8 +60,9 @@ def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
 
 def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tuple[Tensor, Tensor]:
     """Correlation at lags 1 to ``most`` along the last axis and its error for white noise, (B, most) each."""
-    pairs = sum(_products(each, most) for each in there).round().clamp_min(1)
-    return sum(_products(each, most) for each in noise) / pairs, 1 / pairs.sqrt()
+    products, pairs = (torch.stack([_products(each, most) for each in of]).sum(0) for of in (noise, there))
+    pairs = pairs.round().clamp_min(1)
+    return products / pairs, 1 / pairs.sqrt()
 
 
 def _products(values: Tensor, most: int) -> Tensor:
@@ -69,7 +70,8 @@ def _products(values: Tensor, most: int) -> Tensor:
     long = 1 << (values.shape[2] + most - 1).bit_length()
     waves = torch.view_as_real(torch.fft.rfft(values, n=long))
     power = (waves * waves).sum(1).sum(-1)  # over both at once takes four times as long
-    return torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
+    products: Tensor = torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
+    return products
 
 
 def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import torch
@@ -17,6 +17,7 @@ from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics import regions
+from blurnoise.metrics.edge.colours import apart
 from blurnoise.metrics.edge.correlation import block_weights, widening
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
@@ -138,6 +139,9 @@ def slanted_edge(
             values = read.values[chosen]
             values = values.mT.contiguous() if horizontal else values
             told = _measured(values, mode, horizontal, bootstrap, seed)
+            if read.colours.shape[1] == 3:
+                colours = read.colours[chosen]
+                told = _with_colours(told, colours.mT if horizontal else colours)
             for index, edge in zip(chosen, told, strict=True):
                 edges[index] = edge
     return edges if image.ndim == 4 else edges[0]
@@ -159,6 +163,16 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
         for index, edge, doubtful in zip(kept, told, not_alone(shape).tolist(), strict=True):
             edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
     return edges
+
+
+def _with_colours(edges: list[SlantedEdge], colours: Tensor) -> list[SlantedEdge]:
+    """The edges, flagged where their colours (B, 3, H, W) lie apart."""
+    doubted = apart(colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype)).tolist()
+    flags = frozenset({Flag.NON_LINEAR_SUSPECTED})
+    return [
+        replace(edge, flags=edge.flags | flags) if doubtful else edge
+        for edge, doubtful in zip(edges, doubted, strict=True)
+    ]
 
 
 def _told(

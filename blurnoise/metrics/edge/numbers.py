@@ -30,7 +30,9 @@ def numbers(
     }
 
 
-def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float = 1.0) -> dict[str, Tensor]:
+def intervals(
+    resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float = 1.0
+) -> dict[str, Tensor]:
     """Of n resamples (B, n) the range (B, 2) that holds 95 %, made wider about the number itself, (B,)."""
     ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
     found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}

@@ -74,7 +74,9 @@ class Profile:
         free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
         rows = math.ceil(position_px.shape[1] / kept)
         tilt = slope(position_px)
-        return cls(spline.coefficients, spline.bootstrapped(kept), rows, free * free.flip(1), tilt, block == 1)
+        return cls(
+            spline.coefficients, spline.bootstrapped(kept), rows, free * free.flip(1), tilt, block == 1
+        )
 
     @property
     def place_px(self) -> Tensor:
@@ -142,7 +144,11 @@ def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
     for width in set(widths.tolist()):
         of = widths == width
         line = profile.coefficients[:, width:] - profile.coefficients[:, :-width]
-        error = (own[:, width:] + own[:, :-width] - 2 * profile.covariance.diagonal(width, 1, 2)).clamp_min(0).sqrt()
+        error = (
+            (own[:, width:] + own[:, :-width] - 2 * profile.covariance.diagonal(width, 1, 2))
+            .clamp_min(0)
+            .sqrt()
+        )
         left, at_left = (each[:, : -2 * apart] for each in line.cummax(1))
         right, at_right = (each.flip(1)[:, 2 * apart :] for each in line.flip(1).cummax(1))
         lower = torch.where(left < right, at_left, line.shape[1] - 1 - at_right)
@@ -190,7 +196,9 @@ def negative(profile: Profile) -> Tensor:
     count = c.shape[1]
     knot = torch.arange(count) - count // 2
     cosine = (1 / torch.sqrt(1 + profile.tilt**2)).float()
-    place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * cosine[:, None, None]  # knots; a pixel is 4 of them
+    place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * cosine[
+        :, None, None
+    ]  # knots; a pixel is 4 of them
     away = (place - knot).abs()
     spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
     rises = _rises(count + 8) @ spline
@@ -242,7 +250,9 @@ def smoothed(spline: Spline, noise: Tensor, sides: Sides) -> Tensor:
     core = ((share > 0.1) & (share < 0.9)).nonzero()[:, 0]
     ratio = off[core] ** 2 / noise[core].clamp_min(1e-18)
     count = torch.bincount(spline.pixels.region[core], minlength=spline.pixels.batch)
-    median = torch.stack([each.median() if len(each) else ratio.new_zeros(()) for each in ratio.split(count.tolist())])
+    median = torch.stack(
+        [each.median() if len(each) else ratio.new_zeros(()) for each in torch.split(ratio, count.tolist())]
+    )
     certain = 1 + 5 * _MEDIAN_ERROR * (2 / count.clamp_min(1)).sqrt()
     found = (count >= 20) & (median / _CHI_SQUARE_MEDIAN > certain.clamp_min(UNEVEN_NOISE))
     noisy = sides.variance.amax(1) > NOISELESS * sides.step**2

@@ -191,7 +191,7 @@ class _Pixels:
 
     def odd(self, off: Tensor) -> Tensor:
         """``off`` (n,) at single pixels that stand far out of the others' misfits, hot or dead ones, else 0."""
-        usual = torch.stack([each.median() for each in (off * off).split(self.count.tolist())])
+        usual = torch.stack([each.median() for each in torch.split(off * off, self.count.tolist())])
         far = off.abs() > (_ODD_DEVIATIONS * (usual / 0.4549).sqrt()).clamp_min(_ODD_SHARE)[self.region]
         if not far.any():
             return torch.zeros_like(off)

@@ -303,7 +303,12 @@ def _well(at: Setting, draw: Draw) -> Tensor:
 
 
 def _honest(name: str, **other: Any) -> Case:
-    return Case(f"plain, {name}", _plain(**other), deceives=False, blur={key: other[key] for key in _BLUR & set(other)})
+    return Case(
+        f"plain, {name}",
+        _plain(**other),
+        deceives=False,
+        blur={key: other[key] for key in _BLUR & set(other)},
+    )
 
 
 _BLUR = {"sigma_px", "motion_px", "angle_deg"}

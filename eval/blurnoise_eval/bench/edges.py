@@ -104,7 +104,7 @@ class Bench:
     extent: Extent
 
     def losses(self) -> list[str]:
-        """Where an edge deceives after all, or an honest one is doubted, in the usual setting, and plain wrong ones."""
+        """Where an edge deceives after all, or an honest one is doubted, and where numbers are plain wrong."""
         return [
             f"{row.case}: {row.caught:.0%} withheld or flagged, wanted "
             + (f"{CAUGHT:.0%} or more" if row.deceives else f"{SPARED:.0%} or less")

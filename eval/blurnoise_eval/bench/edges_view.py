@@ -51,7 +51,10 @@ def write(bench: Bench, folder: Path) -> None:
 def tables(bench: Bench) -> list[Table]:
     """Shares by case, the settings side by side, and what noise that is not white does to intervals and NEQ(0)."""
     pictures = bench.extent.pictures
-    shares = Table(title=f"Withheld + flagged, and plain wrong, % of {pictures}; median error of MTF50", title_justify="left")
+    shares = Table(
+        title=f"Withheld + flagged, and plain wrong, % of {pictures}; median error of MTF50",
+        title_justify="left",
+    )
     shares.add_column("edge")
     for setting in SETTINGS:
         shares.add_column(setting, justify="right")

@@ -70,7 +70,10 @@ def bench(
     ] = None,
     seeds: Annotated[
         int | None,
-        _sized("seeds", "networks per arm; with one, intervals say nothing about other trainings"),
+        _sized(
+            "seeds",
+            "networks per arm; with one, intervals say nothing about other trainings; of edges, pictures of each",
+        ),
     ] = None,
     held_out: Annotated[
         int | None, _sized("held_out", "rendered scenes to judge by, which no network has seen")

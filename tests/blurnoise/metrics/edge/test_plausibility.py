@@ -37,6 +37,38 @@ def test_each_fault_is_found_by_its_name(name: str, flag: Flag) -> None:
     assert sum(flag in measured(name, seed).flags for seed in range(4)) >= 3
 
 
+def colours(by_px: float, steps: tuple[float, float, float]) -> SlantedEdge:
+    """A blurred edge at a CNR of 20, red and blue moved apart, each colour with a step of its own."""
+    draw, at = Draw.of(4), Setting(noise=0.03, sigma_px=1.3, offset_px=(0.3, 0.1))
+    x, y = at.offset_px
+    image = torch.stack([
+        at.noisy(0.2 + step * at.share(at.edge(offset_px=(x + place * by_px, y))), draw)
+        for place, step in zip((1, 0, -1), steps, strict=True)
+    ])  # fmt: skip
+    edge = slanted_edge(image, full_scale=2.0, bootstrap=0)
+    assert isinstance(edge, SlantedEdge)
+    return edge
+
+
+def test_colours_apart_are_found_behind_blur_and_noise() -> None:
+    assert Flag.NON_LINEAR_SUSPECTED in colours(1.0, (0.6, 0.6, 0.6)).flags
+
+
+@pytest.mark.parametrize("steps", [(0.6, 0.6, 0.6), (0.6, 0.3, 0.1), (0.6, 0.5, -0.1), (0.6, 0.6, 0.0)])
+def test_an_edge_of_colour_is_no_fault(steps: tuple[float, float, float]) -> None:
+    assert not colours(0.0, steps).flags
+
+
+def test_no_light_is_asked_to_be_negative_by_blur_alone() -> None:
+    """Clipped at both sides, behind a blur so wide that the power at 1 cycle/px is no sign."""
+    at = Setting(noise=0.0025, sigma_px=1.2, offset_px=(0.3, 0.1))
+    clipped = at.level(at.share(at.edge()).clamp(0.1, 0.9))
+    for image, found in ((at.edge(), False), (clipped, True)):
+        edge = slanted_edge(at.noisy(image, Draw.of(5)), full_scale=2.0, bootstrap=0)
+        assert isinstance(edge, SlantedEdge)
+        assert (Flag.TOO_ABRUPT in edge.flags) == found
+
+
 def test_a_number_with_a_flag_carries_it() -> None:
     estimate = measured("top clipped at 90%", 0).estimate("mtf50")
     assert estimate.told
