@@ -15,7 +15,7 @@ from blurnoise.metrics.edge.plausibility import DISPLACED
 from blurnoise.metrics.regions import LUMINANCE
 
 _CERTAIN = 2.2
-"""Errors, on the safe side as they are, that the colours' distance must have: of 400 grey edges it has 1.1 at most."""
+"""Errors, on the safe side as they are, that the colours' distance must have: of 400 grey edges none has 1.1."""
 _LEVELS = 2.0
 """Error of an edge's place over that from its rows alone: the levels that place it have errors, too."""
 
@@ -23,7 +23,8 @@ _LEVELS = 2.0
 def apart(colours: Tensor, mtf50: Tensor) -> Tensor:
     """Whether the colours' edges certainly lie apart so far that their luminance's MTF50 (B,) suffers, (B,).
 
-    Places of variance s^2, each colour counting by its share of the step, if it has one, lower the response as displaced rows do.
+    Places of variance s^2, each colour that has a step counting by its share of it, lower the response
+    as displaced rows do.
     """
     batch, _, height, width = colours.shape
     line = find_line(colours.flatten(0, 1))
