@@ -116,7 +116,8 @@ class _Pixels:
 
     pixel: (n,), number of each in the regions' ``shape``, (B, H, W). row: (n,), number of the pixel's row, counted
     through all B regions of H rows. region: (n,). value: (n,). first: (n,), index of the first of the four
-    coefficients. place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four
+    coefficients. place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row.
+    basis: four
     times (n,). count: pixels of each region, (B,). size: coefficients.
     """
 
