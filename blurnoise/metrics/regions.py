@@ -18,15 +18,20 @@ Roi = tuple[int, int, int, int]
 
 SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Of red, green and blue, ITU-R BT.709."""
 _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
 
 
 @dataclass(frozen=True)
 class Regions:
-    """values: (B, H, W) float64, black level removed. clipped, finite: (B,) bool."""
+    """values: (B, H, W) float64, black level removed. colours: (B, C, H, W), what they are the luminance of, as read.
+
+    clipped, finite: (B,) bool.
+    """
 
     values: Tensor
+    colours: Tensor
     clipped: Tensor
     finite: Tensor
 
@@ -55,9 +60,9 @@ def read(image: Tensor, *, full_scale: float | None, black_level: float, roi: Ro
     if bool(((highest >= top) | (lowest <= 0)).any()):
         at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a channel alone can clip: luminance would hide it
         clipped = at_limit.to(torch.float64).mean((1, 2)) > CLIPPED_SHARE
-    weights = raw.new_tensor(_LUMINANCE if raw.shape[1] == 3 else [1.0])
+    weights = raw.new_tensor(LUMINANCE if raw.shape[1] == 3 else [1.0])
     values = torch.einsum("bchw,c->bhw", raw, weights) if raw.shape[1] == 3 else raw[:, 0]
-    return Regions(values - black, clipped, finite)
+    return Regions(values - black, raw, clipped, finite)
 
 
 def _batch(image: Tensor) -> Tensor:

@@ -39,10 +39,17 @@ class Correlation:
 
 def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
     """Of the noise in ``sides``, each what is left of it and where it is: (B, H, W), 0 outside, and (B, H, W)."""
-    across, error_across = _at_lags(sides, dim=2, most=_ACROSS_PX)
-    along, error_along = _at_lags(sides, dim=1, most=min(_ALONG_PX, sides[0][0].shape[1] // 3))
     height = sides[0][0].shape[1]
-    (length_x, _), (length_y, alive) = _length(across, error_across), _length(along, error_along)
+    pixels = [there.sum((1, 2), keepdim=True).clamp_min(1) for _, there in sides]
+    powers = [
+        torch.linalg.vector_norm(off, dim=(1, 2), keepdim=True) / count.sqrt()
+        for (off, _), count in zip(sides, pixels, strict=True)
+    ]
+    # Single precision is enough of sums that are told to some parts in a hundred.
+    noise = [(off / power.clamp_min(1e-15)).float() for (off, _), power in zip(sides, powers, strict=True)]
+    there = [where.float() for _, where in sides]
+    along = _at_lags([each.mT for each in noise], [each.mT for each in there], min(_ALONG_PX, height // 3))
+    (length_x, _), (length_y, alive) = _length(*_at_lags(noise, there, _ACROSS_PX)), _length(*along)
     wanted = torch.where(
         length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0
     )
@@ -51,23 +58,20 @@ def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
     return Correlation(length_x * length_y, block.clamp(1, most), wanted > most)
 
 
-def _at_lags(sides: Sequence[tuple[Tensor, Tensor]], *, dim: int, most: int) -> tuple[Tensor, Tensor]:
-    """Correlation at lags 1 to ``most`` along ``dim`` and its error for white noise, (B, most) each."""
-    power = [(off**2).sum((1, 2)) / there.sum((1, 2)).clamp_min(1) for off, there in sides]
-    products, pairs = [], []
-    for lag in range(1, most + 1):
-        product, count = torch.zeros_like(power[0]), torch.zeros_like(power[0])
-        for (off, there), mean in zip(sides, power, strict=True):
-            size = off.shape[dim] - lag
-            if size > 0:
-                product += (off.narrow(dim, 0, size) * off.narrow(dim, lag, size)).sum(
-                    (1, 2)
-                ) / mean.clamp_min(1e-30)
-                count += (there.narrow(dim, 0, size) * there.narrow(dim, lag, size)).sum((1, 2))
-        products.append(product)
-        pairs.append(count.clamp_min(1))
-    count = torch.stack(pairs, dim=1)
-    return torch.stack(products, dim=1) / count, 1 / count.sqrt()
+def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tuple[Tensor, Tensor]:
+    """Correlation at lags 1 to ``most`` along the last axis and its error for white noise, (B, most) each."""
+    products, pairs = (torch.stack([_products(each, most) for each in of]).sum(0) for of in (noise, there))
+    pairs = pairs.round().clamp_min(1)
+    return products / pairs, 1 / pairs.sqrt()
+
+
+def _products(values: Tensor, most: int) -> Tensor:
+    """Sum of the products of all values that lie 1 to ``most`` apart along the last axis, (B, most)."""
+    long = 1 << (values.shape[2] + most - 1).bit_length()
+    waves = torch.view_as_real(torch.fft.rfft(values, n=long))
+    power = (waves * waves).sum(1).sum(-1)  # over both at once takes four times as long
+    products: Tensor = torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
+    return products
 
 
 def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
@@ -91,3 +95,16 @@ def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
     drawn = ((starts[:, :, None] + torch.arange(block)) % rows).flatten(1)[:, :rows]
     one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
     return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)
+
+
+def widening(rows: int, block: int) -> float:
+    """By how much intervals from blocks of rows are too narrow: 1 where rows are drawn one by one.
+
+    Few blocks scatter about their own mean, and their scatter is itself uncertain: Student's 97.5 % over the normal
+    law's, by Cornish and Fisher, and the root of n over n - 1. Of Gaussians of 0.5 and 0.8 px 1.15 and 1.3.
+    """
+    if block == 1:
+        return 1.0
+    freedom, z = max(rows / block - 1, 3.0), 1.96
+    student = 1 + (z**2 + 1) / (4 * freedom) + (5 * z**4 + 16 * z**2 + 3) / (96 * freedom**2)
+    return student * math.sqrt(1 + 1 / freedom)

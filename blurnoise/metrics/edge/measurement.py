@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import torch
@@ -17,7 +17,8 @@ from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics import regions
-from blurnoise.metrics.edge.correlation import block_weights
+from blurnoise.metrics.edge.colours import apart
+from blurnoise.metrics.edge.correlation import block_weights, widening
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
@@ -138,6 +139,9 @@ def slanted_edge(
             values = read.values[chosen]
             values = values.mT.contiguous() if horizontal else values
             told = _measured(values, mode, horizontal, bootstrap, seed)
+            if read.colours.shape[1] == 3:
+                colours = read.colours[chosen]
+                told = _with_colours(told, colours.mT if horizontal else colours)
             for index, edge in zip(chosen, told, strict=True):
                 edges[index] = edge
     return edges if image.ndim == 4 else edges[0]
@@ -154,16 +158,27 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
     for block, kept in alike.items():
         weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
         shape = shape_of(found.only(kept), block)
-        told = _told(values[kept], shape, mode, horizontal, weights)
+        wider = widening(values.shape[1], block)
+        told = _told(values[kept], shape, mode, horizontal, weights, wider)
         for index, edge, doubtful in zip(kept, told, not_alone(shape).tolist(), strict=True):
             edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
     return edges
 
 
+def _with_colours(edges: list[SlantedEdge], colours: Tensor) -> list[SlantedEdge]:
+    """The edges, flagged where their colours (B, 3, H, W) lie apart."""
+    doubted = apart(colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype)).tolist()
+    flags = frozenset({Flag.NON_LINEAR_SUSPECTED})
+    return [
+        replace(edge, flags=edge.flags | flags) if doubtful else edge
+        for edge, doubtful in zip(edges, doubted, strict=True)
+    ]
+
+
 def _told(
-    values: Tensor, shape: Shape, mode: Mode, horizontal: bool, weights: Tensor | None
+    values: Tensor, shape: Shape, mode: Mode, horizontal: bool, weights: Tensor | None, wider: float
 ) -> list[SlantedEdge]:
-    """Read the numbers off each shape. weights: (n, H), of the rows in n resamples."""
+    """Read the numbers off each shape. weights: (n, H), of the rows in n resamples; wider: what these miss."""
     sides, rising = shape.sides, shape.sides.step > 0
     if mode == "exact":
         response = exact_response(shape.spline, sides, weights)
@@ -180,7 +195,7 @@ def _told(
     read = {name: value.tolist() for name, value in scalars.items()}
     power_at_0 = sides.power_at_0.tolist()
     frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
-    samples, ranges = _resamples(response, sides, ends, weights)
+    samples, ranges = _resamples(response, sides, ends, weights, scalars, wider)
     flags = [
         names | _by_interval(each, middle)
         for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
@@ -257,14 +272,19 @@ def _profiles(spline: Spline, rising: Tensor, sides: Sides) -> tuple[Tensor, Ten
 
 
 def _resamples(
-    response: Response, sides: Sides, ends: Tensor, weights: Tensor | None
+    response: Response,
+    sides: Sides,
+    ends: Tensor,
+    weights: Tensor | None,
+    plain: dict[str, Tensor],
+    wider: float,
 ) -> tuple[list[Resamples | None], list[dict[str, tuple[float, float]]]]:
     """The resamples of each region, and the intervals of its scalars."""
     if weights is None or response.resampled is None:
         return [None] * len(ends), [{} for _ in ends]
     level, variance = sides.resampled(weights)
-    scalars = numbers(response.resampled, response.spacing[:, None], peak(response)[:, None], level, variance)
-    limits = {name: each.tolist() for name, each in intervals(scalars).items()}
+    drawn = numbers(response.resampled, response.spacing[:, None], peak(response)[:, None], level, variance)
+    limits = {name: each.tolist() for name, each in intervals(drawn, plain, wider).items()}
     samples: list[Resamples | None] = []
     for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True):
         samples.append(Resamples(power, *levels[:, index].T, *variances[:, index].T))

@@ -30,10 +30,19 @@ def numbers(
     }
 
 
-def intervals(resampled: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Of n resamples (B, n) the range (B, 2) that holds 95 %."""
+def intervals(
+    resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float = 1.0
+) -> dict[str, Tensor]:
+    """Of n resamples (B, n) the range (B, 2) that holds 95 %, made wider about the number itself, (B,)."""
     ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
-    return {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
+    found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
+    if wider == 1:
+        return found
+    about = {name: torch.where(plain[name].isfinite(), plain[name], 0.0)[:, None] for name in found}
+    return {
+        name: torch.where(plain[name].isfinite()[:, None], about[name] + wider * (each - about[name]), each)
+        for name, each in found.items()
+    }
 
 
 def _after_peak(power: Tensor, spacing: Tensor, peak: Tensor) -> Tensor:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -43,6 +44,8 @@ _BARE = 0.6034
 """MTF50 of a pixel, cycles/px: sinc(f) = 1/2."""
 _CLOSE, _WIDE = (1 + torch.linspace(-half, half, 9, dtype=torch.float64) for half in (0.06, 0.2))
 """Cycles/px about 1, where pixels average everything away."""
+NEGATIVE = 0.04
+"""Share of the light, in half a pixel, by which what lies before the pixels may be less than none."""
 _SPARE, _TAIL_MATTERS = 1.3, 0.015
 """By which factor, and by which response beside it, a spline's power there is off."""
 _CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
@@ -53,12 +56,13 @@ _MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of
 class Profile:
     """The spline and the error of anything linear in it.
 
-    coefficients: (B, K). root: (B, H, K); its square, summed over rows, is the coefficients' covariance. free:
-    (B, K), 1 for coefficients that were fitted and whose mirror image was. tilt: px per row, (B,).
+    coefficients: (B, K). covariance: theirs, (B, K, K), of so many rows. free: (B, K), 1 for coefficients that were
+    fitted and whose mirror image was. tilt: px per row, (B,). white: whether rows were taken one by one.
     """
 
     coefficients: Tensor
-    root: Tensor
+    covariance: Tensor
+    rows: int
     free: Tensor
     tilt: Tensor
     white: bool
@@ -68,8 +72,10 @@ class Profile:
         """block: rows whose noise belongs together; at least 16 of them are kept apart."""
         kept = max(1, min(block, position_px.shape[1] // 16))
         free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
+        rows = math.ceil(position_px.shape[1] / kept)
+        tilt = slope(position_px)
         return cls(
-            spline.coefficients, spline.pulls(kept), free * free.flip(1), slope(position_px), block == 1
+            spline.coefficients, spline.bootstrapped(kept), rows, free * free.flip(1), tilt, block == 1
         )
 
     @property
@@ -79,13 +85,12 @@ class Profile:
         return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
 
     def error(self, functional: Tensor) -> Tensor:
-        """Standard errors of coefficients @ functional, (K, n) or (B, K, n): (B, n)."""
-        error: Tensor = torch.linalg.vector_norm(self.root @ functional, dim=1)
-        return error
+        """Standard errors of coefficients @ functional, (K, n): (B, n)."""
+        return ((self.covariance @ functional) * functional).sum(1).clamp_min(0).sqrt()
 
     def certain(self, places: Tensor | int) -> Tensor:
         """Errors by which one of ``places`` numbers must be off to be no accident: a number, or (B,)."""
-        freedom = max(self.root.shape[1] - 1, 4)
+        freedom = max(self.rows - 1, 4)
         tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
         z = -torch.special.ndtri(tail)
         # Student's quantile by Cornish and Fisher.
@@ -102,16 +107,17 @@ def lopsided(profile: Profile) -> Tensor:
     line = pad(c[:, 2:] - c[:, :-2], (1, 1))
     even, odd = line + line.flip(1), c - c.flip(1)
     basis = torch.linalg.qr(torch.stack([even * free, free, x * odd * free], dim=2)).Q
-    one = torch.eye(c.shape[1], dtype=torch.float64)
-    left = (one - basis @ basis.mT) * free[:, None]  # of a difference, without what may differ
+    left = torch.diag_embed(free) - basis @ basis.mT  # of a difference, without what may differ
+    difference = (left @ (c + c.flip(1) - 1)[..., None])[..., 0]
+    both = profile.covariance + profile.covariance.flip(1)
+    covariance = left @ (both + both.flip(2)) @ left
     found = torch.zeros(len(c), dtype=torch.bool)
     for knots in (3, 7):
-        functional = (_moving(c.shape[1], knots) @ left).mT
-        off = ((c + c.flip(1) - 1)[:, None] @ functional)[:, 0]
-        error = profile.error(functional + functional.flip(1))
+        mean = _moving(c.shape[1], knots)
+        error = ((mean @ covariance) * mean).sum(2).clamp_min(0).sqrt()
         least = LOPSIDED if profile.white else LOPSIDED_COMPRESSED
         limit = (profile.certain(free.sum(1))[:, None] * error).clamp_min(least)
-        found |= (off.abs() > limit).any(1)
+        found |= ((difference @ mean).abs() > limit).any(1)
     return found
 
 
@@ -133,12 +139,16 @@ def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
     """
     apart = round(0.75 / KNOT_PX)
     found = torch.zeros(len(profile.coefficients), dtype=torch.bool)
+    own = profile.covariance.diagonal(dim1=1, dim2=2)
     widths = (reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
     for width in set(widths.tolist()):
         of = widths == width
-        one = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
-        functional = one[:, width:] - one[:, :-width]
-        line, error = profile.coefficients @ functional, profile.error(functional)
+        line = profile.coefficients[:, width:] - profile.coefficients[:, :-width]
+        error = (
+            (own[:, width:] + own[:, :-width] - 2 * profile.covariance.diagonal(width, 1, 2))
+            .clamp_min(0)
+            .sqrt()
+        )
         left, at_left = (each[:, : -2 * apart] for each in line.cummax(1))
         right, at_right = (each.flip(1)[:, 2 * apart :] for each in line.flip(1).cummax(1))
         lower = torch.where(left < right, at_left, line.shape[1] - 1 - at_right)
@@ -165,8 +175,7 @@ def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
         allowed = _SPARE * (_pixel(band, cosine, sine) ** 2).sum(1) + len(band) * _TAIL_MATTERS**2
         waves = _waves(profile.coefficients.shape[1], band)
         power = ((profile.coefficients @ waves) ** 2).sum(1)
-        noise = profile.root @ waves
-        covariance = noise.mT @ noise
+        covariance = waves.mT @ profile.covariance @ waves
         mean = covariance.diagonal(dim1=1, dim2=2).sum(1)
         # A sum of squares as a scaled chi square, and that as a normal number (Satterthwaite; Wilson and Hilferty).
         freedom = mean**2 / (covariance**2).sum((1, 2)).clamp_min(1e-30)
@@ -176,17 +185,52 @@ def too_abrupt(profile: Profile, mtf50: Tensor, scatter: Tensor) -> Tensor:
     return found
 
 
-def displaced(spline: Spline, sides: Sides, mtf50: Tensor) -> Tensor:
+def negative(profile: Profile) -> Tensor:
+    """Whether such an edge asks for less than no light somewhere before the pixels, (B,): clipped, or sharpened.
+
+    The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
+    sum of E' at places a pixel apart, from the left or from the right, and must never fall: a line spread that
+    ends sooner than a pixel takes to leave it does so. Means over adjacent halves of a pixel are compared.
+    """
+    c = profile.coefficients.float()
+    count = c.shape[1]
+    knot = torch.arange(count) - count // 2
+    cosine = (1 / torch.sqrt(1 + profile.tilt**2)).float()
+    place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * cosine[
+        :, None, None
+    ]  # knots; a pixel is 4 of them
+    away = (place - knot).abs()
+    spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
+    rises = _rises(count + 8) @ spline
+    found = (rises @ c[..., None])[..., 0]
+    beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # where there are no knots any more, the edge is 1
+    found += beyond @ _rises(count + 8).T
+    error = ((rises @ profile.covariance.float()) * rises).sum(2).clamp_min(0).sqrt()
+    limit = profile.certain(profile.free.sum(1))[:, None] * error
+    return (-found > limit.clamp_min(NEGATIVE)).any(1)
+
+
+@cache
+def _rises(count: int) -> Tensor:
+    """By how much P rises from a half of a pixel to the next, of an edge at quarters of a pixel, (n, count)."""
+    one = torch.eye(count)
+    curved = 2 * (one[4:] - 2 * one[2:-2] + one[:-4])
+    place = torch.arange(len(curved))
+    after = place[:, None] - place
+    aligned = (after % 4 == 0).float()
+    return torch.cat([(aligned * (after >= 0)) @ curved, -(aligned * (after < 0)) @ curved])
+
+
+def displaced(spline: Spline, noise: Tensor, mtf50: Tensor) -> Tensor:
     """Whether rows are displaced against each other by more than noise moves them, (B,), and what it costs MTF50.
 
     A row's own place follows from its misfit along the edge's slope. Displacements of variance s^2 lower the
     response at f by 2 (pi f s)^2, and MTF50 by that over its logarithmic slope, -2 ln 2 for a Gaussian. The median
-    over rows stands for all of them: a hot pixel moves one.
+    over rows stands for all of them: a hot pixel moves one. noise: :func:`noise_expected`.
     """
-    off, pull = spline.pixels.off(spline.coefficients)
+    off, pull = spline.off
     curvature = spline.pixels.by_row(pull * pull).clamp_min(1e-12)
     place = spline.pixels.by_row(pull * off) / curvature
-    noise = _noise(spline, sides, spline.pixels.value - off)
     expected = spline.pixels.by_row(pull * pull * noise) / curvature**2
     rows = place.shape[1]
     ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / _CHI_SQUARE_MEDIAN
@@ -196,30 +240,31 @@ def displaced(spline: Spline, sides: Sides, mtf50: Tensor) -> Tensor:
     return certain & (cost > DISPLACED)
 
 
-def smoothed(spline: Spline, sides: Sides) -> Tensor:
+def smoothed(spline: Spline, noise: Tensor, sides: Sides) -> Tensor:
     """Whether the sides have certainly less noise than the edge between them, (B,): denoised, compressed, curved.
 
     Of light, noise in between lies between theirs. The median over pixels, for a hot one changes nothing.
     """
-    off, _ = spline.pixels.off(spline.coefficients)
+    off, _ = spline.off
     share = spline.pixels.value - off
-    ratio = off**2 / _noise(spline, sides, share).clamp_min(1e-18)
-    found = []
-    region = spline.pixels.row // spline.pixels.height
-    for index in range(spline.pixels.batch):
-        core = ratio[(region == index) & (share > 0.1) & (share < 0.9)]
-        few = len(core) < 20
-        certain = 1 if few else 1 + 5 * _MEDIAN_ERROR * math.sqrt(2 / len(core))
-        found.append(not few and float(core.median()) / _CHI_SQUARE_MEDIAN > max(UNEVEN_NOISE, certain))
+    core = ((share > 0.1) & (share < 0.9)).nonzero()[:, 0]
+    ratio = off[core] ** 2 / noise[core].clamp_min(1e-18)
+    count = torch.bincount(spline.pixels.region[core], minlength=spline.pixels.batch)
+    median = torch.stack(
+        [each.median() if len(each) else ratio.new_zeros(()) for each in torch.split(ratio, count.tolist())]
+    )
+    certain = 1 + 5 * _MEDIAN_ERROR * (2 / count.clamp_min(1)).sqrt()
+    found = (count >= 20) & (median / _CHI_SQUARE_MEDIAN > certain.clamp_min(UNEVEN_NOISE))
     noisy = sides.variance.amax(1) > NOISELESS * sides.step**2
-    return torch.tensor(found) & noisy
+    return found & noisy
 
 
-def _noise(spline: Spline, sides: Sides, share: Tensor) -> Tensor:
-    """Variance expected of each pixel at ``share`` (n,) of the step, from the sides', (n,)."""
+def noise_expected(spline: Spline, sides: Sides) -> Tensor:
+    """Variance of each of the spline's pixels by its light, from the sides', (n,)."""
     variance = sides.variance / sides.step[:, None] ** 2
-    at = spline.pixels.row // spline.pixels.height
-    return torch.lerp(variance[at, 0], variance[at, 1], share.clamp(0, 1))
+    dark, bright = variance.unbind(1)
+    share = (spline.pixels.value - spline.off[0]).clamp(0, 1)
+    return dark[spline.pixels.region] + (bright - dark)[spline.pixels.region] * share
 
 
 def _moving(count: int, width: int) -> Tensor:

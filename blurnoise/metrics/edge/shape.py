@@ -17,6 +17,8 @@ from blurnoise.metrics.edge.plausibility import (
     Profile,
     displaced,
     lopsided,
+    negative,
+    noise_expected,
     overshoots,
     smoothed,
     too_abrupt,
@@ -128,14 +130,15 @@ def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered:
     few = largest_phase_gap_px(shape.position_px) > LARGEST_GAP_PX[mode]
     blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
     profile = Profile.of(shape.spline, shape.position_px, int(shape.sides.block.max()))
+    noise = noise_expected(shape.spline, shape.sides)
     return {
         Flag.TOO_FEW_PHASES: few,
         Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | (lopsided(profile) & ~few),
         Flag.SHARPENED: overshoots(profile) & ~few,
         Flag.TWO_HUMPS: two_humps(profile, shape.reach_px) & ~few,
-        Flag.TOO_ABRUPT: too_abrupt(profile, mtf50, scattered) & ~few,
-        Flag.DISPLACED: displaced(shape.spline, shape.sides, mtf50),
-        Flag.SMOOTHED: smoothed(shape.spline, shape.sides),
+        Flag.TOO_ABRUPT: (too_abrupt(profile, mtf50, scattered) | negative(profile)) & ~few,
+        Flag.DISPLACED: displaced(shape.spline, noise, mtf50),
+        Flag.SMOOTHED: smoothed(shape.spline, noise, shape.sides),
         Flag.NOISE_CORRELATED: shape.sides.correlated,
         Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
     }

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import torch
@@ -49,29 +50,36 @@ class Spline:
         half = self.coefficients.shape[-1] // 2
         return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
 
+    @cached_property
+    def off(self) -> tuple[Tensor, Tensor]:
+        """By how much the pixels exceed the spline, and its slope along the row, 1/px, (n,) each."""
+        return self.pixels.off(self.coefficients)
+
     def largest_misfit(self) -> Tensor:
         """The largest mean over a block of BLOCK_PX squared px by which pixels are off the spline, (B,)."""
-        off = self.pixels.in_place(self.pixels.off(self.coefficients)[0].float())
+        off = self.pixels.in_place(self.off[0].float())
         return avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
 
     def resampled(self, weights: Tensor) -> Tensor:
         """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
-        return self.coefficients[:, None] + (weights - 1) @ self.pulls()
+        return self.coefficients[:, None] + (weights - 1) @ self.pulls
 
     def by_blocks(self, block: int) -> Spline:
         """The same with the covariance that a bootstrap over blocks of rows finds: of noise that is not white."""
-        root = self.pulls(block)
-        return replace(self, covariance=root.mT @ root)
+        return replace(self, covariance=self.bootstrapped(block))
 
-    def pulls(self, block: int = 1) -> Tensor:
-        """By how much each block of rows, were it there once more, would move the coefficients, (B, n, 2 K + 1).
-
-        Their squares, summed over blocks, are what a bootstrap over them finds as the coefficients' covariance.
-        """
-        # What each row adds to the normal equations beyond what the fit explains.
-        scores = self.pixels.sums(self.pixels.off(self.coefficients)[0], per_row=True)
+    def bootstrapped(self, block: int = 1) -> Tensor:
+        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, 2 K + 1, 2 K + 1)."""
+        root = self.pulls
         if block > 1:
-            scores = torch.stack([rows.sum(1) for rows in torch.split(scores, block, 1)], dim=1)
+            root = torch.stack([rows.sum(1) for rows in torch.split(root, block, 1)], dim=1)
+        return root.mT @ root
+
+    @cached_property
+    def pulls(self) -> Tensor:
+        """By how much each row, were it there once more, would move the coefficients, (B, H, 2 K + 1)."""
+        # What each row adds to the normal equations beyond what the fit explains.
+        scores = self.pixels.sums(self.off[0], per_row=True)
         return scores @ self.inverse * self.inflation[:, None, None]
 
 
@@ -107,14 +115,16 @@ class _Pixels:
     """The pixels within reach of the edge, n of all regions in one line, and the four B-splines over each.
 
     pixel: (n,), number of each in the regions' ``shape``, (B, H, W). row: (n,), number of the pixel's row, counted
-    through all B regions of H rows. value: (n,). first: (n,), index of the first of the four coefficients.
-    place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four
+    through all B regions of H rows. region: (n,). value: (n,). first: (n,), index of the first of the four
+    coefficients. place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row.
+    basis: four
     times (n,). count: pixels of each region, (B,). size: coefficients.
     """
 
     pixel: Tensor
     shape: torch.Size
     row: Tensor
+    region: Tensor
     value: Tensor
     first: Tensor
     place: Tensor
@@ -132,6 +142,7 @@ class _Pixels:
         near = (distance.abs() < reach_px[:, None, None]) & (upright.inside > 0)
         chosen = near.flatten().nonzero()[:, 0]
         row = chosen // width
+        region = row // height
         knots = distance.flatten()[chosen] / KNOT_PX
         knot = knots.floor()
         t = knots - knot
@@ -144,10 +155,11 @@ class _Pixels:
             chosen,
             near.shape,
             row,
+            region,
             value,
             first,
             t,
-            cosines[row // height],
+            cosines[region],
             basis,
             count,
             height,
@@ -165,7 +177,7 @@ class _Pixels:
     def off(self, coefficients: Tensor) -> tuple[Tensor, Tensor]:
         """By how much the values exceed the spline, (n,), and the spline's slope along the row, 1/px, (n,)."""
         line = coefficients.flatten()
-        at = self.first + self.row // self.height * self.size
+        at = self.first + self.region * self.size
         picked = [line[k:][at] for k in range(4)]
         value = sum(c * b for c, b in zip(picked, self.basis, strict=True))
         # The slope is a quadratic spline over the coefficients' differences.
@@ -180,16 +192,17 @@ class _Pixels:
 
     def odd(self, off: Tensor) -> Tensor:
         """``off`` (n,) at single pixels that stand far out of the others' misfits, hot or dead ones, else 0."""
-        region = self.row // self.height
-        usual = torch.stack([(off[region == index] ** 2).nanmedian() for index in range(self.batch)])
-        far = off.abs() > (_ODD_DEVIATIONS * (usual / 0.4549).sqrt()).clamp_min(_ODD_SHARE)[region]
+        usual = torch.stack([each.median() for each in torch.split(off * off, self.count.tolist())])
+        far = off.abs() > (_ODD_DEVIATIONS * (usual / 0.4549).sqrt()).clamp_min(_ODD_SHARE)[self.region]
+        if not far.any():
+            return torch.zeros_like(off)
         around = avg_pool2d(self.in_place(far.to(off)), 3, stride=1, padding=1) * 9
         return torch.where(far & (around.flatten()[self.pixel] < 2.5), off, 0.0)
 
     def sums(self, values: Tensor, *, per_row: bool = False) -> Tensor:
         """Sum of value times B-spline, (B, size), or of each row alone, (B, H, size)."""
         shape = (self.batch, self.height, self.size) if per_row else (self.batch, self.size)
-        at = self.first + (self.row if per_row else self.row // self.height) * self.size
+        at = self.first + (self.row if per_row else self.region) * self.size
         sums = values.new_zeros(math.prod(shape))
         for k, basis in enumerate(self.basis):
             sums[k:].index_add_(0, at, values * basis)
@@ -197,7 +210,7 @@ class _Pixels:
 
     def products(self) -> Tensor:
         """Sum of the products of two B-splines, (B, size, size)."""
-        at = self.first + self.row // self.height * self.size
+        at = self.first + self.region * self.size
         bands = torch.zeros(4, self.batch * self.size, dtype=torch.float64)
         for k, basis in enumerate(self.basis):
             for away, other in enumerate(self.basis[k:]):

@@ -8,8 +8,8 @@ Only what made the picture tells it from an honest one, whose response is :func:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -106,15 +106,19 @@ Make = Callable[[Setting, Draw], Tensor]
 class Case:
     """What is done to the edge. deceives: whether MTF50 is more than 3 % off at the usual setting.
 
-    silent: a tone curve, symmetric or gentle, that a single edge need not show. same: whether the setting's blur
-    is the picture's.
+    silent: a tone curve, symmetric or gentle, that a single edge need not show. blur: of the picture, where it is
+    not the setting's, by the fields of Setting.
     """
 
     name: str
     make: Make
     deceives: bool = True
     silent: bool = False
-    same: bool = True
+    blur: Mapping[str, float] = field(default_factory=dict)
+
+    def mtf50(self, at: Setting) -> float:
+        """The truth in a setting, cycles/px."""
+        return replaced(at, **self.blur).mtf50
 
 
 def usual(draw: Draw, **other: Any) -> Setting:
@@ -299,7 +303,12 @@ def _well(at: Setting, draw: Draw) -> Tensor:
 
 
 def _honest(name: str, **other: Any) -> Case:
-    return Case(f"plain, {name}", _plain(**other), deceives=False, same=not set(other) & _BLUR)
+    return Case(
+        f"plain, {name}",
+        _plain(**other),
+        deceives=False,
+        blur={key: other[key] for key in _BLUR & set(other)},
+    )
 
 
 _BLUR = {"sigma_px", "motion_px", "angle_deg"}

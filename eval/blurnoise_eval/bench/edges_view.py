@@ -51,16 +51,20 @@ def write(bench: Bench, folder: Path) -> None:
 def tables(bench: Bench) -> list[Table]:
     """Shares by case, the settings side by side, and what noise that is not white does to intervals and NEQ(0)."""
     pictures = bench.extent.pictures
-    shares = Table(title=f"Withheld + flagged, % of {pictures}; median error of MTF50", title_justify="left")
+    shares = Table(
+        title=f"Withheld + flagged, and plain wrong, % of {pictures}; median error of MTF50",
+        title_justify="left",
+    )
     shares.add_column("edge")
     for setting in SETTINGS:
         shares.add_column(setting, justify="right")
+        shares.add_column("wrong", justify="right")
         shares.add_column("error", justify="right")
     by_case: dict[str, list[str]] = {}
     for row in bench.rows:
         error = f"{row.error:+.1%}" if math.isfinite(row.error) else "-"
         by_case.setdefault(row.case, []).extend(
-            [f"{100 * row.withheld:.0f} + {100 * row.flagged:.0f}", error]
+            [f"{100 * row.withheld:.0f} + {100 * row.flagged:.0f}", f"{100 * row.wrong:.0f}", error]
         )
     last = [row.case for row in bench.rows if row.deceives][-1]
     for case, cells in by_case.items():

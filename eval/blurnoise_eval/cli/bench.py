@@ -70,7 +70,10 @@ def bench(
     ] = None,
     seeds: Annotated[
         int | None,
-        _sized("seeds", "networks per arm; with one, intervals say nothing about other trainings"),
+        _sized(
+            "seeds",
+            "networks per arm; with one, intervals say nothing about other trainings; of edges, pictures of each",
+        ),
     ] = None,
     held_out: Annotated[
         int | None, _sized("held_out", "rendered scenes to judge by, which no network has seen")
@@ -120,7 +123,7 @@ def bench(
         "images": (images, ("sweep", "training")),
         "pictures": (pictures, ("training",)),
         "scenes": (scenes, ("training",)),
-        "seeds": (seeds, ("training",)),
+        "seeds": (seeds, ("edges", "training")),
         "held-out": (held_out, ("training",)),
         "coco": (coco, ("training",)),
         "replications": (replications is not None, ("intervals",)),
@@ -141,7 +144,7 @@ def bench(
         sizes = {name: usual[name] if size is None else size for name, size in asked_for.items()}
         _train(folder, sizes, coco, images, workers, quick=quick, as_json=as_json)
     else:
-        extent = {"replications": replications, "seed": seed}
+        extent = {"replications": replications, "seed": seed, "pictures": seeds}
         stated = {name: size for name, size in extent.items() if size is not None}
         _room(what, folder, workers, stated, quick=quick, as_json=as_json)
 

@@ -55,6 +55,19 @@ def test_cases_deceive_by_more_than_3_percent_or_cannot_be_measured() -> None:
         assert case.name in near or not abs(error) < 0.03, (case.name, error)
 
 
+def test_plain_wrong_is_beyond_the_interval_and_without_a_flag() -> None:
+    """A tone curve that squares light passes for an edge that is sharper; against its own truth an edge is right."""
+    case = next(case for case in CASES if case.name == "sRGB taken out twice")
+    row = judged(case, range(6))
+    assert 0 < row.wrong <= 1 - row.caught, row
+    draw = Draw.of(1)
+    at = usual(draw)
+    picture = at.noisy(at.edge(), draw)
+    assert not edges._plain_wrong(picture, at.mtf50)
+    assert edges._plain_wrong(picture, 1.1 * at.mtf50)
+    assert not edges._plain_wrong(torch.zeros_like(picture), at.mtf50)  # withheld
+
+
 def test_a_picture_hangs_on_its_seed_alone() -> None:
     for case in CASES[::7]:
         first, again, other = (
