@@ -61,6 +61,14 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
         raise ValueError(f"{text!r}: must be numbers as {_LIST}{or_auto}") from None
 
 
+def or_auto(text: str | float) -> float:
+    """A number, or "auto" as ``AUTOMATIC``. Raises ``ValueError``."""
+    try:
+        return AUTOMATIC if text == "auto" else float(text)
+    except ValueError:
+        raise ValueError(f"{text!r}: must be a number, or auto") from None
+
+
 def bounds(text: str | Range) -> Range:
     """Parse "low:high", or one number for both. Raises ``ValueError``."""
     try:

@@ -8,22 +8,40 @@ from typing import Annotated, Any, Literal
 from typer import Argument, Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import CameraName, FNumber, GreyAnchor, Json
+from blurnoise_eval.cli._options import CameraName, FNumber, GreyAnchor, Json, or_auto
 from blurnoise_eval.cli.console import print_facts, print_stages
+from blurnoise_eval.grid.axes import AUTOMATIC
 
 
 def simulate(
     image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")],
     *,
     output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
-    exposure_ms: Annotated[float, Option(metavar="MS", help="exposure time, ms")] = 10.0,
+    exposure_ms: Annotated[
+        float,
+        Option(
+            parser=or_auto,
+            metavar="MS|auto",
+            help="exposure time, ms; auto: as the camera sets it, then its gain",
+        ),
+    ] = 10.0,
     lux: Annotated[float, Option(metavar="LUX", help="light on the scene, lux")] = 100.0,
     dx: Annotated[float, Option(metavar="PX_S", help="motion to the right, px/s")] = 0.0,
     dy: Annotated[float, Option(metavar="PX_S", help="motion down, px/s")] = 0.0,
     temperature_c: Annotated[float, Option(metavar="C", help="of the sensor, degC")] = 25.0,
     gain_db: Annotated[
-        float, Option(metavar="DB", help="digital gain of the picture; native numbers are before it")
+        float,
+        Option(
+            "--gain",
+            parser=or_auto,
+            metavar="DB|auto",
+            help="analogue as far as the camera goes, then digital, which native numbers are before; auto: to 18 %",
+        ),
     ] = 0.0,
+    frame_rate: Annotated[float, Option(metavar="HZ", help="bounds an automatic exposure")] = 30.0,
+    mains: Annotated[
+        Literal["0", "50", "60"], Option(help="Hz; automatic exposures of whole periods of its light, 0: any")
+    ] = "0",
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     fidelity: Annotated[
         Literal["auto", "full"],
@@ -46,6 +64,7 @@ def simulate(
 
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
@@ -55,10 +74,10 @@ def simulate(
 
     import torch
 
-    from blurnoise import plan
+    from blurnoise import AutoExposure, plan
     from blurnoise._core.checks import integer
-    from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
+    from blurnoise.auto_exposure import mean_luma
     from blurnoise.exposure import anchored, scene_reflectance
     from blurnoise.grey_anchor import reflectance_text, share_above_white
     from blurnoise.picture.develop import develop_8bit, in_channels
@@ -68,11 +87,20 @@ def simulate(
     from blurnoise_eval.datasets import decode, write_picture
 
     integer("seed", seed, 0, LAST_SEED)
-    limited("gain_db", gain_db)
-    exposure_s = exposure_ms / 1e3
+    auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     picture = decode(image)
     scene = torch.from_numpy(picture.astype("float32") / float(2 ** (8 * picture.itemsize) - 1))
     scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
+    exposure_s = exposure_ms / 1e3
+    if AUTOMATIC in (exposure_ms, gain_db):
+        light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
+        metered: dict[str, Any] = {"mean_light": float(mean_luma(light, taker)[0]), "illuminance_lux": lux}
+        metered["temperature_c"] = temperature_c
+        if exposure_ms == AUTOMATIC:
+            exposure_s = auto.setting(taker, **metered).exposure_s
+        if gain_db == AUTOMATIC or exposure_ms == AUTOMATIC:
+            gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
+    taker, digital_db = taker.at_gain(gain_db)
     dn = simulate(
         scene,
         taker,
@@ -89,7 +117,7 @@ def simulate(
     if native:
         out = dn.to(torch.int32).numpy().astype("uint16")
     else:
-        seen = develop_8bit(dn, taker, gain_db)
+        seen = develop_8bit(dn, taker, digital_db)
         out = in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()
     write_picture(output, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
     needs = plan(
@@ -103,6 +131,8 @@ def simulate(
     facts: dict[str, Any] = {
         "output": str(output),
         "camera": taker.name,
+        "exposure_ms": 1e3 * exposure_s,
+        "gain_db": gain_db,
         "white_electrons": photoelectrons(taker, lux, exposure_s),
         "saturation_electrons": taker.saturation_e,
         "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,

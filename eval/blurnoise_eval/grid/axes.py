@@ -103,7 +103,7 @@ AXES: tuple[Axis, ...] = (
         "exposure_s", "exposure_s", "--exposure-ms", "exposure times, ms", "Exposure", "ms", 1e-3, 0.0, 3600.0,
         own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True,
         text=lambda value: f"{milliseconds(value)} ms", slug=lambda value: f"{1e3 * value:g}ms",
-        default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 15, 20, 30, 45, 60, 90)),
+        default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 20, 30, 60, 90)),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,

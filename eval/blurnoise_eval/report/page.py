@@ -41,6 +41,7 @@ FIGURES: Figures = {
     "confidence_exposure.png": figures.confidence_exposure,
     "confidence_blur.png": figures.confidence_blur,
     "confidence_speed.png": figures.confidence_speed,
+    "gain_snr_brightness.png": figures.gain_snr_brightness,
     "examples.png": figures.contact_sheet,
 }
 TABLES = (

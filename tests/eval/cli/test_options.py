@@ -119,7 +119,7 @@ def test_help_says_the_numbers_that_apply(capsys: Output) -> None:
     assert main(["sweep", "--help"]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
-        "--exposure-ms LIST exposure times, ms [default: 1,2,5,10,15,20,30,45,60,90]",
+        "--exposure-ms LIST exposure times, ms [default: 1,2,5,10,20,30,60,90]",
         "--lux LIST light on the scene, lux [default: 0.5,50,5000]",
         "each as 1,5,10 or start:stop:step (stop included)",
     ):

@@ -11,6 +11,7 @@ from blurnoise_eval.report.figures.curves import (
     confidence_speed,
 )
 from blurnoise_eval.report.figures.panels import MAX_LINES, MAX_PANELS
+from blurnoise_eval.report.figures.pictures import gain_snr_brightness
 from blurnoise_eval.report.figures.sheet import contact_sheet
 from blurnoise_eval.report.figures.tradeoff import latency_robustness
 
@@ -22,5 +23,6 @@ __all__ = [
     "confidence_exposure",
     "confidence_speed",
     "contact_sheet",
+    "gain_snr_brightness",
     "latency_robustness",
 ]
