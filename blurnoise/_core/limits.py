@@ -52,6 +52,12 @@ LIMITS: Mapping[str, Limit] = {
     "prnu": Limit(0.0, 1.0),
     "dsnu_e": Limit(0.0, 1e6),
     "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
+    # captures and lamps
+    "exposure_ratio": Limit(1e-6, 1e6),
+    "sensitivity": Limit(1e-6, 1e6),
+    "start_s": Limit(0.0, 3600.0),
+    "frequency_hz": Limit(1e-3, 1e9),
+    "row_time_s": Limit(0.0, 1.0),
     # blurs
     "radius_px": Limit(0.0, 1000.0),
     "defocus_radius_px": Limit(0.0, 1000.0),
