@@ -105,17 +105,17 @@ def captured(
     """
     image_batch("light", light)
     readers = _readers(camera, captures)
-    windows = _windows(captures, limited("exposure_s", exposure_s))
+    times = windows(captures, limited("exposure_s", exposure_s))
     border: Border = scene.get("border", "reflect")
     velocity = blur.motions("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
     frames = []
-    for place, (capture, reader, window) in enumerate(zip(captures, readers, windows, strict=True)):
+    for place, (capture, reader, window) in enumerate(zip(captures, readers, times, strict=True)):
         start_s, taken_s = window
         later_s = start_s + taken_s / 2 - exposure_s / 2
         seen = flicker.on(light, taken_s, start_s) if flicker else light
-        first_alike = captures[windows.index(window)]  # two gains on one exposure read the same electrons
-        stream = windows.index(window) if first_alike.sensitivity == capture.sensitivity else place
+        first_alike = captures[times.index(window)]  # two gains on one exposure read the same electrons
+        stream = times.index(window) if first_alike.sensitivity == capture.sensitivity else place
         frames.append(
             ExposedScene(translated(seen, velocity * later_s, border), **scene).expose(
                 reader,
@@ -255,19 +255,19 @@ def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
     return readers
 
 
-def _windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """When each begins and how long it takes, s."""
-    windows: list[tuple[float, float]] = []
+def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
+    """When each capture begins and how long it takes, s. Raises ``ValueError`` for such as overlap."""
+    times: list[tuple[float, float]] = []
     for capture in captures:
         taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
-        follows_s = sum(windows[-1]) if windows else 0.0
-        windows.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
-    if windows[0][0] != 0:
+        follows_s = sum(times[-1]) if times else 0.0
+        times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
+    if times[0][0] != 0:
         raise ValueError(
-            f"captures: start_s = {shown(windows[0][0])} of the first; must be 0, all count from it"
+            f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
         )
-    for place, (start_s, taken_s) in enumerate(windows):
-        for other, (begun_s, lasted_s) in enumerate(windows[:place]):
+    for place, (start_s, taken_s) in enumerate(times):
+        for other, (begun_s, lasted_s) in enumerate(times[:place]):
             one_exposure = (start_s, taken_s) == (begun_s, lasted_s)
             apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
             if apart_s < -_ROUNDING * exposure_s and not (
@@ -278,7 +278,7 @@ def _windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float
                     f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
                     "share its whole time (two gains) or have a sensitivity of its own (split pixels)"
                 )
-    return windows
+    return times
 
 
 def _blend(blend: tuple[float, float]) -> tuple[float, float]:
