@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -21,9 +21,9 @@ from blurnoise import blur
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, positive, shown
-from blurnoise._core.limits import LIMITS, limited, within
-from blurnoise._core.validation import Figure, check_fields
+from blurnoise._core.limits import LIMITS, limited
 from blurnoise.camera import Camera
+from blurnoise.capture import Capture, factors, windows
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import ExposedScene
 from blurnoise.light.flicker import Pwm, lit
@@ -36,25 +36,6 @@ BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far
 enough below 1 that nothing clipped takes part. The weight follows the noisy value, which takes 1 / (saturation_e
 (high - low)) off the mean in between: 0.06 % at 10 715 e-; smaller wells want it wider."""
-_ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
-
-
-@dataclass(frozen=True)
-class Capture:
-    """One of the captures.
-
-    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time over the camera's (split pixels).
-    gain_db: analogue, see :meth:`Camera.at_gain`. start_s: counted from where the first begins; None: where the
-    one before it ends. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
-    """
-
-    exposure_ratio: Annotated[Figure, within("exposure_ratio")] = 1.0
-    sensitivity: Annotated[Figure, within("sensitivity")] = 1.0
-    gain_db: Annotated[Figure, within("gain_db")] = 0.0
-    start_s: Annotated[Figure, within("start_s")] | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -69,16 +50,6 @@ class Flicker:
         """The light of an exposure, as :func:`blurnoise.light.flicker.lit`."""
         times = {"exposure_s": exposure_s, "start_s": start_s, "row_time_s": self.row_time_s}
         return lit(light, self.pwm, self.mask, **times)
-
-
-def staggered(*ratios: float) -> tuple[Capture, ...]:
-    """A capture and shorter ones of it, one after the other: ``staggered(16)``, ``staggered(16, 256)``."""
-    return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
-
-
-def dual_gain(gain_db: float) -> tuple[Capture, Capture]:
-    """One exposure read at a gain and at 0 dB, as with dual conversion gain: nothing moves between the two."""
-    return Capture(gain_db=gain_db), Capture(start_s=0.0)
 
 
 def captured(
@@ -194,12 +165,6 @@ def developed(
     return picture
 
 
-def factors(captures: Sequence[Capture]) -> list[float]:
-    """R_k of every capture, 1 of the first."""
-    first = captures[0].exposure_ratio / captures[0].sensitivity
-    return [each.exposure_ratio / each.sensitivity / first for each in captures]
-
-
 def noise_e(
     camera: Camera, captures: Sequence[Capture], electrons: float, *, blend: tuple[float, float] = BLEND
 ) -> float:
@@ -244,41 +209,16 @@ def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
     for capture in captures:
         an_instance("captures", capture, Capture)
         in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)
-    readers = [camera.at_gain(capture.gain_db).camera for capture in captures]
+    alone = replace(camera, captures=()) if camera.captures else camera
+    readers = [alone.at_gain(capture.gain_db).camera for capture in captures]
     ends = [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
     for place, (end, following) in enumerate(pairwise(ends), 2):
-        if following < end * (1 - _ROUNDING):
+        if following < end * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {place} saturates at {following:.4g} e- of the first, the one before it at "
                 f"{end:.4g}; each must reach as far as the one before it"
             )
     return readers
-
-
-def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """When each capture begins and how long it takes, s. Raises ``ValueError`` for such as overlap."""
-    times: list[tuple[float, float]] = []
-    for capture in captures:
-        taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
-        follows_s = sum(times[-1]) if times else 0.0
-        times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
-    if times[0][0] != 0:
-        raise ValueError(
-            f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
-        )
-    for place, (start_s, taken_s) in enumerate(times):
-        for other, (begun_s, lasted_s) in enumerate(times[:place]):
-            one_exposure = (start_s, taken_s) == (begun_s, lasted_s)
-            apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
-            if apart_s < -_ROUNDING * exposure_s and not (
-                one_exposure or captures[place].sensitivity != captures[other].sensitivity
-            ):
-                raise ValueError(
-                    f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
-                    f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
-                    "share its whole time (two gains) or have a sensitivity of its own (split pixels)"
-                )
-    return times
 
 
 def _blend(blend: tuple[float, float]) -> tuple[float, float]:

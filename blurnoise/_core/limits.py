@@ -52,12 +52,6 @@ LIMITS: Mapping[str, Limit] = {
     "prnu": Limit(0.0, 1.0),
     "dsnu_e": Limit(0.0, 1e6),
     "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
-    # captures and lamps
-    "exposure_ratio": Limit(1e-6, 1e6),
-    "sensitivity": Limit(1e-6, 1e6),
-    "start_s": Limit(0.0, 3600.0),
-    "frequency_hz": Limit(1e-3, 1e9),
-    "row_time_s": Limit(0.0, 1.0),
     # blurs
     "radius_px": Limit(0.0, 1000.0),
     "defocus_radius_px": Limit(0.0, 1000.0),
@@ -80,6 +74,12 @@ LIMITS: Mapping[str, Limit] = {
     "bootstrap": Limit(0, 100_000),
     "angle_deg": Limit(-1e6, 1e6),
     "centre_px": Limit(-1e6, 1e6),
+    # captures and lamps
+    "exposure_ratio": Limit(1e-6, 1e6),
+    "sensitivity": Limit(1e-6, 1e6),
+    "start_s": Limit(0.0, 3600.0),
+    "frequency_hz": Limit(1e-3, 1e9),
+    "row_time_s": Limit(0.0, 1.0),
     # spectra
     "kelvin": Limit(300.0, 1e6),
     "wavelength_nm": Limit(1.0, 1e6),

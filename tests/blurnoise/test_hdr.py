@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
-from blurnoise import Camera, hdr, simulate
+from blurnoise import Camera, Exposure, hdr, simulate
+from blurnoise.capture import Capture, dual_gain, staggered
 from blurnoise.encoding import srgb_from_linear
-from blurnoise.hdr import Capture, Flicker, captured, developed, dual_gain, fuse, fused, staggered
+from blurnoise.hdr import Flicker, captured, developed, fuse, fused
 from blurnoise.light.flicker import Pwm
 from blurnoise.radiometry import electrons_per_lux_s
 
@@ -263,3 +265,24 @@ def test_bad_numbers() -> None:
         fuse([torch.ones(1, 1, 2, 3)], IMX250, staggered(16))
     with pytest.raises(ValueError, match=r"blend = .*: must be two shares"):
         fuse([torch.ones(1, 1, 2, 3)] * 2, IMX250, staggered(16), blend=(0.9, 0.8))
+
+
+def test_a_camera_file_states_captures(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(
+        "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
+    )
+    camera = Camera.load(tmp_path / "mine.yaml")
+    assert camera.captures == staggered(16, 256)
+    camera.save(tmp_path / "again.json")
+    assert Camera.load(tmp_path / "again.json") == camera
+    light = torch.full((1, 1, 3, 4), 0.5)
+    given = {"exposure_s": 0.01, "illuminance_lux": 50.0, "generator": [1]}
+    with pytest.raises(ValueError, match="camera: 'mine' makes a picture of 3 captures"):
+        simulate(light, camera, **given)
+    with pytest.raises(ValueError, match="camera: 'mine' makes a picture of 3 captures"):
+        Exposure(camera, 0.01, 50.0)
+    plain = fused(light, IMX250, staggered(16, 256), **given)
+    assert torch.equal(fused(light, camera, camera.captures, **given), plain)
+    (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
+    with pytest.raises(ValueError, match="captures: field 'ratio' is unknown"):
+        Camera.load(tmp_path / "bad.yaml")

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.camera import Camera
-    from blurnoise.hdr import Capture, Flicker
+    from blurnoise.capture import Capture
+    from blurnoise.hdr import Flicker
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.scoring.on_picture import Model
@@ -74,12 +75,12 @@ def mask(path: Path, light: Tensor) -> Tensor:
     return shares
 
 
-def captures(ratios: str | None) -> tuple[Capture, ...]:
-    """One capture, or also those that are shorter by "16" or "16,256"."""
-    from blurnoise.hdr import staggered
+def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
+    """The camera's or one, unless ratios say what shorter ones there are: "16" or "16,256"."""
+    from blurnoise.capture import staggered
 
     if ratios is None:
-        return staggered()
+        return camera.captures or staggered()
     try:
         return staggered(*(float(part) for part in ratios.split(",")))
     except ValueError as error:

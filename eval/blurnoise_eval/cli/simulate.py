@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.camera import Camera
-    from blurnoise.hdr import Capture, Flicker
+    from blurnoise.capture import Capture
+    from blurnoise.hdr import Flicker
 
 
 def simulate(
@@ -63,7 +64,7 @@ def simulate(
         str | None,
         Option(
             metavar="RATIO,...",
-            help="more captures, shorter by these ratios, one after the other, fused; native: a file for each",
+            help="more captures, shorter by these ratios, each after the last, fused (default: the camera's)",
         ),
     ] = None,
     hdr_white: Annotated[
@@ -113,7 +114,7 @@ def simulate(
     limited("gain_db", gain_db)
     exposure_s = exposure_ms / 1e3
     scene = given.light(image, encoding, grey_anchor, emitters)
-    captures, lamp = given.captures(hdr), given.flicker(pwm, pwm_mask, scene, seed)
+    captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
     frames = captured(
         scene,
         taker,
@@ -132,7 +133,7 @@ def simulate(
     if bit_depth == "native":
         outputs = [each.to(torch.int32).numpy().astype("uint16") for each in frames]
     else:
-        if hdr is None:
+        if len(captures) == 1:
             seen = develop_8bit(dn, taker, gain_db)
         else:
             shown_e = max(1e-9, white_e * positive("hdr_white", hdr_white) / 10 ** (gain_db / 20))
@@ -168,7 +169,9 @@ def simulate(
             facts["outside_gamut_percent"] = 100 * outside_share(scene, taker)
     if grey_anchor is not None or emitters is not None or encoding == "linear":
         facts["above_white_percent"] = 100 * share_above_white(scene)
-    facts |= _of_captures(taker, captures, frames, exposure_s, (dx**2 + dy**2) ** 0.5) if hdr else {}
+    facts |= (
+        _of_captures(taker, captures, frames, exposure_s, (dx**2 + dy**2) ** 0.5) if len(captures) > 1 else {}
+    )
     facts |= _of_lamp(lamp, captures, exposure_s) if lamp else {}
     facts["reflectance"] = reflectance_text(grey_anchor)
     if explain and as_json:
@@ -183,12 +186,13 @@ def _of_captures(
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
     from blurnoise import hdr
+    from blurnoise.capture import factors, windows
 
-    last_s = hdr.windows(captures, exposure_s)[-1]
+    last_s = windows(captures, exposure_s)[-1]
     end = frames[-1].new_tensor(taker.saturated_dn)
     return {
         "captures": len(captures),
-        "fused_saturation_electrons": taker.saturation_e * hdr.factors(captures)[-1],
+        "fused_saturation_electrons": taker.saturation_e * factors(captures)[-1],
         "fused_clipped_percent": 100 * float((frames[-1] >= end).float().mean()),
         "dynamic_range_db": hdr.dynamic_range_db(taker, captures),
         "snr_db_before_switch": taker.snr_max_db,
@@ -199,10 +203,10 @@ def _of_captures(
 
 def _of_lamp(lamp: Flicker, captures: tuple[Capture, ...], exposure_s: float) -> dict[str, Any]:
     """Of each capture: the light it got of the lamp's mean, the least and most it may get, how often none."""
-    from blurnoise import hdr
+    from blurnoise.capture import windows
 
     facts: dict[str, Any] = {"pwm_phase": lamp.pwm.phase}
-    for place, (start_s, taken_s) in enumerate(hdr.windows(captures, exposure_s), 1):
+    for place, (start_s, taken_s) in enumerate(windows(captures, exposure_s), 1):
         least, most = lamp.pwm.extremes(taken_s)
         suffix = "" if place == 1 else f"_{place}"
         facts |= {

@@ -14,7 +14,8 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import decode_linear, write_picture
 
 from blurnoise import Camera, photoelectrons
-from blurnoise.hdr import captured, developed, fuse, staggered
+from blurnoise.capture import staggered
+from blurnoise.hdr import captured, developed, fuse
 from blurnoise.light.flicker import Pwm
 
 Output = pytest.CaptureFixture[str]
@@ -66,6 +67,16 @@ def test_captures_of_light_brighter_than_white(folder: Path, capsys: Output) -> 
     assert facts["snr_db_before_switch"] - facts["snr_db_after_switch"] == pytest.approx(12.07, abs=0.02)
     assert facts["ghost_px"] == pytest.approx(0.5 * (10 / 2 + 10 / 16 + 10 / 128))
     assert facts["above_white_percent"] == pytest.approx(100 * float((LIGHT.max(-1) > 1).mean()))
+
+
+def test_a_camera_of_several_captures(folder: Path, capsys: Output) -> None:
+    (folder / "hdr.yaml").write_text("base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n")
+    linear = ("light.tiff", "--encoding", "linear", *TAKEN)
+    stated = told(capsys, *linear, "--camera", "hdr.yaml")
+    by_file = cv2.imread("out.png")
+    asked = told(capsys, *linear, "--hdr", "16")
+    np.testing.assert_array_equal(by_file, cv2.imread("out.png"))
+    assert {**stated, "camera": "imx250"} == asked
 
 
 def test_a_lamp_of_pulses_where_the_mask_says(folder: Path, capsys: Output) -> None:
