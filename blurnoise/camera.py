@@ -16,7 +16,7 @@ import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise import camera_files, colour, gain, presets, tone
+from blurnoise import camera_files, capture, colour, gain, presets, tone
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import LIMITS, within
@@ -41,6 +41,7 @@ class Camera:
     0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
     analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
     conversion_gains: what the pixel becomes from a gain on, see :class:`blurnoise.gain.ConversionGain`.
+    captures: of which it makes one HDR picture, for :mod:`blurnoise.hdr`; what takes one frame refuses them.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
     black_level_dn: offset before rounding. bit_depth: of the converter.
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
@@ -72,6 +73,7 @@ class Camera:
     analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
     gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
     conversion_gains: tuple[gain.ConversionGain, ...] = ()
+    captures: tuple[capture.Capture, ...] = ()
     dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
     dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
     dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0

@@ -24,14 +24,16 @@ from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.validation import Text, check_fields
+from blurnoise.capture import Capture
 from blurnoise.colour import FilterCurves, marked
 from blurnoise.gain import ConversionGain
 from blurnoise.lens import Lens
 from blurnoise.spectra import Curve
 
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
-_SETTINGS = ("defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality")
+_SETTINGS = ("captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality")
 _NO_FIGURES = ("name", *_SETTINGS, "sources")
+_ROWS = (("conversion_gains", ConversionGain), ("captures", Capture))
 T = TypeVar("T")
 _BASES = {figures["name"]: figures for figures in presets.FIGURES}
 
@@ -95,8 +97,9 @@ def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder
         told = values["sources"].get("quantum_efficiency", "")
         if (mark := marked(curves)) and mark not in told:
             values["sources"]["quantum_efficiency"] = f"{told}; marked: {mark}"
-    if isinstance(values.get("conversion_gains"), Sequence):
-        values["conversion_gains"] = tuple(map(_conversion_gain, values["conversion_gains"]))
+    for name, kind in _ROWS:
+        if isinstance(values.get(name), Sequence):
+            values[name] = tuple(_row(name, kind, stated) for stated in values[name])
     if isinstance(values.get("lens"), Mapping):
         values["lens"] = _lens(values["lens"], folder)
     return values
@@ -128,7 +131,7 @@ def plain(value: object) -> object:
     """A camera's field as :func:`completed` takes it, of mappings, lists and what JSON has."""
     if isinstance(value, FilterCurves):
         return {name: plain(curve) for name, curve in value.stated()}
-    if isinstance(value, (Curve, ConversionGain)):
+    if isinstance(value, (Capture, ConversionGain, Curve)):
         return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, tuple):
         return [plain(each) for each in value]
@@ -166,19 +169,20 @@ def _curve(stated: Mapping[str, Any], folder: Path, name: str = "quantum_efficie
     )
 
 
-def _conversion_gain(stated: object) -> object:
-    """A row of ``conversion_gains`` that states its fields; anything else is left for the camera to refuse."""
+def _row(of: str, kind: type[Any], stated: object) -> object:
+    """A row of the field ``of`` that states its own fields; anything else is left for the camera to refuse."""
     if not isinstance(stated, Mapping):
         return stated
-    names = [entry.name for entry in fields(ConversionGain)]
+    names = [entry.name for entry in fields(kind)]
+    required = [entry.name for entry in fields(kind) if entry.default is MISSING]
     try:
         for name in stated:
             known("field", name, names)
-        if missing := [name for name in names[:3] if name not in stated]:
+        if missing := [name for name in required if name not in stated]:
             raise ValueError(f"missing {', '.join(missing)}")
-        return ConversionGain(**stated)
+        return kind(**stated)
     except (TypeError, ValueError) as error:
-        raise within("conversion_gains", error) from None
+        raise within(of, error) from None
 
 
 def _lens(stated: Mapping[str, Any], folder: Path) -> Lens:

@@ -23,14 +23,14 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, one_of, shown
+from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.light import effects
-from blurnoise.operating_point import OperatingPoint, items, operating_points
+from blurnoise.operating_point import OperatingPoint, items, of_one_exposure, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.mosaics import magnification
 from blurnoise.radiometry import photoelectrons
@@ -61,7 +61,7 @@ class Exposure:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        an_instance("camera", self.camera, Camera)
+        of_one_exposure(self.camera)
         for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
             limited(name, getattr(self, name))
         _ = self.amplified  # whose gain has limits of its own

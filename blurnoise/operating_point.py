@@ -59,7 +59,7 @@ def operating_points(
 
     Every number is one for all or (B,); velocity_px_s (2,) or (B, 2). Raises ``ValueError`` naming the argument.
     """
-    an_instance("camera", camera, Camera)
+    of_one_exposure(camera)
     batch = len(image)
     exposure = limited_per_image("exposure_s", exposure_s, batch, image)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
@@ -69,6 +69,16 @@ def operating_points(
     limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
     return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+
+
+def of_one_exposure(camera: Camera) -> None:
+    """Raise ``TypeError`` for no camera, ``ValueError`` for one of several captures."""
+    an_instance("camera", camera, Camera)
+    if camera.captures:
+        raise ValueError(
+            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; blurnoise.hdr takes them, "
+            "here there is one exposure (captures=())"
+        )
 
 
 def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoint[Tensor]:

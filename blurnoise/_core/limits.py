@@ -81,6 +81,12 @@ LIMITS: Mapping[str, Limit] = {
     "bootstrap": Limit(0, 100_000),
     "angle_deg": Limit(-1e6, 1e6),
     "centre_px": Limit(-1e6, 1e6),
+    # captures and lamps
+    "exposure_ratio": Limit(1e-6, 1e6),
+    "sensitivity": Limit(1e-6, 1e6),
+    "start_s": Limit(0.0, 3600.0),
+    "frequency_hz": Limit(1e-3, 1e9),
+    "row_time_s": Limit(0.0, 1.0),
     # spectra
     "kelvin": Limit(300.0, 1e6),
     "wavelength_nm": Limit(1.0, 1e6),

@@ -57,6 +57,12 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
     return [int(seed) for seed in seeds]
 
 
+def derived(seed: int, stream: str) -> int:
+    """The seed in [0, 2**63) that a seed becomes for one purpose; those of other streams are independent of it."""
+    digest = hashlib.blake2b(f"{stream} {seed}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little") >> 1
+
+
 def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -> Tensor:
     """Independent N(0, 1) values of ``like``'s shape (B, ...), dtype and device, item i drawn from seeds[i].
 
@@ -149,5 +155,4 @@ def _is_seed(value: object) -> bool:
 
 
 def _generator(seed: int, stream: str, device: torch.device) -> torch.Generator:
-    digest = hashlib.blake2b(f"{stream} {seed}".encode(), digest_size=8).digest()
-    return torch.Generator(device).manual_seed(int.from_bytes(digest, "little") >> 1)
+    return torch.Generator(device).manual_seed(derived(seed, stream))

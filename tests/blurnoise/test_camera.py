@@ -114,7 +114,7 @@ def test_quantum_efficiency_from_csv(tmp_path: Path, column: int | None, values:
     ("change", "kind", "named"),
     [
         ({"read_noise": 3}, ValueError, "'read_noise' is unknown; did you mean 'read_noise_e'"),
-        ({"aperture": 3}, ValueError, "'aperture' is unknown; Known are base, name, pixel_pitch_um"),
+        ({"iris": 3}, ValueError, "'iris' is unknown; Known are base, name, pixel_pitch_um"),
         ({7: 3}, ValueError, "field 7 is unknown"),
         ({"read_noise_e": None}, TypeError, "read_noise_e = None: must be a number"),
         ({"read_noise_e": True}, TypeError, "read_noise_e = True: must be a number"),

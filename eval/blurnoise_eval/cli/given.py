@@ -7,7 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from blurnoise.camera import Camera
+    from blurnoise.capture import Capture
+    from blurnoise.hdr import Flicker
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.scoring.on_picture import Model
@@ -25,6 +29,82 @@ def camera(name: str, f_number: float | None = None) -> Camera:
         return camera
     sources = {**camera.sources, "f_number": "given on the command line"}
     return replace(with_lens(camera, f_number=f_number), sources=sources)
+
+
+def light(
+    image: Path, encoding: Literal["srgb", "linear"], grey_anchor: str | None, emitters: str | None
+) -> Tensor:
+    """A picture's linear light (1, C, H, W), 1 is white; emitters: "mask.png:FACTOR", times which the masked is."""
+    import torch
+
+    from blurnoise._core.checks import in_range
+    from blurnoise.exposure import anchored, scene_reflectance
+    from blurnoise_eval.datasets import decode, decode_linear
+
+    if encoding == "linear":
+        scene = torch.from_numpy(decode_linear(image))
+    else:
+        stored = decode(image)
+        scene = torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
+    scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
+    scene = anchored(scene if encoding == "linear" else scene_reflectance(scene, "srgb"), grey_anchor)
+    if emitters is None:
+        return scene
+    mask_path, colon, factor = emitters.rpartition(":")
+    try:
+        times = float(factor)
+    except ValueError:
+        colon = ""
+    if not colon or not mask_path:
+        raise ValueError(f"emitters = {emitters!r}: must be MASK.png:FACTOR")
+    return scene * (1 + mask(Path(mask_path), scene) * (in_range("emitters: factor", times, 0.0, 1e6) - 1))
+
+
+def mask(path: Path, light: Tensor) -> Tensor:
+    """A picture of the light's size (B, C, H, W) as shares (H, W), white being 1."""
+    import torch
+
+    from blurnoise_eval.datasets import decode
+
+    stored = decode(path)
+    shares = torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
+    shares = shares if shares.ndim == 2 else shares.mean(-1)
+    if shares.shape != light.shape[-2:]:
+        sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, light.shape[-2:]))
+        raise ValueError(f"{path}: a mask has its picture's size; they are {sizes} px")
+    return shares
+
+
+def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
+    """The camera's or one, unless ratios say what shorter ones there are: "16" or "16,256"."""
+    from blurnoise.capture import staggered
+
+    if ratios is None:
+        return camera.captures or staggered()
+    try:
+        return staggered(*(float(part) for part in ratios.split(",")))
+    except ValueError as error:
+        raise ValueError(f"hdr = {ratios!r}: must be RATIO[,RATIO], such as 16 or 16,256 ({error})") from None
+
+
+def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -> Flicker | None:
+    """A lamp "HZ,DUTY[,PHASE]", where the mask says; a phase that is not given is drawn from the seed."""
+    from blurnoise.hdr import Flicker
+    from blurnoise.light.flicker import Pwm
+
+    if pwm is None:
+        if mask_path is not None:
+            raise ValueError("pwm-mask: goes with --pwm, whose lamp it shows")
+        return None
+    try:
+        numbers = [float(part) for part in pwm.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise ValueError(f"pwm = {pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
+    lamp = Pwm(*numbers)
+    lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
+    return Flicker(lamp, None if mask_path is None else mask(mask_path, light))
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

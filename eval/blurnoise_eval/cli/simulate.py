@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -12,9 +12,19 @@ from blurnoise_eval.cli._options import CameraName, FNumber, GreyAnchor, Json, o
 from blurnoise_eval.cli.console import print_facts, print_stages
 from blurnoise_eval.grid.axes import AUTOMATIC
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from blurnoise.camera import Camera
+    from blurnoise.capture import Capture
+    from blurnoise.hdr import Flicker
+
 
 def simulate(
-    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")],
+    image: Annotated[
+        Path,
+        Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour; or floats, with --encoding linear"),
+    ],
     *,
     output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
     exposure_ms: Annotated[
@@ -55,6 +65,39 @@ def simulate(
         Literal["8", "native"],
         Option(help="8: the sRGB picture to look at; native: the camera's digital numbers in a 16-bit PNG"),
     ] = "8",
+    encoding: Annotated[
+        Literal["srgb", "linear"],
+        Option(
+            help="of the picture; linear: light, 1 is white and more is allowed (.hdr, float .tiff, 16 bits)"
+        ),
+    ] = "srgb",
+    emitters: Annotated[
+        str | None,
+        Option(
+            metavar="MASK.png:FACTOR",
+            help="what sends out light: so many times the picture's where it is white",
+        ),
+    ] = None,
+    hdr: Annotated[
+        str | None,
+        Option(
+            metavar="RATIO,...",
+            help="more captures, shorter by these ratios, each after the last, fused (default: the camera's)",
+        ),
+    ] = None,
+    hdr_white: Annotated[
+        float, Option(metavar="TIMES", help="the light that is white in a fused picture, times white")
+    ] = 1.0,
+    pwm: Annotated[
+        str | None,
+        Option(
+            metavar="HZ,DUTY[,PHASE]",
+            help="a lamp of pulses; its phase, 0-1, is drawn from --seed if not given",
+        ),
+    ] = None,
+    pwm_mask: Annotated[
+        Path | None, Option(metavar="MASK.png", help="where that lamp is, white alone (default: everywhere)")
+    ] = None,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     f_number: FNumber = None,
@@ -65,6 +108,7 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
       blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
+      blurnoise simulate street.png -o seen.png --hdr 16 --emitters lamps.png:40 --pwm 90,0.1 --pwm-mask lamps.png
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
@@ -75,51 +119,56 @@ def simulate(
     import torch
 
     from blurnoise import AutoExposure, plan
-    from blurnoise._core.checks import integer
+    from blurnoise._core.checks import integer, positive
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.auto_exposure import mean_luma
-    from blurnoise.exposure import anchored, scene_reflectance
     from blurnoise.grey_anchor import reflectance_text, share_above_white
+    from blurnoise.hdr import captured, developed, fuse
     from blurnoise.picture.develop import develop_8bit, in_channels
     from blurnoise.radiometry import filter_electrons, photoelectrons
     from blurnoise.sensor.mosaic import outside_share
-    from blurnoise.simulation import simulate
-    from blurnoise_eval.datasets import decode, write_picture
+    from blurnoise_eval.datasets import write_picture
 
     integer("seed", seed, 0, LAST_SEED)
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
-    picture = decode(image)
-    scene = torch.from_numpy(picture.astype("float32") / float(2 ** (8 * picture.itemsize) - 1))
-    scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
+    scene = given.light(image, encoding, grey_anchor, emitters)
     exposure_s = exposure_ms / 1e3
     if AUTOMATIC in (exposure_ms, gain_db):
-        light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
-        metered: dict[str, Any] = {"mean_light": float(mean_luma(light, taker)[0]), "illuminance_lux": lux}
+        metered: dict[str, Any] = {"mean_light": float(mean_luma(scene, taker)[0]), "illuminance_lux": lux}
         metered["temperature_c"] = temperature_c
         if exposure_ms == AUTOMATIC:
             exposure_s = auto.setting(taker, **metered).exposure_s
-        if gain_db == AUTOMATIC or exposure_ms == AUTOMATIC:
-            gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
+        gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
     taker, digital_db = taker.at_gain(gain_db)
-    dn = simulate(
+    captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
+    frames = captured(
         scene,
         taker,
+        captures,
         exposure_s=exposure_s,
         illuminance_lux=lux,
         velocity_px_s=(dx, dy),
         temperature_c=temperature_c,
         generator=[seed],
+        flicker=lamp,
         fidelity=fidelity,
         tolerance_dn=tolerance_dn,
-        grey_anchor=grey_anchor,
     )
-    native = bit_depth == "native"
-    if native:
-        out = dn.to(torch.int32).numpy().astype("uint16")
+    dn = frames[0]
+    white_e = photoelectrons(taker, lux, exposure_s)
+    if bit_depth == "native":
+        outputs = [each.to(torch.int32).numpy().astype("uint16") for each in frames]
     else:
-        seen = develop_8bit(dn, taker, digital_db)
-        out = in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()
-    write_picture(output, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
+        if len(captures) == 1:
+            seen = develop_8bit(dn, taker, digital_db)
+        else:
+            shown_e = max(1e-9, white_e * positive("hdr_white", hdr_white) / 10 ** (digital_db / 20))
+            picture = developed(fuse(frames, taker, captures), taker, white_e=shown_e)
+            seen = picture.mul(255.0).round().to(torch.uint8)
+        outputs = [in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()]
+    for place, out in enumerate(outputs, 1):
+        path = output if place == 1 else output.with_name(f"{output.stem}_{place}{output.suffix}")
+        write_picture(path, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
     needs = plan(
         taker,
         exposure_s=exposure_s,
@@ -133,7 +182,7 @@ def simulate(
         "camera": taker.name,
         "exposure_ms": 1e3 * exposure_s,
         "gain_db": gain_db,
-        "white_electrons": photoelectrons(taker, lux, exposure_s),
+        "white_electrons": white_e,
         "saturation_electrons": taker.saturation_e,
         "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
         "mean_dn": float(dn.mean()),
@@ -145,14 +194,53 @@ def simulate(
         per_lux_s = filter_electrons(taker)
         facts |= {f"white_electrons_{each}": e * lux * exposure_s for each, e in per_lux_s.items() if each}
         if taker.ccm is not None:
-            light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
-            facts["outside_gamut_percent"] = 100 * outside_share(light, taker)
-    if grey_anchor is not None:
-        light = anchored(scene_reflectance(scene, "srgb"), grey_anchor)
-        facts["above_white_percent"] = 100 * share_above_white(light)
+            facts["outside_gamut_percent"] = 100 * outside_share(scene, taker)
+    if grey_anchor is not None or emitters is not None or encoding == "linear":
+        facts["above_white_percent"] = 100 * share_above_white(scene)
+    facts |= (
+        _of_captures(taker, captures, frames, exposure_s, (dx**2 + dy**2) ** 0.5) if len(captures) > 1 else {}
+    )
+    facts |= _of_lamp(lamp, captures, exposure_s) if lamp else {}
     facts["reflectance"] = reflectance_text(grey_anchor)
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in needs.stages]
     print_facts(facts, as_json)
     if explain and not as_json:
         print_stages(needs, fidelity)
+
+
+def _of_captures(
+    taker: Camera, captures: tuple[Capture, ...], frames: list[Tensor], exposure_s: float, speed_px_s: float
+) -> dict[str, Any]:
+    """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
+    from blurnoise import hdr
+    from blurnoise.capture import factors, windows
+
+    last_s = windows(captures, exposure_s)[-1]
+    end = frames[-1].new_tensor(taker.saturated_dn)
+    return {
+        "captures": len(captures),
+        "fused_saturation_electrons": taker.saturation_e * factors(captures)[-1],
+        "fused_clipped_percent": 100 * float((frames[-1] >= end).float().mean()),
+        "dynamic_range_db": hdr.dynamic_range_db(taker, captures),
+        "snr_db_before_switch": taker.snr_max_db,
+        "snr_db_after_switch": hdr.snr_db(taker, captures, taker.saturation_e),
+        "ghost_px": speed_px_s * (last_s[0] + last_s[1] / 2 - exposure_s / 2),
+    }
+
+
+def _of_lamp(lamp: Flicker, captures: tuple[Capture, ...], exposure_s: float) -> dict[str, Any]:
+    """Of each capture: the light it got of the lamp's mean, the least and most it may get, how often none."""
+    from blurnoise.capture import windows
+
+    facts: dict[str, Any] = {"pwm_phase": lamp.pwm.phase}
+    for place, (start_s, taken_s) in enumerate(windows(captures, exposure_s), 1):
+        least, most = lamp.pwm.extremes(taken_s)
+        suffix = "" if place == 1 else f"_{place}"
+        facts |= {
+            f"pwm_light{suffix}": float(lamp.pwm.factor(taken_s, start_s)),
+            f"pwm_light_least{suffix}": least,
+            f"pwm_light_most{suffix}": most,
+            f"pwm_dark_percent{suffix}": 100 * lamp.pwm.dark_probability(taken_s),
+        }
+    return facts

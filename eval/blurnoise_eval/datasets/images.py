@@ -41,6 +41,34 @@ def decode(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
     missing, empty, no picture, or of more than ``max_megapixels``, by its header.
     """
+    decoded = _stored(path, max_megapixels)
+    if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
+        raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
+    return decoded
+
+
+def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArray[np.float32]:
+    """Read linear light, (H, W) or (H, W, 3): floats as they stand in the file, integers over their full scale.
+
+    Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, and .exr where it was built with OpenEXR. Raises
+    :class:`UnreadablePicture` as :func:`decode` does, and for light that is negative or not finite.
+    """
+    found = _stored(path, max_megapixels)
+    if found is None and path.suffix.lower() == ".exr":
+        raise UnreadablePicture(
+            f"{path}: this build of OpenCV reads no OpenEXR; convert it to .hdr or 32-bit .tiff"
+        )
+    if found is None or (found.dtype not in (np.uint8, np.uint16) and found.dtype.kind != "f"):
+        raise UnreadablePicture(f"{path}: not a picture of floats, 8 or 16 bits that OpenCV can decode")
+    most = float(np.iinfo(found.dtype).max) if found.dtype.kind == "u" else 1.0
+    light = found.astype(np.float32) / np.float32(most)
+    if not np.isfinite(light).all() or light.min() < 0:
+        raise UnreadablePicture(f"{path}: holds light that is negative or not finite")
+    return light
+
+
+def _stored(path: Path, max_megapixels: float) -> NDArray[Any] | None:
+    """What the file holds, of any type; None where OpenCV cannot decode it."""
     try:
         check_regular(path)
         header = _header(path)
@@ -57,10 +85,7 @@ def decode(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
         raise UnreadablePicture(f"{path}: is empty (0 bytes)")
     if header and header.alpha == "multiplied":
         raise UnreadablePicture(f"{path}: its colours are multiplied by its transparency, which hides some")
-    decoded = _decoded(_unmultiplied(data) if header and header.alpha else data)
-    if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
-        raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
-    return decoded
+    return _decoded(_unmultiplied(data) if header and header.alpha else data)
 
 
 def _decoded(data: NDArray[np.uint8]) -> NDArray[Any] | None:
