@@ -196,9 +196,13 @@ def snr_db(
 
 def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
     """What saturates the last capture over what the first tells from noise (SNR 1), 20 log10."""
+    return 20 * math.log10(saturations_e(camera, captures)[-1] / _readers(camera, captures)[0].threshold_e)
+
+
+def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
+    """Where each capture saturates, electrons of the first; it never falls."""
     readers = _readers(camera, captures)
-    highest_e = max(reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True))
-    return 20 * math.log10(highest_e / readers[0].threshold_e)
+    return [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
 
 
 def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:

@@ -228,13 +228,15 @@ def test_a_pulsed_lamp_may_miss_a_short_capture_and_not_the_long_one() -> None:
 
 
 @pytest.mark.parametrize("name", ["imx250", "imx250c"])
-def test_developed_white_is_white(name: str) -> None:
-    camera = Camera.preset(name)
+@pytest.mark.parametrize("full_well_e", [WELL_E, 5000.0])
+def test_developed_white_is_white(name: str, full_well_e: float) -> None:
+    """Of a mosaic, too, and where the well ends below the converter's range."""
+    camera = replace(Camera.preset(name), full_well_e=full_well_e)
     light = torch.full((1, 3, 8, 10), 8.0)
     light[..., 5:] = 4.0
     lux = lux_for(camera)
     given = {"exposure_s": 0.01, "illuminance_lux": lux, "generator": [1], "noise": False, "quantised": False}
-    electrons = fused(light, camera, staggered(16), **given)
+    electrons = fused(light, camera, staggered(16, 64), **given)
     seen = developed(electrons, camera, white_e=8 * WELL_E)
     assert seen.shape == light.shape
     assert float(seen[..., :3].min()) == pytest.approx(1.0, abs=1e-3)

@@ -155,6 +155,7 @@ def simulate(
         tolerance_dn=tolerance_dn,
     )
     dn = frames[0]
+    first = taker.at_gain(captures[0].gain_db).camera
     white_e = photoelectrons(taker, lux, exposure_s)
     if bit_depth == "native":
         outputs = [each.to(torch.int32).numpy().astype("uint16") for each in frames]
@@ -183,11 +184,11 @@ def simulate(
         "exposure_ms": 1e3 * exposure_s,
         "gain_db": gain_db,
         "white_electrons": white_e,
-        "saturation_electrons": taker.saturation_e,
+        "saturation_electrons": first.saturation_e,
         "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
         "mean_dn": float(dn.mean()),
         "full_scale_dn": taker.full_scale_dn,
-        "clipped_percent": 100 * float((dn >= dn.new_tensor(taker.saturated_dn)).float().mean()),
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
     }
     if taker.cfa != "none":
         facts["cfa"] = taker.cfa
@@ -214,17 +215,18 @@ def _of_captures(
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
     from blurnoise import hdr
-    from blurnoise.capture import factors, windows
+    from blurnoise.capture import windows
 
+    ends_e = hdr.saturations_e(taker, captures)
     last_s = windows(captures, exposure_s)[-1]
-    end = frames[-1].new_tensor(taker.saturated_dn)
+    end = frames[-1].new_tensor(taker.at_gain(captures[-1].gain_db).camera.saturated_dn)
     return {
         "captures": len(captures),
-        "fused_saturation_electrons": taker.saturation_e * factors(captures)[-1],
+        "fused_saturation_electrons": ends_e[-1],
         "fused_clipped_percent": 100 * float((frames[-1] >= end).float().mean()),
         "dynamic_range_db": hdr.dynamic_range_db(taker, captures),
-        "snr_db_before_switch": taker.snr_max_db,
-        "snr_db_after_switch": hdr.snr_db(taker, captures, taker.saturation_e),
+        "snr_db_before_switch": hdr.snr_db(taker, captures[:1], ends_e[0]),
+        "snr_db_after_switch": hdr.snr_db(taker, captures, ends_e[0]),
         "ghost_px": speed_px_s * (last_s[0] + last_s[1] / 2 - exposure_s / 2),
     }
 

@@ -77,6 +77,14 @@ def test_a_camera_of_several_captures(folder: Path, capsys: Output) -> None:
     asked = told(capsys, *linear, "--hdr", "16")
     np.testing.assert_array_equal(by_file, cv2.imread("out.png"))
     assert {**stated, "camera": "imx250"} == asked
+    (folder / "hdr.yaml").write_text("base: imx250\ncaptures: [{gain_db: 12.0}, {start_s: 0.0}]\n")
+    dual = told(capsys, *linear, "--camera", "hdr.yaml")
+    assert (dual["ghost_px"], dual["fused_saturation_electrons"]) == (0, pytest.approx(10715))
+    assert dual["saturation_electrons"] == pytest.approx(10715 / 10**0.6)
+    assert dual["snr_db_before_switch"] == pytest.approx(40.30 - 6.0, abs=0.03)
+    assert dual["snr_db_after_switch"] == pytest.approx(
+        dual["snr_db_before_switch"], abs=0.03
+    )  # the same electrons
 
 
 def test_a_lamp_of_pulses_where_the_mask_says(folder: Path, capsys: Output) -> None:
