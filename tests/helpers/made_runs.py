@@ -120,7 +120,10 @@ def _score(model: str, kind: str, at: dict[str, Any], best_of: dict[str, float])
         row |= {name: mean * (1 - place / 20) for place, name in enumerate(own)}
     rate = None if mean is None else float(mean > 0.25)
     means = {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
-    return {"model": model, "n_images": 3} | means | at | row
+    shown = {"applied_gain_db": 6.0, "snr_db": 25.0, "brightness": 0.4, "saturated": 0.01}
+    if at.get("clean"):
+        shown = dict.fromkeys(shown)
+    return {"model": model, "n_images": 3} | shown | means | at | row
 
 
 def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:

@@ -141,7 +141,7 @@ def test_a_picture_too_large_for_the_memory_is_one_line(
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        (["blur", "--seeds", "3"], "seeds: goes with 'bench training'"),
+        (["blur", "--seeds", "3"], "seeds: goes with 'bench edges and training'"),
         (["noise", "--heavy"], "heavy: goes with"),
     ],
 )

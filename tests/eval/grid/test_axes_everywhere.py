@@ -37,7 +37,8 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
         if axis.name not in CORE and draw(st.booleans()):
             continue
         low = axis.low + 0.001 if axis.positive else axis.low
-        value = st.floats(max(low, -500.0), min(axis.high, 500.0), allow_subnormal=False).map(
+        high = IMX250.gain_max_db if axis.name == "gain_db" else axis.high
+        value = st.floats(max(low, -500.0), min(high, 500.0), allow_subnormal=False).map(
             lambda v: round(v, 3)
         )
         values = draw(st.lists(value, min_size=1, max_size=3, unique=True))
@@ -46,7 +47,7 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
         own = axis.own(IMX250)
         if draw(st.booleans()) and not math.isnan(own):
             values.append(own)
-        grid[axis.name] = [value for value in values if low <= value <= axis.high] or [
+        grid[axis.name] = [value for value in values if low <= value <= high] or [
             min(max(low, 1.0), axis.high)
         ]
     longest_s = max(grid["exposure_s"])

@@ -32,11 +32,12 @@ def page_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(page, "COMPARISONS", {})
 
 
-def test_writes_the_page_and_four_real_pictures(reported: tuple[RunData, Path]) -> None:
+def test_writes_the_page_and_five_real_pictures(reported: tuple[RunData, Path]) -> None:
     _, page = reported
     assert page.name == "report.html"
     assert page.stat().st_size < 6e6
     names = {"confidence_exposure.png", "confidence_blur.png", "confidence_speed.png", "examples.png"}
+    names |= {"gain_snr_brightness.png"}
     assert {path.name for path in (page.parent / "figures").iterdir()} == names
     for name in names:
         image = cv2.imread(str(page.parent / "figures" / name))

@@ -38,7 +38,8 @@ def test_command_sweeps_further_axes(tmp_path: Path, capsys: pytest.CaptureFixtu
         "5",
         "--lux",
     ]
-    command += ["50", "--dx", "0", "--repeats", "1", "--limit", "1", "--threads", "1", "-o", str(tmp_path)]
+    command += ["50", "--dx", "0", "--repeats", "1", "--limit", "1", "--threads", "1", "--gain", "0"]
+    command += ["-o", str(tmp_path)]
     assert main([*command, "--json"]) == 0
     assert main(["detections", str(tmp_path), "--json"]) == 0
     capsys.readouterr()
