@@ -30,6 +30,16 @@ def test_too_few_pictures_are_said_before_anything_is_counted(tmp_path: Path) ->
         assert "No tested" not in told
 
 
+def test_no_exposure_is_proposed_for_all_where_nothing_can_be_told(tmp_path: Path) -> None:
+    for models in (TWO, TWO[:1]):
+        few, enough = (
+            " ".join(findings.summary(made_run(tmp_path / name, models=models, n_examples=0, interval=told)))
+            for name, told in ((f"few{len(models)}", False), (f"enough{len(models)}", True))
+        )
+        assert "must use one exposure" in enough
+        assert "must use one exposure" not in few
+
+
 def test_the_table_of_models_marks_the_best_and_explains_gaps(tmp_path: Path) -> None:
     data = made_run(tmp_path, models=TWO, n_examples=0)
     data.models[1].update(ap50=None, p=None, false_positives_per_image=0.5)
