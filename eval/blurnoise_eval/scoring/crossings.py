@@ -150,39 +150,43 @@ class Curve:
 
     def crossed(self, threshold: float) -> Crossed:
         """Where the curve is at or above the threshold: by its mean, surely, possibly."""
-        mean, z = self.mean.tolist(), self.above(threshold)
+        within = (0.0, 1.0)
 
-        def surely(parts: Array) -> NDArray[np.bool_]:
-            return np.asarray(certainty.test(parts).above >= _critical(parts))
+        def surely(mean: Array, parts: Array) -> NDArray[np.bool_]:
+            low = certainty.interval(mean, parts, within=within).low
+            return np.asarray(low >= threshold)
 
-        def possibly(parts: Array) -> NDArray[np.bool_]:
-            return np.asarray(certainty.test(parts).below >= -_critical(parts))
+        def possibly(mean: Array, parts: Array) -> NDArray[np.bool_]:
+            high = certainty.interval(mean, parts, within=within).high
+            return np.asarray(~(high < threshold))
 
         return Crossed(
             self.x,
-            tuple(windows(self.x, mean, threshold, self.logarithmic)),
-            tuple(self._where(z, surely)),
-            tuple(self._where(z, possibly)),
-            bool((np.isfinite(z).sum(axis=0) >= certainty.FEWEST).any()),
+            tuple(windows(self.x, self.mean.tolist(), threshold, self.logarithmic)),
+            tuple(self._where(surely)),
+            tuple(self._where(possibly)),
+            bool((np.isfinite(self.departures).sum(axis=0) >= certainty.FEWEST).any()),
         )
 
-    def _where(self, z: Array, holds: Callable[[Array], NDArray[np.bool_]]) -> list[Stretch]:
-        """Stretches in which the test holds of z (C, N), straight between the values of x."""
+    def _where(self, holds: Callable[[Array, Array], NDArray[np.bool_]]) -> list[Stretch]:
+        """Stretches in which something holds of the mean and of its departures, straight between the values of x."""
+        z = np.concatenate([self.mean[None], self.departures])
         count = z.shape[1]
         place = np.arange((count - 1) * _STEPS + 1)
         segment, share = place // _STEPS, (place % _STEPS) / _STEPS
 
-        def between(segment: NDArray[np.int64], share: Array) -> Array:
+        def there_at(segment: NDArray[np.int64], share: Array) -> NDArray[np.bool_]:
             low, high = z[:, segment], z[:, np.minimum(segment + 1, count - 1)]
-            return np.asarray(np.where(share == 0, low, low + share * (high - low)))
+            between = np.where(share == 0, low, low + share * (high - low))
+            return holds(between[0], between[1:])
 
-        there = holds(between(segment, share))
+        there = there_at(segment, share)
         turns = np.flatnonzero(there[1:] != there[:-1])
         segment, inside, width = segment[turns], share[turns], 1.0 / _STEPS
         for _ in range(_ROUNDS if len(turns) else 0):
             width /= _STEPS
             looked = inside[:, None] + width * np.arange(1, _STEPS)
-            ahead = holds(between(np.repeat(segment, _STEPS - 1), looked.ravel())).reshape(looked.shape)
+            ahead = there_at(np.repeat(segment, _STEPS - 1), looked.ravel()).reshape(looked.shape)
             inside += width * np.logical_and.accumulate(ahead == there[turns, None], axis=1).sum(axis=1)
         at, back = coordinate(self.x, self.logarithmic), _back(self.x, self.logarithmic)
         step = at[np.minimum(segment + 1, count - 1)] - at[segment]
@@ -192,11 +196,6 @@ class Curve:
             *([self.x[-1]] if there[-1] else []),
         ]
         return list(zip(ends[::2], ends[1::2], strict=True))
-
-
-def _critical(parts: Array) -> Array:
-    """Student's t for the clusters measured; anything where they are too few, which the tests know."""
-    return np.nan_to_num(certainty.critical(np.isfinite(parts).sum(axis=0)))
 
 
 def _back(x: ArrayLike, logarithmic: bool) -> Callable[[Any], Any]:
