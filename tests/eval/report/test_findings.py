@@ -116,6 +116,7 @@ def test_reservations_name_few_pictures_saturation_and_ends_of_the_range(tmp_pat
     assert words.reservations(inside) == []
     few = inside | {"few_pictures": True, "n_pictures": 12, "saturated_at_recommended": 0.31}
     assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture's values saturated"]
+    assert words.reservations(few | {"n_pictures": 24})[0] == "few: 24 pictures of unequal numbers of targets"
     shortest = answer | {"recommended_s": EXPOSURES_S[0], "open_low": True}
     assert words.reservations(shortest) == ["the shortest tested: what lies below is not known"]
     assert words.reservations(shortest | {"open_low": False}) == []

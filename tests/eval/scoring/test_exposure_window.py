@@ -244,8 +244,8 @@ def test_verdicts(means: tuple[float, ...], pictures: int, verdict: str) -> None
 
 @pytest.mark.parametrize(("value", "threshold", "needed"), [(0.95, 0.9, 33), (0.0, 0.05, 34)])
 def test_pictures_all_alike_are_not_certain(value: float, threshold: float, needed: int) -> None:
-    """That eight are alike does not show that all are. Beta(0.25, n) at 97.5 % is 0.05 / 0.95 at some 33 pictures, and
-    0.05 at some 34."""
+    """That eight are alike does not show that all are. Beta(0.25, n) at 97.5 % is 0.05 / 0.95 at some 33, and
+    0.05 at some 34 pictures."""
     (answer,) = answers(rows({0.01: [value] * 8, 0.1: [value] * 8}), threshold)
     assert answer.verdict == "cannot tell"
     assert answer.sure_windows_s == ()
