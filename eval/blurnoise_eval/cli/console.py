@@ -33,7 +33,7 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     for (model, group, setting), answers in blocks.items():
         named = (model, group) if several else (group,)
         counted = max(answers, key=lambda answer: answer["n_pictures"])
-        few = " (few)" if counted["few_pictures"] else ""
+        few = " (few)" if any(answer["few_pictures"] for answer in answers) else ""
         where = settings.text(setting).replace(" · ", ", ")
         say("", ", ".join((*named, where, words.pictures_text(counted) + few)))
         say(_line("px/s", "works from, to", "use", "confidence", "loses"))

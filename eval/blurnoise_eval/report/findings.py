@@ -58,10 +58,10 @@ def _answer_lines(data: RunData) -> list[str]:
         f"An exposure that keeps the mean confidence at or above {threshold:g} exists in "
         f"{count_working(answers)} of {total} combinations of {_what(data)}{_untold(untold)}."
     ]
-    if total > 1 and reached and (best := best_common_exposure(answers, threshold)):
+    if total > max(untold, 1) and reached and (best := best_common_exposure(answers, threshold)):
         lines.append(
-            f"If the camera must use one exposure for all of them: {EXPOSURE.text(best[0])} reaches it in "
-            f"{best[1]} of {total}; no other tested exposure in more."
+            f"If the camera must use one exposure for all of them: the mean at {EXPOSURE.text(best[0])} reaches "
+            f"it in {best[1]} of {total}; at no other tested exposure in more."
         )
     return lines
 
@@ -91,11 +91,12 @@ def _ranking(data: RunData) -> list[str]:
         f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of {_what(data)} in "
         f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}{_untold(untold)}."
     ]
-    common = best_common_exposure(of_model[first[0]], threshold)
-    if common and len(of_model[first[0]]) > 1:
+    own = of_model[first[0]]
+    common = best_common_exposure(own, threshold)
+    if common and len(own) > max(count_untold(own), 1):
         lines.append(
-            f"If the camera must use one exposure for all of them: with {first[0]}, {EXPOSURE.text(common[0])} "
-            f"reaches it in {common[1]} of {len(of_model[first[0]])}."
+            f"If the camera must use one exposure for all of them: with {first[0]}, the mean at "
+            f"{EXPOSURE.text(common[0])} reaches it in {common[1]} of {len(own)}."
         )
     return lines
 

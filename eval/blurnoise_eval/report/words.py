@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
-from blurnoise_eval.scoring.certainty import FEWEST
+from blurnoise_eval.scoring.certainty import FEW, FEWEST
 
 SAID_SATURATED = 0.01
 """Of the picture's values: so many at a limit of the sensor are worth a word."""
@@ -95,7 +95,8 @@ def reservations(answer: Answer) -> list[str]:
     """What else must be known of an answer: few pictures, saturated values, an end of the tested range."""
     found = []
     if answer["few_pictures"] and answer["verdict"] != CANNOT_TELL:
-        found.append(f"few: {pictures_text(answer)}")
+        unequal = " of unequal numbers of targets" if answer["n_pictures"] >= FEW else ""
+        found.append(f"few: {pictures_text(answer)}{unequal}")
     chosen = answer["recommended_s"]
     if chosen is None:
         return found

@@ -1,13 +1,16 @@
 """Certainty of means over pictures: tests, intervals, and a bound on what a choice loses.
 
 The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters stand
-on the first axis of every array; what is not measured in one is NaN there and does not count. Tests and intervals
-are of Student and of Hall (J. R. Statist. Soc. B 54 (1992) 221: Student's t with the skewness of the mean taken
-out, monotone), joined: something counts as certain only where both say so. Two-sided at 95 % unless stated.
+on the first axis of every array; what is not measured in one is NaN there and does not count. Intervals of what lies
+between two bounds are :func:`bounded`. Tests, and intervals of differences, are of Student and of Hall (J. R.
+Statist. Soc. B 54 (1992) 221: Student's t with the skewness of the mean taken out, monotone), joined: something
+counts as certain only where both say so. Two-sided at 95 % unless stated.
 """
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FEWEST = 8
-"""Clusters below which nothing is said about certainty: no interval, no verdict."""
+"""Clusters below which nothing is said about certainty: no interval, no verdict. Of curves as :func:`effective`."""
 FEW = 20
-"""Clusters below which what is said is flagged."""
+"""Clusters below which what is said is flagged. Of curves as :func:`effective`."""
 CONFIDENCE = 0.95
 UNSEEN = 0.25
 """Of a cluster: what the one at the bound counts; in ``blurnoise bench intervals`` 0.1 is too little, 0.5 much."""
@@ -68,6 +71,42 @@ def mean_of(sums: ArrayLike, counts: ArrayLike) -> Array:
     total, count = np.nansum(sums, axis=0), np.nansum(counts, axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(count > 0, total / count, np.nan))
+
+
+def effective(sizes: ArrayLike) -> Array:
+    """How many clusters of one size say as much as these of ``sizes`` k (n, ...): (sum k)^2 / sum k^2 (Kish).
+
+    Of n alike it is n, of none 0.
+    """
+    size = np.asarray(sizes, float)
+    square = (size**2).sum(axis=0)
+    return np.asarray(np.where(square > 0, size.sum(axis=0) ** 2 / np.where(square > 0, square, 1.0), 0.0))
+
+
+def pictures_to_tell(margin: float, spread: float, away: float, most: int) -> int:
+    """How many clusters put the end of :func:`bounded` no further than ``margin`` from the mean; ``most + 1``: more.
+
+    spread: standard deviation of the clusters' departures. away: distance from the mean to the bound at that end.
+    Of the clusters' random weights (exponential, n of them) the sum by their margins is taken for normal, of variance
+    n (margin^2 + spread^2); against it pulls the unseen cluster, of weight Gamma(``UNSEEN``).
+    """
+    from scipy.special import ndtr  # takes 0.1 s
+
+    unseen = _unseen()
+
+    def tells(n: int) -> bool:
+        spare = margin * n - unseen * (away - margin)
+        return float(ndtr(spare / (math.hypot(spread, margin) * math.sqrt(n))).mean()) >= (1 + CONFIDENCE) / 2
+
+    return 1 + bisect_left(range(1, most + 1), True, key=tells) if margin > 0 else most + 1
+
+
+@lru_cache(maxsize=1)
+def _unseen() -> Array:
+    """Weights of the cluster nobody has seen, equally likely, (200,)."""
+    from scipy.special import gammaincinv  # takes 0.1 s
+
+    return np.asarray(gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200))
 
 
 def departures(sums: ArrayLike, counts: ArrayLike) -> Array:

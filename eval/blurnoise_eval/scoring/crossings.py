@@ -2,7 +2,8 @@
 
 A curve is known at increasing tested values x of an axis. Between them it is straight in the axis's coordinate, and
 so is every cluster's part of it: logarithms on an axis that is drawn so and has no 0, else the values themselves.
-Stretches of x are (first, last); one that holds at an end of the tested range ends there.
+Stretches of x are (first, last); one that holds at an end of the tested range ends there. A curve is surely at or
+above a threshold where the low end of its mean's 95 % interval is, and possibly where the high end is.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ Array = NDArray[np.float64]
 Stretch = tuple[float, float]
 Bounds = tuple[float | None, float | None]
 """An interval; None at an end that lies outside the tested range, or is not known."""
-_STEPS = 16  # between two tested values at which the tests are looked at
-_ROUNDS = 5  # of which each divides such a step into as many, to find where a test turns
+_STEPS = 16  # between two tested values, at which the interval is known; between these its ends are straight
+_UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
 def coordinate(x: ArrayLike, logarithmic: bool) -> Array:
@@ -60,9 +61,9 @@ def windows(
 class Crossed:
     """Where a curve is at or above a threshold. x: the tested values, increasing.
 
-    windows: where its mean is. sure: where it surely is; possible: where it may be, so that it surely is not
-    elsewhere; both at 95 % at each value of x, and each holds what stands before it. certain: there are clusters
-    enough to say so; else nothing is sure and everything possible.
+    windows: where its mean is. sure: where the low end of the mean's interval is; possible: where the high end is, so
+    that it surely is not elsewhere; both at 95 % at each value of x, and each holds what stands before it. certain:
+    there are clusters enough to say so; else nothing is sure and everything possible.
     """
 
     x: tuple[float, ...]
@@ -81,7 +82,7 @@ class Crossed:
         if end in (first, last) and any(low <= end <= high for low, high in self.sure):
             return None, None
         turns = [turn for part in (*self.sure, *self.possible) for turn in part if first < turn < last]
-        near = 1e-6 * (last - first)  # a test's turn is known to less than that
+        near = 1e-6 * (last - first)  # rounding, where an interval has no width
         below = [turn for turn in turns if turn <= end + near]
         above = [turn for turn in turns if turn >= end - near]
         return max(below, default=None), min(above, default=None)
@@ -124,12 +125,36 @@ class Curve:
         """How many clusters have a value anywhere."""
         return int((self.counts > 0).any(axis=1).sum())
 
-    def interval(self, lowest: float = 0.0, highest: float = 1.0) -> certainty.Ends | None:
-        """The 95 % interval of the mean, two of (N,), within what such values can be; None from too few clusters."""
-        low, high = certainty.interval(self.mean, self.departures, within=(lowest, highest))
-        if not np.isfinite(low).all():
-            return None
-        return certainty.Ends(np.clip(low, lowest, highest), np.clip(high, lowest, highest))
+    @property
+    def n_effective(self) -> float:
+        """How many clusters of one size would say as much: :func:`~blurnoise_eval.scoring.certainty.effective`."""
+        return float(certainty.effective(self.counts.sum(axis=1)))
+
+    @cached_property
+    def told(self) -> NDArray[np.bool_]:
+        """(N,): whether clusters enough, as their sizes count, have a value there."""
+        return np.asarray(certainty.effective(self.counts) >= certainty.FEWEST)
+
+    @cached_property
+    def _ends(self) -> certainty.Ends:
+        """The 95 % interval of the mean, at every value of x and in steps between them; NaN where unknown."""
+        count = len(self.x)
+        place = np.arange((count - 1) * _STEPS + 1)
+        before, share = place // _STEPS, (place % _STEPS) / _STEPS
+        after = np.where(share == 0, before, np.minimum(before + 1, count - 1))
+
+        def between(values: Array) -> Array:
+            low, high = values[..., before], values[..., after]
+            return np.asarray(np.where(share == 0, low, low + share * (high - low)))
+
+        ends = certainty.interval(between(self.mean), between(self.departures), within=(0.0, 1.0))
+        told = self.told[before] & self.told[after]
+        return certainty.Ends(*(np.where(told, end.clip(0, 1), np.nan) for end in ends))
+
+    def interval(self) -> certainty.Ends | None:
+        """The 95 % interval of the mean of values in [0, 1], two of (N,); None from too few clusters."""
+        low, high = (end[::_STEPS] for end in self._ends)
+        return certainty.Ends(low, high) if np.isfinite(low).all() else None
 
     def area(self) -> tuple[float, Bounds]:
         """Area under the mean, straight between the values of x, by the range of x; and its 95 % interval."""
@@ -142,61 +167,24 @@ class Curve:
         part = np.where(measured, self.departures, 0.0) @ weights
         area = float(self.mean @ weights)
         low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan), within=(0.0, 1.0))
-        return area, (None, None) if np.isnan(low) else (float(low.clip(0, 1)), float(high.clip(0, 1)))
-
-    def above(self, threshold: float) -> Array:
-        """(C, N): what each cluster contributes to the mean's distance above a threshold; their mean is that."""
-        return np.asarray(self.departures + self.mean - threshold)
+        known = self.n_effective >= certainty.FEWEST and np.isfinite(low)
+        return area, (float(low.clip(0, 1)), float(high.clip(0, 1))) if known else (None, None)
 
     def crossed(self, threshold: float) -> Crossed:
         """Where the curve is at or above the threshold: by its mean, surely, possibly."""
-        mean, z = self.mean.tolist(), self.above(threshold)
-
-        def surely(parts: Array) -> NDArray[np.bool_]:
-            return np.asarray(certainty.test(parts).above >= _critical(parts))
-
-        def possibly(parts: Array) -> NDArray[np.bool_]:
-            return np.asarray(certainty.test(parts).below >= -_critical(parts))
-
+        at = coordinate(self.x, self.logarithmic)
+        place = np.arange(len(self._ends.low)) / _STEPS
+        fine = _back(self.x, self.logarithmic)(np.interp(place, np.arange(len(at)), at))
+        fine[::_STEPS] = self.x
+        low = np.nan_to_num(self._ends.low, nan=-_UNKNOWN)
+        high = np.nan_to_num(self._ends.high, nan=_UNKNOWN)
         return Crossed(
             self.x,
-            tuple(windows(self.x, mean, threshold, self.logarithmic)),
-            tuple(self._where(z, surely)),
-            tuple(self._where(z, possibly)),
-            bool((np.isfinite(z).sum(axis=0) >= certainty.FEWEST).any()),
+            tuple(windows(self.x, self.mean.tolist(), threshold, self.logarithmic)),
+            tuple(windows(fine.tolist(), low.tolist(), threshold, self.logarithmic)),
+            tuple(windows(fine.tolist(), high.tolist(), threshold, self.logarithmic)),
+            bool(self.told.any()),
         )
-
-    def _where(self, z: Array, holds: Callable[[Array], NDArray[np.bool_]]) -> list[Stretch]:
-        """Stretches in which the test holds of z (C, N), straight between the values of x."""
-        count = z.shape[1]
-        place = np.arange((count - 1) * _STEPS + 1)
-        segment, share = place // _STEPS, (place % _STEPS) / _STEPS
-
-        def between(segment: NDArray[np.int64], share: Array) -> Array:
-            low, high = z[:, segment], z[:, np.minimum(segment + 1, count - 1)]
-            return np.asarray(np.where(share == 0, low, low + share * (high - low)))
-
-        there = holds(between(segment, share))
-        turns = np.flatnonzero(there[1:] != there[:-1])
-        segment, inside, width = segment[turns], share[turns], 1.0 / _STEPS
-        for _ in range(_ROUNDS if len(turns) else 0):
-            width /= _STEPS
-            looked = inside[:, None] + width * np.arange(1, _STEPS)
-            ahead = holds(between(np.repeat(segment, _STEPS - 1), looked.ravel())).reshape(looked.shape)
-            inside += width * np.logical_and.accumulate(ahead == there[turns, None], axis=1).sum(axis=1)
-        at, back = coordinate(self.x, self.logarithmic), _back(self.x, self.logarithmic)
-        step = at[np.minimum(segment + 1, count - 1)] - at[segment]
-        ends = [
-            *([self.x[0]] if there[0] else []),
-            *back(at[segment] + inside * step).tolist(),
-            *([self.x[-1]] if there[-1] else []),
-        ]
-        return list(zip(ends[::2], ends[1::2], strict=True))
-
-
-def _critical(parts: Array) -> Array:
-    """Student's t for the clusters measured; anything where they are too few, which the tests know."""
-    return np.nan_to_num(certainty.critical(np.isfinite(parts).sum(axis=0)))
 
 
 def _back(x: ArrayLike, logarithmic: bool) -> Callable[[Any], Any]:

@@ -32,7 +32,8 @@ class Endurance:
     x: increasing. auc: area under the curve over the range of x, so the mean confidence over it. fails_at: where
     the curve falls below the threshold for good (x[0]: it is below throughout), None where it does not within the
     range. Intervals at 95 % over ``n_pictures`` clusters: auc_low, auc_high; fails_low, fails_high, None at an
-    end that is not reached within the range. None throughout below 8 pictures; few_pictures: below 20.
+    end that is not reached within the range. None throughout below 8 pictures; few_pictures: below 20, both as
+    :func:`~blurnoise_eval.scoring.certainty.effective`.
     non_monotonic: the curve had been below and come back.
     """
 
@@ -164,5 +165,5 @@ def _endurance(surface: Surface, over: str, place: Place, curve: Curve, threshol
         auc_low,
         auc_high,
         n,
-        n < certainty.FEW,
+        curve.n_effective < certainty.FEW,
     )

@@ -37,11 +37,11 @@ class Answer:
 
     at: values of all axes but the exposure. exposures_s: tested, increasing; confidence: mean over the
     ``n_targets`` targets (times repeats) at each; low, high: its 95 % interval over ``n_pictures`` clusters, None
-    below 8; few_pictures: fewer than 20. saturated: mean share of the pictures' values at a limit of the sensor,
-    None where it is not known.
+    below 8; few_pictures: fewer than 20; both count as :func:`~blurnoise_eval.scoring.certainty.effective`.
+    saturated: mean share of the pictures' values at a limit of the sensor, None where it is not known.
 
-    verdict: "works": at some tested exposure the mean is surely at or above the threshold; "no exposure works":
-    surely at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
+    verdict: "works": at some tested exposure ``low`` is at or above the threshold; "no exposure works": ``high`` is
+    at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
     many should be enough if they are like these (None: more than 9999). windows_s: stretches of exposure in which
     the mean stays at or above the threshold; windows_low_s, windows_high_s: the 95 % intervals of their first and
     last exposures, None at an end that lies outside the tested range or is not known. sure_windows_s: where it is
@@ -202,7 +202,7 @@ def _answer(
         recommended_s=None if choice is None else choice[0],
         confidence_at_recommended=None if choice is None else choice[1],
         n_pictures=n,
-        few_pictures=n < certainty.FEW,
+        few_pictures=curve.n_effective < certainty.FEW,
         verdict=verdict,
         pictures_to_tell=_pictures_to_tell(curve, threshold) if verdict == "cannot tell" else None,
         windows_low_s=tuple(crossed.around(window[0]) for window in crossed.windows),
@@ -224,26 +224,26 @@ def _verdict(crossed: Crossed, sure: Sequence[bool]) -> Verdict:
 
 def _pictures_to_tell(curve: Curve, threshold: float) -> int | None:
     """How many pictures like these would tell: enough for the exposure that is most clearly above the threshold, or
-    else for all to be clearly below. The standard error falls with the root of their number."""
-    z = curve.above(threshold)
-    n = np.isfinite(z).sum(axis=0)
+    else for all to be clearly below."""
+    n = np.isfinite(curve.departures).sum(axis=0)
     if (n < 2).any():
         return None
-    margin, error = curve.mean - threshold, np.nanstd(z, axis=0, ddof=1) / np.sqrt(n)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        needed = n * (certainty.critical(n.max()) * error / margin) ** 2
+    margin, spread = curve.mean - threshold, np.nanstd(curve.departures, axis=0)
     above = margin > 0
-    count = float(needed[above].min() if above.any() else needed.max())
-    if not count <= _MOST_PICTURES:
-        return None
-    return max(certainty.FEWEST, int(n.max()) + 1, math.ceil(count))
+    away = np.where(above, curve.mean, 1 - curve.mean)  # the bound beyond the threshold pulls
+    asked = zip(np.abs(margin).tolist(), spread.tolist(), away.tolist(), strict=True)
+    needed = np.array([certainty.pictures_to_tell(*each, _MOST_PICTURES) for each in asked])
+    count = int(needed[above].min() if above.any() else needed.max())
+    fewest = math.ceil(certainty.FEWEST * curve.n_clusters / curve.n_effective)
+    return None if count > _MOST_PICTURES else max(fewest, int(n.max()) + 1, count)
 
 
 def _regret(curve: Curve, chosen: int) -> float | None:
     others = np.arange(len(curve.x)) != chosen
     if not others.any():
-        return 0.0 if curve.n_clusters >= certainty.FEWEST else None
+        return 0.0 if curve.told.all() else None
     gain = (curve.mean - curve.mean[chosen])[others]
-    paired = (curve.departures - curve.departures[:, [chosen]])[:, others]
+    told = curve.told & curve.told[chosen]
+    paired = np.where(told, curve.departures - curve.departures[:, [chosen]], np.nan)[:, others]
     bound = float(certainty.regret_bound(paired, gain))
     return None if math.isnan(bound) else bound

@@ -41,6 +41,7 @@ addEventListener("load", async () => {
       curves: count(".curve .scatterlayer .trace"), diamonds: count(".curve .xerror"),
       lines: count(".curve .scatterlayer .js-line"),
       marks: count(".curve .scatterlayer .point"), tiles: count(".map .barlayer .point"),
+      written: [...document.querySelectorAll(".map .bartext")].map(each => each.textContent),
       map: [...document.querySelectorAll(".map .xtitle, .map .ytitle")].map(each => each.textContent),
       points: count(".trade .scatterlayer .point")});
   };
@@ -149,6 +150,14 @@ def test_one_reader_and_two_directions(tmp_path: Path, page_only: None) -> None:
         start = look["shots"][0]
         assert (start["plots"], start["drawn"]) == (2, 2)
         assert start["tiles"] == 2 * 4  # the two directions of one speed share a tile
+
+
+def test_below_eight_pictures_no_tile_reads_as_certain(tmp_path: Path, page_only: None) -> None:
+    data = made_run(tmp_path, n_examples=1, interval=False)
+    for look in looked_at(write_report(data, tmp_path), tmp_path / "profile").values():
+        written = look["shots"][0]["written"]
+        assert written
+        assert all(text.endswith("?") for text in written)
 
 
 @pytest.mark.slow

@@ -30,6 +30,16 @@ def test_too_few_pictures_are_said_before_anything_is_counted(tmp_path: Path) ->
         assert "No tested" not in told
 
 
+def test_no_exposure_is_proposed_for_all_where_nothing_can_be_told(tmp_path: Path) -> None:
+    for models in (TWO, TWO[:1]):
+        few, enough = (
+            " ".join(findings.summary(made_run(tmp_path / name, models=models, n_examples=0, interval=told)))
+            for name, told in ((f"few{len(models)}", False), (f"enough{len(models)}", True))
+        )
+        assert "must use one exposure" in enough
+        assert "must use one exposure" not in few
+
+
 def test_the_table_of_models_marks_the_best_and_explains_gaps(tmp_path: Path) -> None:
     data = made_run(tmp_path, models=TWO, n_examples=0)
     data.models[1].update(ap50=None, p=None, false_positives_per_image=0.5)
@@ -106,6 +116,7 @@ def test_reservations_name_few_pictures_saturation_and_ends_of_the_range(tmp_pat
     assert words.reservations(inside) == []
     few = inside | {"few_pictures": True, "n_pictures": 12, "saturated_at_recommended": 0.31}
     assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture's values saturated"]
+    assert words.reservations(few | {"n_pictures": 24})[0] == "few: 24 pictures of unequal numbers of targets"
     shortest = answer | {"recommended_s": EXPOSURES_S[0], "open_low": True}
     assert words.reservations(shortest) == ["the shortest tested: what lies below is not known"]
     assert words.reservations(shortest | {"open_low": False}) == []

@@ -117,6 +117,32 @@ def test_bounded_interval_stays_within_and_does_not_change() -> None:
     np.testing.assert_array_equal(ends, again)
 
 
+def test_clusters_of_unequal_size_count_as_fewer() -> None:
+    assert certainty.effective([3] * 9) == 9
+    assert certainty.effective([1, 2, 3]) == pytest.approx(36 / 14)
+    np.testing.assert_allclose(certainty.effective([[1, 0], [1, 0], [0, 0]]), [2, 0])
+
+
+@pytest.mark.parametrize(("mean", "spread", "threshold"), [(0.7, 0.2, 0.5), (0.3, 0.2, 0.4), (0.9, 0.0, 0.8)])
+def test_as_many_clusters_as_are_asked_for_suffice(mean: float, spread: float, threshold: float) -> None:
+    """Against trying. Hardly fewer: a tenth is what 1000 random weights leave open. And not many more: the normal law
+    reaches further down than the weights' own."""
+    above = mean > threshold
+
+    def told(n: int) -> bool:
+        values = np.linspace(-1, 1, n) * np.sqrt(3 * (n - 1) / (n + 1)) * spread
+        ends = certainty.bounded(mean, values, (0.0, 1.0))
+        return bool(ends.low >= threshold if above else ends.high < threshold)
+
+    asked = certainty.pictures_to_tell(abs(mean - threshold), spread, mean if above else 1 - mean, 999)
+    tried = next(n for n in range(2, 999) if all(told(n + more) for more in range(3)))
+    assert 0.9 * tried <= asked <= 1.3 * tried + 1
+
+
+def test_no_number_of_clusters_tells_a_mean_from_itself() -> None:
+    assert certainty.pictures_to_tell(0.0, 0.1, 0.6, 999) == 1000
+
+
 def test_departures_are_those_of_leaving_out() -> None:
     """Of a ratio of sums: (n - 1) (whole - without); clusters in which nothing is counted have none."""
     sums, counts = sample(9), np.array([1.0, 5, 2, 0, 3, 1, 1, 12, 2])

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.crossings import Crossed, Curve, windows
 from numpy.typing import NDArray
+from scipy import stats
 
 EXPOSURES_S = tuple(ms / 1e3 for ms in (1, 2, 5, 10, 15, 20, 30, 45, 60, 90))
 THRESHOLD = 0.5
@@ -36,14 +38,23 @@ def truth() -> tuple[Array, tuple[float, float]]:
 
 def test_one_rule_for_windows_and_failure_points() -> None:
     """A logistic in log exposure that falls at 27.48 ms, read between 20 and 30 ms: 27.71 where the line is straight
-    over the exposure itself, within 0.2 ms where it is straight over its logarithm."""
+    over the exposure itself, within 0.2 ms where it is straight over its logarithm.
+
+    Eight pictures all alike, of mean m: the low end of the interval is (1 - q) m and the high end q + (1 - q) m, q
+    the quantile of what a quarter of a picture nobody has seen weighs beside eight, Beta(0.25, 8). So the ends are
+    where m meets 0.5 / (1 - q) and (0.5 - q) / (1 - q).
+    """
     at = np.array(EXPOSURES_S)
     values = np.tile(logistic(at, np.zeros(1), np.zeros(1)), (8, 1))
     crossed = of_pictures(values).crossed(THRESHOLD)
     assert crossed.windows[-1][1] == pytest.approx(0.02748, abs=2e-4)
     low, high = crossed.fails_between
-    assert (low, high) == pytest.approx((crossed.windows[-1][1],) * 2, rel=1e-6)
-    assert crossed.around(crossed.windows[-1][1]) == pytest.approx((low, high), rel=1e-6)
+    q = float(certainty.interval(0.0, np.zeros(8), within=(0.0, 1.0)).high)
+    assert q == pytest.approx(stats.beta(0.25, 8).ppf(0.975), rel=0.1)  # of 1000 random weights
+    levels = THRESHOLD / (1 - q), (THRESHOLD - q) / (1 - q)
+    expected = [windows(EXPOSURES_S, values[0].tolist(), level)[-1][1] for level in levels]
+    assert (low, high) == pytest.approx(expected, rel=0.02)  # of 10 % in q
+    assert crossed.around(crossed.windows[-1][1]) == (low, high)
 
 
 def test_what_is_sure_lies_in_the_window_and_that_in_what_is_possible() -> None:
@@ -67,6 +78,21 @@ def test_below_eight_pictures_nothing_is_known(pictures: int) -> None:
     assert [crossed.around(end) for end in crossed.windows[0]] == [(None, None)] * 2
     assert curve.interval() is None
     assert curve.area()[1] == (None, None)
+
+
+def test_the_size_of_pictures_counts() -> None:
+    """Ten pictures, of which one has ninety targets, say as much as 99^2 / 8109 = 1.2 of one size; where all have
+    one, as ten."""
+    values, counts = np.full((10, 2), 0.9), np.ones((10, 2))
+    counts[0, 1] = 90
+    curve = Curve((1.0, 2.0), values * counts, counts)
+    assert curve.told.tolist() == [True, False]
+    assert curve.n_effective == pytest.approx((91 + 9 * 2) ** 2 / (91**2 + 9 * 2**2))
+    assert curve.interval() is None
+    assert curve.area()[1] == (None, None)
+    crossed = curve.crossed(0.5)
+    assert crossed.sure == (pytest.approx((1.0, 1.0), abs=1e-6),)
+    assert crossed.possible == ((1.0, 2.0),)
 
 
 def test_an_end_of_the_tested_range_is_no_edge() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.matching import failure_point
 from blurnoise_eval.scoring.surfaces import surfaces
@@ -39,6 +40,11 @@ def rows(
         for x, y in velocities
         if (value := confidence(f"p{i}", r, t, float(np.hypot(x, y)))) is not None
     ]
+
+
+def ends_of(values: np.ndarray) -> certainty.Ends:
+    """The interval of the mean of values in [0, 1], one a picture."""
+    return certainty.interval(values.mean(), values - values.mean(), within=(0.0, 1.0))
 
 
 def by_axis(found: list[Endurance]) -> dict[tuple[str, float], Endurance]:
@@ -140,21 +146,30 @@ def test_area_and_failure_of_a_straight_line() -> None:
 
 
 def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
-    """Picture i fails at 4 + i px, 0 to 8, every curve 1 - (x - crossing) / 20 at threshold 1: the mean fails at 8.
+    """Picture i crosses 0.5 at 4 + i px, 0 to 8, every curve 0.5 - (x - crossing) / 40: the mean fails at 8.
 
-    Nine parallel lines: Student's interval of the mean crossing, 8 -+ 2.306 x sqrt(60 / 8) / 3 = 2.105; they lean to
-    neither side, so Hall's is the same.
+    The ends are where the interval of the nine values there ends at 0.5. Nine parallel lines: Student's interval of
+    the mean crossing is 8 -+ 2.306 x sqrt(60 / 8) / 3 = 2.105, and what no picture showed widens it.
     """
     speeds = tuple((100.0 * v, 0.0) for v in range(5))
+
+    def values(blur_px: float) -> np.ndarray:
+        return 0.5 - (blur_px - 4 - np.arange(9)) / 40
+
     (surface,) = surfaces(
         rows(
-            lambda image, _r, t, v: 1 - (t * v - 4 - int(image[1:])) / 20,
+            lambda image, _r, t, v: float(values(t * v)[int(image[1:])]),
             images=9, velocities=speeds, exposures=(0.04,),
         )
     )  # fmt: skip
-    (curve,) = endurances(surface, 1.0)
+    (curve,) = endurances(surface, 0.5)
     assert curve.fails_at == pytest.approx(8)
-    assert (curve.fails_low, curve.fails_high) == pytest.approx((8 - 2.105, 8 + 2.105), abs=1e-3)
+    assert curve.fails_low is not None
+    assert curve.fails_high is not None
+    assert ends_of(values(curve.fails_low)).low == pytest.approx(0.5, abs=1e-3)
+    assert ends_of(values(curve.fails_high)).high == pytest.approx(0.5, abs=1e-3)
+    assert curve.fails_low < 8 - 2.105
+    assert curve.fails_high > 8 + 2.105
     assert curve.few_pictures
 
 
@@ -189,7 +204,8 @@ def test_directions_of_one_speed_are_one_point_of_blur() -> None:
 
 @given(st.lists(st.floats(0, 1), min_size=2, max_size=6), st.sampled_from([0.3, 0.5, 0.6]))
 def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], threshold: float) -> None:
-    """Equal pictures leave no doubt, so both ends are the failure point."""
+    """Eight equal pictures leave in doubt only what none showed, q as in the crossings' tests: the curve fails for
+    good between where (1 - q) m and where q + (1 - q) m do."""
     speeds = tuple((100.0 * place, 0.0) for place in range(len(values)))
     (surface,) = surfaces(
         rows(lambda _i, _r, _t, v: values[round(v / 100)], images=8, velocities=speeds, exposures=(0.01,))
@@ -198,10 +214,12 @@ def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], th
     point = failure_point([0.01 * v for v, _ in speeds], curve.confidence, threshold)
     assert curve.non_monotonic == point.returned
     assert curve.fails_at == (None if point.at is None else pytest.approx(point.at))
-    margin = min(abs(value - threshold) for value in values)
-    if margin > 1e-6:  # else rounding decides
-        ends = (None, None) if point.at is None else pytest.approx((point.at, point.at), abs=1e-6)
-        assert (curve.fails_low, curve.fails_high) == ends
+    q = float(ends_of(np.zeros(8)).high)
+    ends = [[(1 - q) * value for value in values], [q + (1 - q) * value for value in values]]
+    if min(abs(value - threshold) for end in ends for value in end) > 1e-6:  # else rounding decides
+        expected = [failure_point([0.01 * v for v, _ in speeds], end, threshold).at for end in ends]
+        for found, at in zip((curve.fails_low, curve.fails_high), expected, strict=True):
+            assert found == (None if at is None else pytest.approx(at, abs=1e-6))
 
 
 def across(
@@ -218,7 +236,8 @@ def across(
 
 
 def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
-    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px, without doubt."""
+    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px. The interval's ends do where it
+    is 0.6 / (1 - q) and (0.6 - q) / (1 - q)."""
     (curve,) = across({r: lambda _, r=r: 1 - r / 10 for r in (0.0, 2.0, 8.0)}, "defocus_radius_px", images=8)  # type: ignore[misc]
     assert curve.axis == "defocus_radius_px"
     assert curve.x == (0.0, 2.0, 8.0)
@@ -228,7 +247,9 @@ def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
         50,
     )
     assert curve.auc == pytest.approx(0.6)
-    assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx((4, 4, 4))
+    q = float(ends_of(np.zeros(8)).high)
+    expected = (4, 10 * (1 - 0.6 / (1 - q)), 10 * (1 - (0.6 - q) / (1 - q)))
+    assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx(expected)
     assert list(curve.row())[:5] == ["model", "group", "illuminance_lux", "axis", "exposure_s"]
 
 
@@ -256,14 +277,14 @@ def test_curves_over_an_axis_keep_everything_else_apart() -> None:
 
 
 def test_clusters_across_settings_are_paired_whatever_the_order_of_rows() -> None:
-    """Pictures of 0.7 + d / 2 that lose 0.2 over the axis, all alike: each crosses 0.6 at 5 + 25 d / 0.1 px, and the
-    interval is that of these crossings' mean, t(9) = 2.262. Were the ends not paired it would be narrower."""
+    """Pictures of 0.9 + d / 2 that lose 0.6 over 10 px, all alike: the interval of the failure point ends where that
+    of the ten values there ends at 0.6. Were the ends not paired their spread would be less, and it narrower."""
     shift = {f"p{i}": -0.09 + 0.02 * i for i in range(10)}
 
     def line(drop: float) -> Callable[[str], float]:
-        return lambda image: 0.7 + 0.5 * shift[image] - drop
+        return lambda image: 0.9 + 0.5 * shift[image] - drop
 
-    values = {0.0: line(0.0), 10.0: line(0.2)}
+    values = {0.0: line(0.0), 10.0: line(0.6)}
     table = [
         row
         for value, of in values.items()
@@ -276,8 +297,14 @@ def test_clusters_across_settings_are_paired_whatever_the_order_of_rows() -> Non
     (straight,), (other,) = (list(endurances_across(list(surfaces(t)), 0.6)) for t in (table, turned))
     assert (straight.fails_low, straight.fails_high) == pytest.approx((other.fails_low, other.fails_high))
     assert straight.fails_at == pytest.approx(5)
-    half = 2.262 * np.std([25 * d for d in shift.values()], ddof=1) / np.sqrt(10)
-    assert (straight.fails_low, straight.fails_high) == pytest.approx((5 - half, 5 + half), abs=1e-3)
+    assert straight.fails_low is not None
+    assert straight.fails_high is not None
+    there = [
+        np.array([line(0.06 * px)(image) for image in shift])
+        for px in (straight.fails_low, straight.fails_high)
+    ]
+    assert ends_of(there[0]).low == pytest.approx(0.6, abs=5e-4)
+    assert ends_of(there[1]).high == pytest.approx(0.6, abs=5e-4)
 
 
 def test_points_that_one_setting_lacks_are_left_out() -> None:

@@ -14,6 +14,7 @@ from blurnoise_eval.scoring.surfaces import surfaces
 from hypothesis import given
 from hypothesis import strategies as st
 from plans import OWN
+from scipy import stats
 
 DECADES_S = (0.001, 0.01, 0.1, 1.0)
 
@@ -225,12 +226,13 @@ def spread(mean: float, sigma: float, pictures: int) -> list[float]:
 @pytest.mark.parametrize(
     ("means", "pictures", "verdict"),
     [
-        # error of the mean 0.1 / 4 = 0.025, t(15) = 2.13: what is 0.054 away is told
-        ((0.2, 0.66, 0.3), 16, "works"),
-        ((0.2, 0.64, 0.3), 16, "cannot tell"),
-        ((0.2, 0.56, 0.3), 16, "cannot tell"),
-        ((0.2, 0.54, 0.3), 16, "no exposure works"),
-        ((0.2, 0.66, 0.3), 7, "cannot tell"),
+        # Error of the mean 0.1 / 4 = 0.025, t(15) = 2.13: 0.053 away. At 0.68 a quarter of a picture of 0 beside 16
+        # pulls by up to 0.1 x 0.68 (Beta(0.25, 16) at 97.5 %), at 0.54 one of 1 by 0.046: together 0.08 and 0.06.
+        ((0.2, 0.69, 0.3), 16, "works"),
+        ((0.2, 0.67, 0.3), 16, "cannot tell"),
+        ((0.2, 0.55, 0.3), 16, "cannot tell"),
+        ((0.2, 0.53, 0.3), 16, "no exposure works"),
+        ((0.2, 0.69, 0.3), 7, "cannot tell"),
     ],
 )
 def test_verdicts(means: tuple[float, ...], pictures: int, verdict: str) -> None:
@@ -238,6 +240,62 @@ def test_verdicts(means: tuple[float, ...], pictures: int, verdict: str) -> None
     (answer,) = answers(rows(curve), 0.6)
     assert answer.verdict == verdict
     assert (answer.pictures_to_tell is None) == (verdict != "cannot tell")
+
+
+@pytest.mark.parametrize(("value", "threshold", "needed"), [(0.95, 0.9, 33), (0.0, 0.05, 34)])
+def test_pictures_all_alike_are_not_certain(value: float, threshold: float, needed: int) -> None:
+    """That eight are alike does not show that all are. Beta(0.25, n) at 97.5 % is 0.05 / 0.95 at some 33, and
+    0.05 at some 34 pictures."""
+    (answer,) = answers(rows({0.01: [value] * 8, 0.1: [value] * 8}), threshold)
+    assert answer.verdict == "cannot tell"
+    assert answer.sure_windows_s == ()
+    assert stats.beta(0.25, needed).ppf(0.975) == pytest.approx(0.05 / max(value, 1 - value), rel=0.04)
+    assert answer.pictures_to_tell == pytest.approx(needed, abs=1)
+    (answer,) = answers(rows({0.01: [value] * 40, 0.1: [value] * 40}), threshold)
+    assert answer.verdict == ("works" if value > threshold else "no exposure works")
+
+
+@given(
+    st.lists(st.lists(st.sampled_from([0.0, 0.5, 0.6, 1.0]) | st.floats(0, 1), min_size=8, max_size=24), min_size=1,
+             max_size=3),
+    st.sampled_from([0.0, 0.05, 0.5, 0.6, 0.9, 1.0]),
+    st.lists(st.integers(1, 4), min_size=8, max_size=24),
+)  # fmt: skip
+def test_no_verdict_contradicts_its_interval(
+    samples: list[list[float]], threshold: float, targets: list[int]
+) -> None:
+    fewest = min(*map(len, samples), len(targets))
+    table = [
+        row | {"target_id": target}
+        for row in rows({0.001 * 4**place: values[:fewest] for place, values in enumerate(samples)})
+        for target in range(targets[int(row["image"][1:])])
+    ]
+    (answer,) = answers(table, threshold)
+    sizes = targets[:fewest]
+    assert (answer.low is None) == (sum(sizes) ** 2 / sum(k * k for k in sizes) < 8)
+    if answer.low is None or answer.high is None:
+        assert answer.verdict == "cannot tell"
+        return
+    assert (answer.verdict == "works") == (max(answer.low) >= threshold)
+    if answer.verdict == "no exposure works":
+        assert max(answer.high) < threshold
+    if answer.verdict == "cannot tell" and len(samples) == 1:
+        assert max(answer.high) >= threshold
+    for exposure_s, low in zip(answer.exposures_s, answer.low, strict=True):
+        assert (low >= threshold) == any(a <= exposure_s <= b for a, b in answer.sure_windows_s)
+
+
+def test_few_pictures_are_told_by_what_they_weigh() -> None:
+    """Of 24 pictures four have six targets, the others one: 44^2 / 164 = 11.8 of one size."""
+    table = [
+        row | {"target_id": target}
+        for row in rows({0.01: spread(0.9, 0.05, 24)})
+        for target in range(6 if int(row["image"][1:]) < 4 else 1)
+    ]
+    (answer,) = answers(table, 0.5)
+    assert (answer.verdict, answer.n_pictures, answer.few_pictures) == ("works", 24, True)
+    (answer,) = answers(rows({0.01: spread(0.9, 0.05, 24)}), 0.5)
+    assert not answer.few_pictures
 
 
 @pytest.mark.parametrize("mean", [0.64, 0.56])

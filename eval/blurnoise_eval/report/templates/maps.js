@@ -67,9 +67,9 @@ function drawMap(panel, now) {
     margin: {l: 52, r: 12, t: 30, b: 46}}, config);
 }
 
-// Whether the interval of a tile holds the threshold.
+// Whether the interval of a tile holds the threshold, or there is none.
 const untold = ({p, several}, {measure}) =>
-  measure === null && several === 1 && p.low !== null && p.high !== null && p.low < run.threshold && p.high >= run.threshold;
+  measure === null && several === 1 && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
 
 // What the maps show, in words.
 function coloursOf({across, up, measure, name, mapFixed}) {
@@ -77,5 +77,5 @@ function coloursOf({across, up, measure, name, mapFixed}) {
     ? `a ${across === "blur" ? "row" : "column"} per ${across === "blur" ? up : across}, a tile around each tested blur`
     : `a column per ${across}, a row per ${up}`;
   return `${name}, for the choice above: ${tiles}${heldText(mapFixed)}. ` + (measure === null
-    ? `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold.` : run.measures[measure].more ? "Darker is better." : "Darker is worse.");
+    ? `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold, or there is none.` : run.measures[measure].more ? "Darker is better." : "Darker is worse.");
 }
