@@ -412,6 +412,8 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
         (["--exposure-ms", "0"], "exposure_s"),
         (["--camera", "nosuch"], "nosuch"),
         (["--threads", "0"], "threads"),
+        (["--gain", "auto"], "gain_db"),
+        (["--gain", "0,auto"], "gain_db"),
     ],
 )
 def test_wrong_input_is_one_line(given: list[str], named: str, tmp_path: Path, capsys: Output) -> None:
