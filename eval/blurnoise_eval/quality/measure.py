@@ -142,7 +142,7 @@ def measure(
     Of a camera with a mosaic the pixels behind its strongest filter, as if all were.
     ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` and :func:`check` do.
     """
-    check(plan)
+    check(camera, plan)
     scenes = _Scenes()
     camera = behind_one_filter(camera)
     rows: list[Row] = []
@@ -157,12 +157,17 @@ def measure(
     return rows
 
 
-def check(plan: SweepPlan) -> None:
-    """Raise ``ValueError`` for a gain that is left to the camera: its meter would set another for every chart."""
+def check(camera: Camera, plan: SweepPlan) -> None:
+    """Raise ``ValueError`` for conditions that the camera cannot take, or a gain that is left to it.
+
+    Its meter would set another for every chart.
+    """
     if AUTOMATIC in plan.values("gain_db"):
         raise ValueError(
             "gain_db = 'auto': must be numbers; the charts have no one mean for a camera to meter"
         )
+    for conditions in plan.conditions():
+        conditions.exposure(camera)
 
 
 class _Scenes:
