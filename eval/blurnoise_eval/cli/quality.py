@@ -49,6 +49,7 @@ def quality(
     from blurnoise_eval.quality import table as quality_table
 
     plan = SweepPlan(grid, repeats=repeats, seed=seed)
+    quality.check(exposed_by, plan)
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
         rows = quality.measure(exposed_by, plan, threads=workers, progress=advance)

@@ -33,7 +33,7 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.radiometry import behind_one_filter, photoelectrons
-from blurnoise_eval.grid.axes import blur_px
+from blurnoise_eval.grid.axes import AUTOMATIC, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.threads import limited_threads
 
@@ -140,8 +140,9 @@ def measure(
     """Every metric under every condition of ``plan``, in its order; the same rows whatever the threads.
 
     Of a camera with a mosaic the pixels behind its strongest filter, as if all were.
-    ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` does.
+    ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` and :func:`check` do.
     """
+    check(camera, plan)
     scenes = _Scenes()
     camera = behind_one_filter(camera)
     rows: list[Row] = []
@@ -154,6 +155,19 @@ def measure(
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
     return rows
+
+
+def check(camera: Camera, plan: SweepPlan) -> None:
+    """Raise ``ValueError`` for conditions that the camera cannot take, or a gain that is left to it.
+
+    Its meter would set another for every chart.
+    """
+    if AUTOMATIC in plan.values("gain_db"):
+        raise ValueError(
+            "gain_db = 'auto': must be numbers; the charts have no one mean for a camera to meter"
+        )
+    for conditions in plan.conditions():
+        conditions.exposure(camera)
 
 
 class _Scenes:

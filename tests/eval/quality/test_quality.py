@@ -22,6 +22,7 @@ from matplotlib.colors import to_hex, to_rgba
 from plans import plan as swept
 
 from blurnoise import Camera, charts
+from blurnoise.capture import staggered
 from blurnoise.metrics import information
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.radiometry import behind_one_filter, photoelectrons
@@ -412,6 +413,8 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
         (["--exposure-ms", "0"], "exposure_s"),
         (["--camera", "nosuch"], "nosuch"),
         (["--threads", "0"], "threads"),
+        (["--gain", "auto"], "gain_db"),
+        (["--gain", "0,auto"], "gain_db"),
     ],
 )
 def test_wrong_input_is_one_line(given: list[str], named: str, tmp_path: Path, capsys: Output) -> None:
@@ -419,4 +422,11 @@ def test_wrong_input_is_one_line(given: list[str], named: str, tmp_path: Path, c
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert named in error
+    assert not (tmp_path / "q").exists()
+
+
+def test_cameras_of_several_captures_leave_no_folder(tmp_path: Path, capsys: Output) -> None:
+    replace(CAMERA, captures=staggered(16)).save(tmp_path / "hdr.yaml")
+    assert main(["quality", "-o", str(tmp_path / "q"), "--camera", str(tmp_path / "hdr.yaml")]) == 2
+    assert "captures" in capsys.readouterr().err
     assert not (tmp_path / "q").exists()
