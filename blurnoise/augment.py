@@ -111,7 +111,9 @@ def expose_pictures(
             generator=[seeds[item] for item in of],
             fidelity=fidelity,
         )
-        return in_channels(develop(dn, camera, encoding=encoding, gain_db=digital_db), scene.shape[1])
+        return in_channels(
+            develop(dn, camera, encoding=encoding, gain_db=digital_db, whole=True), scene.shape[1]
+        )
 
     taken_by: dict[Amplified, list[int]] = {}
     for item, gain in enumerate(gains):

@@ -33,22 +33,25 @@ def develop(
     encoding: Encoding = "srgb",
     gain_db: float = 0.0,
     illuminant: str | Curve = "D55",
+    whole: bool | None = None,
 ) -> Tensor:
     """Digital numbers to a picture in [0, 1]; no automatic gain.
 
     (dn - black) / (full scale - black) times 10^(gain_db / 20), clamped, then coded by the camera's tone curve (sRGB
     by default) unless ``encoding`` is "linear"; of a mosaic white balance for the light ``illuminant``, demosaic and
     colour matrix come before the gain: ``STEPS`` in their order. dn: any shape, of a mosaic (B, 1, H, W), which
-    becomes (B, 3, H, W); integral values within the converter's range, beyond which they count as its ends; integers
-    of any size, float32 or float64. Returns dn's floating dtype, for integers float32.
+    becomes (B, 3, H, W); values within the converter's range, beyond which they count as its ends; integers of any
+    size, float32 or float64. Returns dn's floating dtype, for integers float32. whole: whether dn is known to hold
+    whole numbers; None: that is looked at.
     By a table of the formulas, where each value depends on its own number; coded float32 mosaics on the CPU in
-    integers of 16 bits (:mod:`blurnoise.picture.sixteen_bits`); where gradients are asked for by the formulas.
+    integers of 16 bits (:mod:`blurnoise.picture.sixteen_bits`); by the formulas where gradients are asked for, and of
+    frames that were not rounded.
     Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are none), camera, encoding, gain_db or illuminant.
     """
     dn, kind = _digital_numbers(dn)
     at = _development(camera, encoding, gain_db, illuminant)
     active = _active(dn, camera)
-    if dn.requires_grad and torch.is_grad_enabled():
+    if (dn.requires_grad and torch.is_grad_enabled()) or not (_whole(dn) if whole is None else whole):
         return _developed(dn.to(kind), at, active)
     if fast := _fast(dn, at, active):
         found = _by_16_bits(dn, at, active[:fast], kind)
@@ -56,6 +59,10 @@ def develop(
     tabulated = _leading(active)
     found = look_up(_tones(at, active[:tabulated]).to(dn.device, kind), dn)
     return _developed(found, at, active[tabulated:])
+
+
+def _whole(dn: Tensor) -> bool:
+    return not dn.is_floating_point() or torch.equal(dn, dn.trunc())
 
 
 def develop_8bit(dn: Tensor, camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:

@@ -26,6 +26,14 @@ LIT = {"exposure_s": 0.01, "illuminance_lux": 50.0}
     "kind", [torch.int16, torch.int32, torch.int64, torch.uint16, torch.uint32, torch.float64]
 )
 @pytest.mark.parametrize("encoding", ["srgb", "linear"])
+def test_frames_that_were_not_rounded_keep_their_fractions() -> None:
+    camera = Camera.preset("imx250")
+    dn = torch.tensor([[[[52.7, 52.0, 53.0]]]], dtype=torch.float64)
+    span = camera.full_scale_dn - camera.black_level_dn
+    told = (develop(dn, camera, encoding="linear") * span + camera.black_level_dn).flatten().tolist()
+    assert told == pytest.approx([52.7, 52.0, 53.0], abs=1e-9)
+
+
 def test_integers_are_digital_numbers(kind: torch.dtype, encoding: str) -> None:
     expected = develop(NUMBERS.float(), CAMERA, encoding=encoding)  # type: ignore[arg-type]
     assert float(expected.max()) > 0.99
