@@ -1,10 +1,10 @@
-"""Certainty of means over pictures: tests, intervals, and a bound on what a choice loses.
+"""Certainty of means over pictures: intervals, and a bound on what a choice loses.
 
 The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters stand
 on the first axis of every array; what is not measured in one is NaN there and does not count. Intervals of what lies
-between two bounds are :func:`bounded`. Tests, and intervals of differences, are of Student and of Hall (J. R.
-Statist. Soc. B 54 (1992) 221: Student's t with the skewness of the mean taken out, monotone), joined: something
-counts as certain only where both say so. Two-sided at 95 % unless stated.
+between two bounds are :func:`bounded`; those of differences are of Student and of Hall (J. R. Statist. Soc. B 54
+(1992) 221: Student's t with the skewness of the mean taken out, monotone), :func:`joined`. Two-sided at 95 % unless
+stated.
 """
 
 from __future__ import annotations
@@ -35,35 +35,12 @@ class Ends(NamedTuple):
     high: Array
 
 
-class Test(NamedTuple):
-    """Whether a mean is above or below 0. above: at least ``critical`` of it: surely above; below: at most minus
-    that: surely below. Minus and plus infinity from fewer than ``FEWEST`` clusters: never sure."""
-
-    above: Array
-    below: Array
-
-
 def critical(n: ArrayLike, confidence: float = CONFIDENCE) -> Array:
     """Student's t for n clusters, two-sided; NaN below 2."""
     from scipy.special import stdtrit  # takes 0.1 s
 
     count = np.asarray(n, float)
     return np.asarray(np.where(count > 1, stdtrit(np.maximum(count - 1, 1), (1 + confidence) / 2), np.nan))
-
-
-def test(z: ArrayLike) -> Test:
-    """Student's and Hall's statistics of the mean of ``z`` (n, ...) against 0, (...): the lesser and the greater."""
-    n, mean, error, lean = _summary(z)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        student = np.where(error > 0, mean / error, np.sign(mean) * np.inf)
-        student = np.where((error == 0) & (mean == 0), 0.0, student)
-        hall = student + lean * student**2 / 3 + lean**2 * student**3 / 27 + lean / 6
-    hall = np.where(np.isfinite(hall), hall, student)
-    known = n >= FEWEST
-    return Test(
-        np.where(known, np.minimum(student, hall), -np.inf),
-        np.where(known, np.maximum(student, hall), np.inf),
-    )
 
 
 def mean_of(sums: ArrayLike, counts: ArrayLike) -> Array:
