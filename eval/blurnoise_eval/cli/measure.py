@@ -75,8 +75,7 @@ def measure(
     Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason; a
     number that may be wrong has a question mark, and its reason below. A tone curve that is symmetric about the
     middle of an edge shows in no single edge; --oecf, or edges of another contrast, resolve it. Nor do mild
-    sharpening (amount up to 0.3) of an edge of sigma 1 px and more, and median or bilateral filters (MTF50 up to
-    11 % high, 7 % low).
+    sharpening (amount up to 0.3) of an edge of sigma 1 px and more, and median or bilateral filters.
     SIC radial takes the blur for the same in all directions. SIC square and the NEQ sum cover the square of all
     frequencies: with the nearest edge across the other axis, or without one as if the blur were the same both ways.
     NEQ is that of the bright side; it needs no gain, which cancels, but the black level.
