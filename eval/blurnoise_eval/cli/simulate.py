@@ -133,6 +133,10 @@ def simulate(
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
     exposure_s = exposure_ms / 1e3
+    if exposure_ms == AUTOMATIC and gain_db not in (0.0, AUTOMATIC):
+        raise ValueError(
+            f"gain = {gain_db:g}: goes with a stated exposure; with an automatic one it is set, too"
+        )
     if AUTOMATIC in (exposure_ms, gain_db):
         metered: dict[str, Any] = {"mean_light": float(mean_luma(scene, taker)[0]), "illuminance_lux": lux}
         metered["temperature_c"] = temperature_c

@@ -95,7 +95,13 @@ class Worker:
                     self._prepared.popitem(last=False)
         if mine:
             try:
-                prepared.set_result(PreparedPicture(picture, self._work.models, self._work.grey_anchor))
+                made = PreparedPicture(picture, self._work.models, self._work.grey_anchor)
+                height, width = made.scene.image8.shape[:2]
+                if self._work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
+                    raise UnreadablePicture(
+                        f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
+                    )
+                prepared.set_result(made)
             except BaseException as error:
                 prepared.set_exception(error)
         return prepared.result()

@@ -509,3 +509,12 @@ def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> No
     found = {"confidence": clean["detections"][0]["score"]}
     found |= dict.fromkeys(("truth", "text", "read_confidence"))
     assert clean["targets"] == [{"box_xyxy": list(BOX), "label": "stop sign", **found}]
+
+
+def test_a_picture_too_thin_for_a_mosaic_is_skipped_and_named(detector: Detector, tmp_path: Path) -> None:
+    shown = picture_set(picture("thin", lambda: noise(1, 40)), picture("whole", lambda: noise(43, 61)))
+    plan = swept((0.004,), (33.3,), examples=False)
+    with Store(tmp_path / "mosaic", create=True) as store:
+        outcome = sweep.run([detector], Camera.preset("imx250c"), shown, plan, store)
+    assert list(outcome.skipped) == ["thin"]
+    assert "40 x 1 px; behind a mosaic it must be at least 2 x 2" in outcome.skipped["thin"]
