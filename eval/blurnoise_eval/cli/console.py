@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
     """A block per model, target and setting, a line per velocity: the verdict, or the window, the exposure to use
     with its confidence, and what it may lose; 80 columns unless names are long."""
-    from blurnoise_eval.grid.axes import velocity_of
+    from blurnoise_eval.grid.axes import AUTOMATIC, velocity_of
     from blurnoise_eval.report import words
     from blurnoise_eval.report.settings import Setting, settings_of
 
@@ -27,6 +27,8 @@ def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
         "over pictures; <= and >=: as far as was tested. use: one of them, its",
         "confidence, and what it loses at most against the best tested; (use): a guess.",
     )
+    if left := [axis.text(value) for axis, value in settings.held if value == AUTOMATIC]:
+        say(f"With {', '.join(left)}.")
     blocks: dict[tuple[str, str, Setting], list[dict[str, Any]]] = {}
     for answer in found:
         blocks.setdefault((answer["model"], answer["group"], settings.of(answer)), []).append(answer)

@@ -54,9 +54,11 @@ def _answer_lines(data: RunData) -> list[str]:
     reached = any(answer["windows_s"] for answer in answers)
     if not reached and not untold:
         return [f"No tested exposure reaches a mean confidence of {threshold:g} for any {_what(data, 'or')}."]
+    held = data.settings.special_text(data.manifest["camera"])
     lines = [
         f"An exposure that keeps the mean confidence at or above {threshold:g} exists in "
-        f"{count_working(answers)} of {total} combinations of {_what(data)}{_untold(untold)}."
+        f"{count_working(answers)} of {total} combinations of {_what(data)}{f', with {held}' if held else ''}"
+        f"{_untold(untold)}."
     ]
     if total > max(untold, 1) and reached and (best := best_common_exposure(answers, threshold)):
         lines.append(
