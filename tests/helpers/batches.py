@@ -1,0 +1,12 @@
+"""Batches of pictures for the augmentations' tests."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def pictures(batch: int = 4, channels: int = 3, height: int = 21, width: int = 34) -> Tensor:
+    """The same noise every time, (B, C, H, W) in [0, 1]."""
+    generator = torch.Generator().manual_seed(5)
+    return torch.rand(batch, channels, height, width, generator=generator)
