@@ -1,15 +1,7 @@
-"""A sweep computes what ``simulate`` and the detector give, whoever computes it, and survives its own death."""
+"""A sweep computes what ``simulate`` and the detector give, whoever computes it."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
-import time
-import weakref
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,8 +11,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval import cli
-from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
@@ -29,20 +19,32 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep import work
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
-from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
 from plans import plan as swept
+from signs_in_memory import (
+    BOX,
+    CAMERA,
+    HEIGHT_PX,
+    PLAN,
+    TWO,
+    WIDTH_PX,
+    matched_detector,
+    noise,
+    picture,
+    picture_set,
+    rows_of,
+    sign,
+    unreadable,
+)
 
-from blurnoise import Camera, charts, exposure, simulate
+from blurnoise import Camera, exposure, simulate
 from blurnoise.encoding import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import readout as sensor
 
-CAMERA = Camera.preset("imx250")
 EVERY_EFFECT = replace(
     CAMERA,
     name="every effect",
@@ -54,73 +56,11 @@ EVERY_EFFECT = replace(
     dark_doubling_c=7.0,
     defocus_radius_px=1.2,
 )
-SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
-PLAN = swept(
-    exposures_s=(0.002, 0.0123, 0.03),
-    lights_lux=(3.0, 333.3),
-    right_px_s=(0.0, 333.3),
-    down_px_s=(0.0, -77.1),
-    repeats=2,
-)
 
 
 @pytest.fixture(scope="module")
 def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    path = tmp_path_factory.mktemp("model") / "small.onnx"
-    return Detector(matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64))
-
-
-def sign(dtype: type = np.uint8) -> NDArray[Any]:
-    linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
-    coded = srgb_from_linear(linear)[0].permute(1, 2, 0).numpy()
-    return np.round(coded * np.iinfo(dtype).max).astype(dtype)
-
-
-def noise(height: int, width: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(5).integers(0, 256, (height, width, 3), np.uint8)
-
-
-BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
-
-
-def picture(
-    name: str, load: Callable[[], NDArray[Any]] = sign, labels: Sequence[str] | None = ("stop sign",)
-) -> Picture:
-    """A picture with a sign's box for each label; without labels, whatever is found when clean."""
-    targets = None if labels is None else tuple(Target(label, f"a {label}", BOX) for label in labels)
-    return Picture(name, targets, load, f"{name} rendered")
-
-
-def picture_set(*pictures: Picture) -> PictureSet:
-    return PictureSet("folder", "memory", pictures)
-
-
-TWO = picture_set(picture("a"), picture("b", partial(noise, 40, 51), None))
-
-
-def unreadable() -> NDArray[Any]:
-    raise UnreadablePicture("bad.png: is empty (0 bytes)")
-
-
-def everything(store: Store) -> list[Any]:
-    """All that a run found, but not how long it took."""
-    cells = [
-        {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms")}
-        for cell in store.cells()
-    ]
-    found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
-    boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes(), each.class_ids.tobytes()) for each in found]
-    return [cells, list(store.targets()), boxes, store.skipped()]
-
-
-def n_done(store: Store) -> int:
-    return len({row["cell_id"] for row in store.rows("SELECT cell_id FROM cells")})
-
-
-def rows_of(folder: Path, *arguments: Any, **options: Any) -> list[Any]:
-    with Store(folder, create=True) as store:
-        sweep.run(*arguments, store, **options)
-        return everything(store)
+    return matched_detector(tmp_path_factory.mktemp("model"))
 
 
 @pytest.fixture(scope="module")
@@ -272,94 +212,6 @@ def test_rows_do_not_depend_on_the_other_pictures(
     assert [target for target in targets if target["image"] in "ab"] == uninterrupted[1]
 
 
-@pytest.mark.parametrize(("threads", "after"), [(1, 1), (1, 20), (3, 25)])
-def test_interrupted_sweep_goes_on(
-    detector: Detector, tmp_path: Path, uninterrupted: list[Any], threads: int, after: int
-) -> None:
-    settled = 0
-
-    def interrupt(cells: int) -> None:
-        nonlocal settled
-        settled += cells
-        if settled >= after:
-            raise KeyboardInterrupt
-
-    total = count_cells(TWO, PLAN)
-    with Store(tmp_path, create=True) as store:
-        with pytest.raises(KeyboardInterrupt):
-            sweep.run([detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=interrupt)
-        kept = n_done(store)  # the store is whole: it can be read at once
-        assert after <= kept < total
-    told: list[int] = []
-    with Store(tmp_path) as store:
-        outcome = sweep.run(
-            [detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=told.append
-        )
-        assert (outcome.resumed, outcome.computed) == (kept, total - kept)
-        assert sum(told) == total
-        assert everything(store) == uninterrupted
-        again = sweep.run([detector], CAMERA, TWO, PLAN, store)
-        assert (again.resumed, again.computed) == (total, 0)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
-def test_killed_sweep_goes_on_with_the_same_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """kill -9 in the middle of a real command; the default detector and one default sign."""
-    folder = tmp_path / "run"
-    command = ["sweep", "--exposure-ms", "1:24:1", "--lux", "50", "--dx", "0,300", "--repeats", "1"]
-    command += ["--limit", "1", "--threads", "1", "--json", "-o", str(folder)]
-    plan = swept(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0))
-    one = PictureSet("rendered", "", rendered_signs().pictures[:1])
-
-    started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
-    process = subprocess.Popen(started, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 60
-    while len(list(folder.glob("examples/*.png"))) < 4:
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    assert process.returncode == -signal.SIGKILL
-    with Store(folder) as store:
-        kept = n_done(store)
-    assert 0 < kept < count_cells(one, plan)
-
-    assert cli.main(command) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["resumed"], summary["computed"]) == (kept, count_cells(one, plan) - kept)
-    expected = rows_of(tmp_path / "uninterrupted", [Detector(STOP_SIGN)], CAMERA, one, plan)
-    with Store(folder) as store:
-        assert everything(store) == expected
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_pictures_in_memory_do_not_grow_with_the_set(
-    detector: Detector, tmp_path: Path, threads: int
-) -> None:
-    live: set[int] = set()
-    most = 0
-
-    def load() -> NDArray[np.uint8]:
-        nonlocal most
-        image = noise(32, 32)
-        live.add(id(image))
-        weakref.finalize(image, live.discard, id(image))
-        most = max(most, len(live))
-        return image
-
-    many = picture_set(*[picture(f"p{index}", load) for index in range(40)])
-    plan = swept((0.01,), (50.0,), repeats=2)
-    with Store(tmp_path, create=True) as store:
-        sweep.run([detector], CAMERA, many, plan, store, engine=ThreadEngine(threads))
-        assert n_done(store) == count_cells(many, plan) == 120
-    # Scenes that are kept, and one that each task at work may still hold.
-    assert most <= 2 * threads + 2
-
-
 def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_path: Path) -> None:
     plan = swept((0.01,), (0.3, 3.0, 300.0), (0.0, 200.0, 500.0, 1000.0))
     _, targets, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
@@ -431,22 +283,6 @@ def test_classes_that_the_model_does_not_know_count_for_nothing(detector: Detect
         assert "2 pictures" in without
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_unreadable_picture_is_named_and_skipped(detector: Detector, tmp_path: Path, threads: int) -> None:
-    pictures = picture_set(picture("a"), picture("bad.png", unreadable), picture("z"))
-    told: list[int] = []
-    for turn in ("first", "again"):
-        told.clear()
-        with Store(tmp_path, create=True) as store:
-            outcome = sweep.run(
-                [detector], CAMERA, pictures, PLAN, store, engine=ThreadEngine(threads), progress=told.append
-            )
-            assert outcome.skipped == {"bad.png": "bad.png: is empty (0 bytes)"}
-            assert [entry["image"] for entry in store.skipped()] == ["bad.png"]
-            assert {cell["image"] for cell in store.cells()} == {"a", "z"}, turn
-            assert sum(told) == count_cells(pictures, PLAN)
-
-
 def test_seeds_are_shared_by_conditions_and_by_nothing_else(uninterrupted: list[Any]) -> None:
     seeds: dict[tuple[str, int], set[int]] = {}
     for cell in uninterrupted[0]:
@@ -509,12 +345,3 @@ def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> No
     found = {"confidence": clean["detections"][0]["score"]}
     found |= dict.fromkeys(("truth", "text", "read_confidence"))
     assert clean["targets"] == [{"box_xyxy": list(BOX), "label": "stop sign", **found}]
-
-
-def test_a_picture_too_thin_for_a_mosaic_is_skipped_and_named(detector: Detector, tmp_path: Path) -> None:
-    shown = picture_set(picture("thin", lambda: noise(1, 40)), picture("whole", lambda: noise(43, 61)))
-    plan = swept((0.004,), (33.3,), examples=False)
-    with Store(tmp_path / "mosaic", create=True) as store:
-        outcome = sweep.run([detector], Camera.preset("imx250c"), shown, plan, store)
-    assert list(outcome.skipped) == ["thin"]
-    assert "40 x 1 px; behind a mosaic it must be at least 2 x 2" in outcome.skipped["thin"]
