@@ -22,7 +22,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both models on all photographs, untouched and under one condition; what was found, as COCO results."""
     folder = tmp_path_factory.mktemp("real") / "run"
     models = [f"--model={SHARED / 'models' / name}.onnx" for name in ("yolox_nano", "fastestdet_upstream")]
-    conditions = ["--exposure-ms", "60", "--lux", "20", "--dx", "400", "--json"]
+    conditions = ["--exposure-ms", "60", "--lux", "20", "--dx", "400", "--gain", "0", "--json"]
     with redirect_stdout(StringIO()):
         assert cli.main(["sweep", *models, "--coco", str(LABELS), *conditions, "-o", str(folder)]) == 0
         assert cli.main(["detections", str(folder)]) == 0

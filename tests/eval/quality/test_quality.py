@@ -285,7 +285,8 @@ def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
 def test_colour_cameras_are_measured_behind_one_filter() -> None:
     """As if green were before every pixel: the raw pixels of a mosaic would be edges of their own."""
     camera, short = Camera.preset("imx250c"), swept((0.01,), (50.0,), (0.0,))
-    assert quality.measure(camera, short) == quality.measure(behind_one_filter(camera), short)
+    found, expected = (quality.measure(each, short) for each in (camera, behind_one_filter(camera)))
+    assert repr(found) == repr(expected)  # NaN, where one chart has no interval, equals no NaN
 
 
 def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_no_process_outlives_its_sweep(
     """Ctrl-C reaches every process of the terminal's group; kill -9 reaches only the first. The store is whole."""
     shown = datasets.image_folder(Path(pictures.source))
     command = ["sweep", "--model", str(detector.path), "--images", shown.source, "--exposure-ms", "1:60:1"]
-    command += ["--lux", "50", "--dx", "0,300", "--engine", "processes", "--threads", "2"]
+    command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", "processes", "--threads", "2"]
     command += ["-o", str(tmp_path / "run")]
     started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
     process = subprocess.Popen(
@@ -203,7 +203,7 @@ def test_no_process_outlives_its_sweep(
     with Store(tmp_path / "run") as store:
         kept = len(list(store.cells()))
     assert kept > 0
-    plan = swept(tuple(ms / 1e3 for ms in range(1, 61)), (50.0,), (0.0, 300.0))
+    plan = swept(tuple(ms / 1e3 for ms in range(1, 61)), (50.0,), (0.0, 300.0), gain_db=("auto",))
     outcome = computed(tmp_path / "run", [detector], shown, ThreadEngine(2), plan)
     assert outcome.resumed == kept < kept + outcome.computed == 2 * count_cells(shown, plan) // 3
     computed(tmp_path / "anew", [detector], shown, ThreadEngine(2), plan)
