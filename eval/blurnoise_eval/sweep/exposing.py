@@ -107,12 +107,9 @@ def frames(
 
 
 def brightest(exposure: Exposure) -> int:
-    """The 8-bit value of what stands at the full well or at full scale, whichever is less; three times the read
-    noise below it still counts."""
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
     camera, digital_db = exposure.amplified
-    margin_dn = math.ceil(3 * camera.read_noise_e * camera.system_gain_dn_per_e)
-    limit_dn = max(int(camera.clip_dn) - margin_dn, 1)
-    return int(tones_8bit(camera, digital_db)[limit_dn])
+    return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
