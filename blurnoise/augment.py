@@ -397,9 +397,10 @@ def _bounds(name: str, value: Range) -> tuple[float, float]:
 def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
     if isinstance(gain_db, AutoExposure):
         return gain_db
-    if isinstance(gain_db, str):
-        one_of("gain_db", gain_db, ("auto",))
+    if gain_db == "auto":
         return AutoExposure()
+    if not isinstance(gain_db, (int, float, Sequence)) or isinstance(gain_db, str):
+        raise TypeError(f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure")
     low, high = _bounds("gain_db", gain_db)
     for camera in cameras:
         camera.at_gain(low), camera.at_gain(high)
