@@ -400,7 +400,9 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
     if gain_db == "auto":
         return AutoExposure()
     if not isinstance(gain_db, (int, float, Sequence)) or isinstance(gain_db, str):
-        raise TypeError(f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure")
+        raise TypeError(
+            f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure"
+        )
     low, high = _bounds("gain_db", gain_db)
     for camera in cameras:
         camera.at_gain(low), camera.at_gain(high)
