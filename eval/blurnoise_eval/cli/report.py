@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json
-from blurnoise_eval.cli.console import print_answers, print_models
+from blurnoise_eval.cli.console import print_models, print_opening
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     if as_json:
         say_json(done.summary)
         return
-    print_answers(done.answers, done.threshold)
+    print_opening(done.data)
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")

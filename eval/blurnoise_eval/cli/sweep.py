@@ -11,7 +11,7 @@ from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
-from blurnoise_eval.cli.console import print_assumptions
+from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
@@ -148,7 +148,7 @@ def sweep(
     )
     plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor)
     for each in models if model or ocr else ():
-        print_assumptions(each.contract, each.path)
+        print_assumed(each.contract, each.path)
     done = evaluate(
         models,
         pictures,
