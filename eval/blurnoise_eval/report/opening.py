@@ -104,7 +104,9 @@ def _difference(row: dict[str, Any]) -> str:
     if low is not None and low > 0:
         return f"surely less ({row['behind']:.2f}, at least {low:.2f})"
     wanted = row["pictures_to_tell_behind"]
-    more = "very many more pictures" if wanted is None else f"~{wanted - row['n_pictures']} more pictures"
+    more = (
+        "very many more pictures" if wanted is None else f"~{wanted - row['standing_pictures']} more pictures"
+    )
     return f"too close to tell ({more} would)"
 
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.surfaces import Surface
 
+COLUMNS = ("best_value", "best_low", "best_high", "behind", "behind_low", "behind_high")
+COLUMNS += ("standing_pictures", "pictures_to_tell_behind")
 _MOST_PICTURES = 9999  # that are asked for
 Array = NDArray[np.float64]
 Condition = tuple[Any, ...]
@@ -48,33 +50,40 @@ class AtBest:
 
 
 def standings(models: Mapping[str, AtBest]) -> dict[str, dict[str, float | int | None]]:
-    """By model, columns of its row: best_value, its mean over the conditions, with best_low and best_high;
-    behind, what it lacks of the model with the highest, with behind_low and behind_high (None for that one); n_pictures;
-    pictures_to_tell_behind, how many would tell that difference, None where it is told or takes more than 9999.
+    """By model, columns of its row: best_value, its mean over the conditions, best_low and best_high; behind, what it
+    lacks of the model with the highest (None for that one), behind_low and behind_high; standing_pictures, how many
+    clusters say so; pictures_to_tell_behind, how many would tell that difference, None where it is told or takes more
+    than 9999.
 
-    Intervals at 95 % over clusters, None below 8. Of the choice of exposures nothing is in them: at a best one the
-    first-order change is none. Empty without a common condition.
+    Intervals at 95 % over clusters, None below 8. The choice of exposures is not in them: at a best one it changes
+    nothing in first order. All None without a common condition.
     """
     shared = [set(model.values) for model in models.values()]
     common = sorted(set.intersection(*shared), key=repr) if shared else []
     if not common:
-        return {}
+        return {name: dict.fromkeys(COLUMNS) for name in models}
     names = list(_names(models.values(), common))
     value = {name: float(np.mean([model.values[each] for each in common])) for name, model in models.items()}
     away = {name: _away(model, common, names) for name, model in models.items()}
     first = max(value, key=lambda name: value[name])
     rows: dict[str, dict[str, float | int | None]] = {}
     for name in models:
+        row: dict[str, float | int | None] = dict.fromkeys(COLUMNS)
         low, high = _ends(value[name], away[name])
-        row: dict[str, float | int | None] = {"best_value": value[name]}
-        row |= {"best_low": None if low is None else max(low, 0.0), "best_high": high}
-        row |= dict.fromkeys(("behind", "behind_low", "behind_high", "pictures_to_tell_behind"))
+        row |= {
+            "best_value": value[name],
+            "best_low": None if low is None else max(low, 0.0),
+            "best_high": high,
+        }
+        row |= {"standing_pictures": len(names)}
         if name != first:
             behind, apart = value[first] - value[name], away[first] - away[name]
             low, high = _ends(behind, apart)
             row |= {"behind": behind, "behind_low": low, "behind_high": high}
-            row["pictures_to_tell_behind"] = None if low is not None and low > 0 else _to_tell(behind, apart)
-        rows[name] = row | {"n_pictures": len(names)}
+            row |= {
+                "pictures_to_tell_behind": None if low is not None and low > 0 else _to_tell(behind, apart)
+            }
+        rows[name] = row
     return rows
 
 
@@ -84,7 +93,7 @@ def _names(models: Iterable[AtBest], common: Iterable[Condition]) -> dict[str, N
 
 
 def _away(model: AtBest, common: list[Condition], names: list[str]) -> Array:
-    """Each cluster's departure of the mean over the conditions; a cluster without such targets contributes nothing."""
+    """Each cluster's departure of the mean over the conditions; one without such targets adds nothing."""
     place = {name: index for index, name in enumerate(names)}
     total = np.zeros(len(names))
     for condition in common:
