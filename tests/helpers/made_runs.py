@@ -10,11 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 from blurnoise_eval.report import RunData
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.matching import failure_point
 from numpy.typing import NDArray
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
+CRITERION = Criterion(THRESHOLD, kept=False)
 F_NUMBERS, TEMPERATURES_C = (1.4,), (25.0,)
 GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
 DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error", "ap50_swept")
@@ -166,6 +168,16 @@ def _answer(
         "recommended_low": max(0.0, curve[top] - 0.06) if windows and interval else None,
         "recommended_high": min(1.0, curve[top] + 0.04) if windows and interval else None,
         "regret_95": 0.012 if windows and interval else None,
+        "criterion": CRITERION.text,
+        "best_s": exposures_s[top],
+        "best_value": curve[top],
+        "best_low": max(0.0, curve[top] - 0.06) if interval else None,
+        "best_high": min(1.0, curve[top] + 0.04) if interval else None,
+        "limited_low": "noise" if windows and curve[0] < THRESHOLD else None,
+        "limited_high": "blur" if windows and curve[-1] < THRESHOLD else None,
+        "limited_by": None if windows else "blur and noise" if speed else "noise",
+        "limits_untold": None,
+        "clean_value": best,
         "saturated": [0.0] * len(curve),
         "saturated_at_recommended": 0.0 if windows else None,
     }
@@ -283,7 +295,9 @@ def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> dict[str
         "versions": {"blurnoise": "0.1.0", "onnxruntime": "1.31"},
         "hardware": {"cpu": "8 cores"},
         "threads": 2,
+        "criterion": CRITERION.row(),
         "threshold": THRESHOLD,
+        "withheld": [],
         "images": {"kind": "rendered targets", "count": 1, "labelled": True, "notes": []},
         "wall_s": 12.3,
         "warnings": ["two pictures are smaller than the sensor"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import wrap
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.system.terminal import plain, say, say_json, show
@@ -22,9 +22,9 @@ def print_opening(data: RunData) -> None:
 
     told = opening(data)
     for sentence in told.sentences:
-        _say_wrapped(sentence)
+        say_wrapped(sentence)
     for question, text in told.questions:
-        _say_wrapped(f"{question:17s}{text}", hanging=17)
+        say_wrapped(f"{question:17s}{text}", hanging=17)
     rows = tables.deciding(data, told.rows, MOST_ROWS)
     if not rows:
         return
@@ -49,21 +49,20 @@ def print_opening(data: RunData) -> None:
         to = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
         say(_in_ascii(_line(row["setting"], wide, to, row["use"], row["gain"] or "", row["value"])))
         for note in row["notes"]:
-            _say_wrapped(note, indent=6, hanging=8)
+            say_wrapped(note, indent=6, hanging=8)
     hidden = f"{len(told.rows) - len(rows)} more rows, and " if len(told.rows) > len(rows) else ""
     say("")
-    _say_wrapped(f"In answers.csv: {hidden}every {told.every} by itself.")
+    say_wrapped(f"In answers.csv: {hidden}every {told.every} by itself.")
 
 
 def _line(setting: str, wide: int, to: str, use: str, gain: str, value: str) -> str:
     return f"  {setting:{wide}s}  {to:>12s}  {use:>8s}  {gain:>6s}  {value}"
 
 
-def _say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
+def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
     """In lines of 80 columns; words longer than that stay whole."""
-    starts = {"initial_indent": " " * indent, "subsequent_indent": " " * hanging}
-    for line in wrap(_in_ascii(plain(text)), 79, **starts, break_long_words=False, break_on_hyphens=False):
-        say(line)
+    wrapper = TextWrapper(79, " " * indent, " " * hanging, break_long_words=False, break_on_hyphens=False)
+    say(*wrapper.wrap(_in_ascii(plain(text))))
 
 
 def _in_ascii(line: str) -> str:
@@ -77,21 +76,23 @@ def print_models(rows: list[dict[str, Any]]) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
+    on = sorted({f"{row['latency_threads']}" for row in rows if row["latency_threads"] is not None})
+    threads = f", threads: {' or '.join(on)}" if on else ""
     table = Table(
         title="P: AP, or share of texts read right, in untouched pictures; mPC: its mean over all other "
-        "conditions; uniform: over light x time and motion, whatever the grid; AUC: mean confidence over the range; "
-        "ms: per picture, median and 95 %",
+        "conditions; uniform: over light x time and motion, whatever the grid; AUC: the area under the curves; "
+        f"ms: per picture, median (95 %){threads}",
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
+        padding=(0, 1, 0, 0),
     )
-    for head in ("model", "P", "mPC", "uniform", "rPC", "AUC exposure", "AUC blur", "ms, threads"):
-        table.add_column(head, justify="left" if head == "model" else "right", overflow="fold")
+    table.add_column("model", overflow="fold")
+    for head in ("P", "mPC", "uniform", "rPC", "AUC\nexposure", "AUC\nblur", "ms"):
+        table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
         values = ("-" if row[name] is None else f"{row[name]:.3f}" for name in _MODEL_NUMBERS)
-        took = "-"
-        if row["latency_ms"] is not None:
-            took = f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f}), {row['latency_threads']}"
+        took = "-" if row["latency_ms"] is None else f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f})"
         table.add_row(row["model"], *values, took)
     show(table)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import SCORES, Json, one_of
-from blurnoise_eval.cli.console import print_models, print_opening
+from blurnoise_eval.cli.console import print_models, print_opening, say_wrapped
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -90,5 +90,5 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
     if meant := done.summary["reflectance"]:
-        say(f"lux: {meant}")
+        say_wrapped(f"lux: {meant}")
     say(f"open {page}")

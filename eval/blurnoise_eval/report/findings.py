@@ -10,7 +10,7 @@ from typing import Any
 from blurnoise.grey_anchor import reflectance_text
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
+from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
@@ -85,7 +85,9 @@ def warnings(data: RunData) -> list[str]:
         (name, group, clean)
         for name in names
         for group in largest_groups(data, MAX_LISTED)
-        if (clean := clean_confidence(data, name, group)) is not None and clean < threshold
+        if not data.manifest["criterion"]["kept"]
+        and (clean := clean_confidence(data, name, group)) is not None
+        and clean < threshold
     ]
     warnings += [
         f"{name}, {group}: {clean:.2f} on the untouched pictures, below the threshold {threshold:g}. "
@@ -167,7 +169,7 @@ def run_facts(data: RunData) -> dict[str, str]:
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
     facts |= {
-        "confidence threshold": manifest["threshold"],
+        "criterion": manifest["criterion"]["text"],
         "pictures": pictures,
         "cells, of all models": manifest["n_cells"],
         "target rows": manifest["n_target_rows"],

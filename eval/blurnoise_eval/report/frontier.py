@@ -28,9 +28,9 @@ class Row:
 
     shown: the answer at the fastest speed at which an exposure works (in the direction that is worst); without one,
     the best. exposure_s: the exposure to use, of ``shown`` or, if there is one, one that works at every slower speed,
-    too (``for_all``); without one that works, the best. value, low, high: what it reaches there. top_px_s: that fastest
-    speed, None where no exposure surely works; slower_px_s: slower ones at which none does. others: the answers at
-    speeds beyond, or all where none works.
+    too (``for_all``); without one that works, the best. value, low, high: what it reaches there. top_px_s: that
+    fastest speed, None where no exposure surely works; slower_px_s: slower ones at which none does. others: the
+    answers at speeds beyond, or all where none works.
     """
 
     group: str
@@ -75,8 +75,8 @@ def rows_that_decide(data: RunData, answers: Sequence[Answer]) -> list[Row]:
 def exposure_for_all(answers: Sequence[Answer], level: float) -> tuple[float, int, int] | None:
     """The tested exposure that serves most of the answers, s; in how many it surely does, and how many know it.
 
-    Of those that serve as many, those whose mean reaches the level in most; of these, those within ``NEAR_BEST`` of the
-    highest mean; of these, the one that is recommended most often. None where nothing was measured.
+    Of those that serve as many, those whose mean reaches the level in most; of these, those within ``NEAR_BEST`` of
+    the highest mean; of these, the one that is recommended most often. None where nothing was measured.
     """
     at: dict[float, list[tuple[bool, bool, float]]] = {}
     for answer in answers:
@@ -110,8 +110,10 @@ def values_at(answers: Sequence[Answer], exposure_s: float) -> list[float]:
 
 
 def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
-    """The gain that was applied in a setting at an exposure, mean over pictures, dB; between tested exposures straight
-    over their logarithm. None where it is not known, or beyond what was tested."""
+    """The gain that was applied in a setting at an exposure, mean over pictures, dB.
+
+    Between tested exposures it is straight over their logarithm; None where it is not known, or beyond them.
+    """
     known: dict[float, float] = {}
     for row in data.scores:
         gain = None if row["clean"] else finite(row.get("applied_gain_db"))
@@ -142,11 +144,11 @@ def _row(group: str, setting: Setting, answers: Sequence[Answer], level: float) 
     )
     exposure_s, for_all = _use(held, shown, level)
     place = shown["exposures_s"].index(exposure_s)
-    ends = (shown[end][place] if shown[end] else None for end in ("low", "high"))
+    low, high = (shown[end][place] if shown[end] else None for end in ("low", "high"))
     slower = tuple(speed for speed in speeds if speed < top and speed not in works)
     beyond = tuple(answer for answer in answers if speed_px_s(answer) > top)
     value = shown["confidence"][place]
-    return Row(group, (setting,), shown, exposure_s, for_all, value, *ends, top, slower, beyond)
+    return Row(group, (setting,), shown, exposure_s, for_all, value, low, high, top, slower, beyond)
 
 
 def _use(held: Sequence[Answer], shown: Answer, level: float) -> tuple[float, bool]:

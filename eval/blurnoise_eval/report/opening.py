@@ -46,8 +46,8 @@ MAX_NAMED = 4  # settings or models in a sentence
 class Opening:
     """What stands first. model: whose answer it is, the one that keeps most of several; None without targets.
 
-    sentences: the answer. questions: (question, answer), in the order in which they are asked. rows: those that decide.
-    every: what there is an answer of: 'target, light and speed'.
+    sentences: the answer. questions: (question, answer), in the order in which they are asked. rows: those that
+    decide. every: what there is an answer of: 'target, light and speed'.
     """
 
     model: str | None
@@ -60,7 +60,7 @@ class Opening:
 def opening(data: RunData) -> Opening:
     """The opening of a run."""
     if not data.answers:
-        return Opening(None, ("The pictures hold no targets, so no exposure can be recommended.",))
+        return Opening(None, (_nothing(data),))
     model = leader(data)
     own = [answer for answer in data.answers if answer["model"] == model]
     rows = tuple(rows_that_decide(data, own))
@@ -68,6 +68,15 @@ def opening(data: RunData) -> Opening:
     return Opening(
         model, (*several, _answer(data, own)), tuple(_questions(data, own, rows)), rows, _what(data)
     )
+
+
+def _nothing(data: RunData) -> str:
+    if data.manifest.get("withheld"):
+        return (
+            "The models find too little in the untouched pictures to say what they keep of it: no exposure can be "
+            "recommended. Are these the classes that they know?"
+        )
+    return "The pictures hold no targets, so no exposure can be recommended."
 
 
 def leader(data: RunData) -> str:
@@ -91,12 +100,21 @@ def _between(data: RunData, model: str) -> str:
         return f"Some exposure {enough_text(asked)} in: {_listed(counts)}."
     kept.sort(key=lambda pair: -pair[0])
     (value, first), *others = kept
+    untouched = " of its " in asked and "confidence" in asked
     reached = reached_text(value_text(value, first["best_low"], first["best_high"]), asked)
     behind = [
-        f"{row['model']} {value_text(other, row['best_low'], row['best_high'])}, {_difference(row)}"
+        f"{row['model']} {value_text(other, row['best_low'], row['best_high'])}{_untouched(row, untouched)}, "
+        f"{_difference(row)}"
         for other, row in others
     ]
-    return f"{model} {reached} at the best exposures, on average; {_listed(behind, '; ')}."
+    ahead = f"{model} {reached}{_untouched(first, untouched)} at the best exposures, on average"
+    return f"{ahead}; {_listed(behind, '; ')}."
+
+
+def _untouched(row: dict[str, Any], said: bool) -> str:
+    """Of a model that keeps much, how much that is."""
+    value = finite(row.get("target_confidence"))
+    return "" if value is None or not said else f" ({value:.2f} in untouched pictures)"
 
 
 def _difference(row: dict[str, Any]) -> str:
@@ -179,8 +197,8 @@ def _questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) ->
     gains = {each: gain for each, at in best.items() if (gain := gain_at(data, each, at)) is not None}
     if gains:
         told = _per_setting(data, {each: gain_text(gain) for each, gain in gains.items()})
-        own = any(axis.automatic and value == AUTOMATIC for axis, value in data.settings.held)
-        yield "Which gain?", f"{told}{' (set by the camera, mean over pictures)' if own else ''}"
+        automatic = any(axis.automatic and value == AUTOMATIC for axis, value in data.settings.held)
+        yield "Which gain?", f"{told}{' (set by the camera, mean over pictures)' if automatic else ''}"
     yield "How fast?", _how_fast(data, answers, rows)
     yield "How sure?", _how_sure(answers)
 
@@ -191,9 +209,13 @@ def gain_text(gain_db: float) -> str:
 
 
 def limits_of(answers: Iterable[Answer]) -> str | None:
-    """What limits most of the answers in which no exposure works: 'motion blur', 'noise (in 5 of 9)'."""
-    named = [answer["limited_by"] for answer in answers if answer["limited_by"]]
-    if not named:
+    """What limits most of the answers in which no exposure surely works: 'motion blur', 'noise (in 5 of 9)'.
+
+    None where that is known of fewer than half of them.
+    """
+    every = [answer for answer in answers if answer["verdict"] != WORKS]
+    named = [answer["limited_by"] for answer in every if answer["limited_by"]]
+    if not named or 2 * len(named) < len(every):
         return None
     (first, count), *_ = Counter(named).most_common()
     return limit_text(first) + (f" (in {count} of {len(named)})" if count < len(named) else "")
@@ -222,8 +244,11 @@ def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
     count = sum(len(row.settings) for row in rows)
     what = joined([name for name in _varied(data, answers) if name != "speed"]) if combined else ""
     if not tops:
-        told = "surely " if any(answer["verdict"] == CANNOT_TELL for answer in answers) else ""
-        return f"at no tested speed{'' if fastest else ', not even at rest'} does an exposure {told}suffice"
+        if all(answer["verdict"] == NONE_WORKS for answer in answers):
+            return f"at no tested speed{'' if fastest else ', not even at rest,'} does an exposure suffice"
+        guess = max((speed_px_s(answer) for answer in answers if answer["windows_s"]), default=None)
+        seen = f"; for these pictures alone one does up to {_speed(guess)}" if guess is not None else ""
+        return f"at no tested speed does an exposure surely suffice{seen}"
     top = max(tops, key=lambda row: row.top_px_s or 0.0)
     tested = ", the fastest tested," if top.fastest else ""
     if len(tops) == len(rows) and all(row.fastest for row in rows):

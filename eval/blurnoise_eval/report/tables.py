@@ -14,8 +14,8 @@ from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, gain_at
 from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
-from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.opening import gain_text
+from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.settings import Setting
 
 MAX_SETTINGS = 24  # rows of one target group
@@ -24,7 +24,7 @@ MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
 
 def deciding(data: RunData, rows: Sequence[Row], most: int) -> list[dict[str, Any]]:
     """At most ``most`` of the rows that decide, in texts: target, setting, speed up to which an exposure works, the
-    exposure, its gain, what it reaches, and notes. Of many the targets with most pictures count, spread over settings.
+    exposure, its gain, what it reaches, and notes. Of many, targets with most pictures count, spread over settings.
     """
     groups = sorted({row.group for row in rows}, key=lambda group: -max(_pictures(rows, group)))[
         : max(most // 3, 1)

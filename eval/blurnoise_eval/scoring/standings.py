@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.surfaces import Surface
 
-COLUMNS = ("best_value", "best_low", "best_high", "behind", "behind_low", "behind_high")
-COLUMNS += ("standing_pictures", "pictures_to_tell_behind")
+_OWN, _BEHIND = ("best_value", "best_low", "best_high"), ("behind", "behind_low", "behind_high")
+COLUMNS = (*_OWN, *_BEHIND, "standing_pictures", "pictures_to_tell_behind")
 _MOST_PICTURES = 9999  # that are asked for
 Array = NDArray[np.float64]
 Condition = tuple[Any, ...]
