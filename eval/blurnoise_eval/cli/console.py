@@ -50,6 +50,8 @@ def print_opening(data: RunData) -> None:
         say(_in_ascii(_line(row["setting"], wide, to, row["use"], row["gain"] or "", row["value"])))
         for note in row["notes"]:
             say_wrapped(note, indent=6, hanging=8)
+    if len(data.answers) == 1:
+        return
     hidden = f"{len(told.rows) - len(rows)} more rows, and " if len(told.rows) > len(rows) else ""
     say("")
     say_wrapped(f"In answers.csv: {hidden}every {told.every} by itself.")

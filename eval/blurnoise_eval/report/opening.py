@@ -151,11 +151,6 @@ def _answer(data: RunData, answers: Sequence[Answer]) -> str:
     if sure:
         more = [f"other exposures do in {works - sure} more"] if works > sure else []
         return f"{surely} {sure} of {combinations}; {joined([*more, *rest])}."
-    if works:
-        return (
-            f"No one exposure surely {enough} in any of {combinations}, but in {works} of them some exposure does"
-            f"{'; ' if rest else ''}{joined(rest)}. The best for all is {at}: it {average}."
-        )
     limit = limits_of(answers)
     limited = f", limited by {limit}" if limit else ""
     if not untold:
@@ -247,33 +242,34 @@ def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
         if all(answer["verdict"] == NONE_WORKS for answer in answers):
             return f"at no tested speed{'' if fastest else ', not even at rest,'} does an exposure suffice"
         guess = max((speed_px_s(answer) for answer in answers if answer["windows_s"]), default=None)
-        seen = f"; for these pictures alone one does up to {_speed(guess)}" if guess is not None else ""
+        seen = f"; for these pictures alone one does up to {guess:g} px/s" if guess is not None else ""
         return f"at no tested speed does an exposure surely suffice{seen}"
     top = max(tops, key=lambda row: row.top_px_s or 0.0)
-    tested = ", the fastest tested," if top.fastest else ""
     if len(tops) == len(rows) and all(row.fastest for row in rows):
         longest = max(rows, key=lambda row: row.exposure_s)
-        every = f" for every {what}" if combined else ""
-        return f"up to {_speed(fastest)}{tested}{every} ({_blur(longest)})"
-    where = f" for {top.group} at {data.settings.text(top.settings[0])}" if combined else ""
-    text = f"up to {_speed(top.top_px_s or 0.0)}{tested}{where} ({_blur(top)})"
+        return _up_to(longest, f" for every {what}" if combined else "")
+    text = _up_to(top, f" for {top.group} at {data.settings.text(top.settings[0])}" if combined else "")
     limit = limits_of(answer for row in rows for answer in row.others)
     if not combined:
         return f"{text}; beyond, {limit} limits" if limit else text
     if len(tops) == len(rows):
-        rest = f"up to {_speed(min(row.top_px_s or 0.0 for row in rows))} for every {what}"
+        least = min(row.top_px_s or 0.0 for row in rows)
+        rest = f"{f'up to {least:g} px/s' if least else 'at rest'} for every {what}"
     else:
         rest = f"in {count - len(tops)} of {count} combinations of {what} at no tested speed"
     return f"{text}; {rest}" + (f", limited by {limit}" if limit else "")
 
 
-def _speed(speed: float) -> str:
-    return f"{speed:g} px/s" if speed else "rest (0 px/s)"
-
-
-def _blur(row: Row) -> str:
-    blur = (row.top_px_s or 0.0) * row.exposure_s
-    return f"{blur:.2g} px of blur at {EXPOSURE.text(row.exposure_s)}"
+def _up_to(row: Row, where: str) -> str:
+    """'up to 1000 px/s, the fastest tested, for every target (5 px of blur at 5 ms)'."""
+    speed = row.top_px_s or 0.0
+    if not speed:
+        return (
+            f"at rest, the only speed tested,{where}".removesuffix(",") if row.fastest else f"at rest{where}"
+        )
+    tested = ", the fastest tested" if row.fastest else ""
+    blur = f"{speed * row.exposure_s:.2g} px of blur at {EXPOSURE.text(row.exposure_s)}"
+    return f"up to {speed:g} px/s{tested}{',' if tested and where else ''}{where} ({blur})"
 
 
 def _how_sure(answers: Sequence[Answer]) -> str:

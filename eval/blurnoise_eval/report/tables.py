@@ -26,6 +26,8 @@ def deciding(data: RunData, rows: Sequence[Row], most: int) -> list[dict[str, An
     """At most ``most`` of the rows that decide, in texts: target, setting, speed up to which an exposure works, the
     exposure, its gain, what it reaches, and notes. Of many, targets with most pictures count, spread over settings.
     """
+    if not rows:
+        return []
     groups = sorted({row.group for row in rows}, key=lambda group: -max(_pictures(rows, group)))[
         : max(most // 3, 1)
     ]
@@ -78,7 +80,10 @@ def _notes(data: RunData, row: Row) -> list[str]:
     elif row.top_px_s and not row.for_all:
         found.append("slower motion wants other exposures")
     if row.others:
-        found.append(f"faster: {_untold(row.others)}")
+        limited = sorted({words.limit_text(each["limited_by"]) for each in row.others if each["limited_by"]})
+        found.append(
+            f"faster: {_untold(row.others)}{', limited by ' if limited else ''}{' or '.join(limited)}"
+        )
     kept = words.reservations(row.shown) if row.exposure_s == row.shown["recommended_s"] else []
     return found + [note for note in kept if not note.startswith("few")]
 
