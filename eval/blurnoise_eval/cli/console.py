@@ -45,7 +45,9 @@ def print_opening(data: RunData) -> None:
     for row in rows:
         if row["group"] != group:
             group = row["group"]
-            say(f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}")
+            say_wrapped(
+                f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4
+            )
         to = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
         say(_in_ascii(_line(row["setting"], wide, to, row["use"], row["gain"] or "", row["value"])))
         for note in row["notes"]:

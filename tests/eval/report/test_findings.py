@@ -100,7 +100,8 @@ def test_what_the_sweep_sets_is_no_assumption(tmp_path: Path) -> None:
     sources = {"sources": dict.fromkeys(camera, "assumed: the lens is the user's choice")}
     told = findings.assumptions(replace(data, manifest=data.manifest | {"camera": camera | sources}))
     assert told[1] == (
-        "camera: assumed transmission", ["transmission = 1; assumed: the lens is the user's choice"]
+        "camera: assumed transmission",
+        ["transmission = 1; assumed: the lens is the user's choice"],
     )
     still = made_run(tmp_path, n_examples=0)
     own = camera | {"f_number": next(row["f_number"] for row in still.scores if not row["clean"])}
