@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from blurnoise.error_budget import Plan
     from blurnoise_eval.report.data import RunData
 
+WIDEST = 27  # column of settings
 MOST_ROWS = 12  # of those that decide; answers.csv has all
 
 
@@ -28,7 +29,7 @@ def print_opening(data: RunData) -> None:
     rows = tables.deciding(data, told.rows, MOST_ROWS)
     if not rows:
         return
-    wide = max(len(row["setting"]) for row in rows)
+    wide = min(max(len(row["setting"]) for row in rows), WIDEST)
     asked = told.rows[0].shown["criterion"]
     say(
         "",
@@ -49,7 +50,11 @@ def print_opening(data: RunData) -> None:
                 f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4
             )
         to = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
-        say(_in_ascii(_line(row["setting"], wide, to, row["use"], row["gain"] or "", row["value"])))
+        setting = row["setting"]
+        if len(setting) > wide:
+            say_wrapped(setting, indent=2, hanging=4)
+            setting = ""
+        say(_in_ascii(_line(setting, wide, to, row["use"], row["gain"] or "", row["value"])))
         for note in row["notes"]:
             say_wrapped(note, indent=6, hanging=8)
     if len(data.answers) == 1:
