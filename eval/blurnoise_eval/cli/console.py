@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.report.data import RunData
 
 WIDEST = 27  # column of settings
-MOST_ROWS = 12  # of those that decide; answers.csv has all
+MOST_ROWS = 9  # of those that decide; answers.csv has all
 
 
 def print_opening(data: RunData) -> None:

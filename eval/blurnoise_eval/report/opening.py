@@ -100,21 +100,21 @@ def _between(data: RunData, model: str) -> str:
         return f"Some exposure {enough_text(asked)} in: {_listed(counts)}."
     kept.sort(key=lambda pair: -pair[0])
     (value, first), *others = kept
-    untouched = " of its " in asked and "confidence" in asked
+    said = " of its " in asked and asked.endswith("confidence")
     reached = reached_text(value_text(value, first["best_low"], first["best_high"]), asked)
+    reached += f"{clean} in untouched pictures" if (clean := _untouched(first, said)) else ""
     behind = [
-        f"{row['model']} {value_text(other, row['best_low'], row['best_high'])}{_untouched(row, untouched)}, "
+        f"{row['model']} {value_text(other, row['best_low'], row['best_high'])}{_untouched(row, said)}, "
         f"{_difference(row)}"
         for other, row in others
     ]
-    ahead = f"{model} {reached}{_untouched(first, untouched)} at the best exposures, on average"
-    return f"{ahead}; {_listed(behind, '; ')}."
+    return f"{model} {reached} at the best exposures, on average; {_listed(behind, '; ')}."
 
 
 def _untouched(row: dict[str, Any], said: bool) -> str:
-    """Of a model that keeps much, how much that is."""
+    """Of a model that keeps much, how much that is: ' of 0.24'."""
     value = finite(row.get("target_confidence"))
-    return "" if value is None or not said else f" ({value:.2f} in untouched pictures)"
+    return "" if value is None or not said else f" of {value:.2f}"
 
 
 def _difference(row: dict[str, Any]) -> str:

@@ -84,8 +84,9 @@ def _notes(data: RunData, row: Row) -> list[str]:
         found.append(
             f"faster: {_untold(row.others)}{', limited by ' if limited else ''}{' or '.join(limited)}"
         )
-    kept = words.reservations(row.shown) if row.exposure_s == row.shown["recommended_s"] else []
-    return found + [note for note in kept if not note.startswith("few")]
+    if row.exposure_s == row.shown["recommended_s"]:  # few pictures and ends of the range have been said
+        found += [note for note in words.reservations(row.shown) if note.endswith("saturated")]
+    return found
 
 
 def _untold(answers: Sequence[words.Answer]) -> str:

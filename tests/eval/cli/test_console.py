@@ -37,7 +37,7 @@ def test_the_first_screen_has_80_columns_and_no_colour(
     assert lines
     assert max(map(len, lines)) <= 80
     assert not any("\x1b" in line or "…" in line for line in lines)
-    assert len(lines) <= 12 + 4 * MOST_ROWS
+    assert len(lines) <= 20 + 4 * MOST_ROWS
 
 
 def test_the_four_questions_stand_before_the_rows(tmp_path: Path, capsys: Output) -> None:

@@ -125,9 +125,9 @@ def test_several_models_are_told_apart_where_they_can_be(tmp_path: Path) -> None
         row |= standing
     assert leader(data) == opening(data).model == "fastestdet"
     assert opening(data).sentences[0] == (
-        "fastestdet keeps 0.73 (0.68–0.78) of its confidence (0.60 in untouched pictures) at the best exposures, on "
-        "average; yolox-nano 0.71 (0.66–0.76) (0.70 in untouched pictures), too close to tell (~36 more pictures "
-        "would); nanodet 0.50 (0.45–0.55) (0.50 in untouched pictures), surely less (0.23, at least 0.10)."
+        "fastestdet keeps 0.73 (0.68–0.78) of its confidence of 0.60 in untouched pictures at the best exposures, on "
+        "average; yolox-nano 0.71 (0.66–0.76) of 0.70, too close to tell (~36 more pictures would); nanodet 0.50 "
+        "(0.45–0.55) of 0.50, surely less (0.23, at least 0.10)."
     )
     assert all(row.shown["model"] == "fastestdet" for row in opening(data).rows)
 
