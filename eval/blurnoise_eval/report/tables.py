@@ -14,7 +14,6 @@ from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, gain_at
 from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
-from blurnoise_eval.report.opening import gain_text
 from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.settings import Setting
 
@@ -57,7 +56,7 @@ def _deciding(data: RunData, row: Row) -> dict[str, Any]:
         if row.top_px_s is None
         else f"{'≥ ' if row.fastest and row.top_px_s else ''}{row.top_px_s:g} px/s",
         "use": EXPOSURE.text(row.exposure_s),
-        "gain": None if gain is None else gain_text(gain),
+        "gain": None if gain is None else words.gain_text(gain),
         "value": words.value_text(row.value, row.low, row.high),
         "notes": _notes(data, row),
     }

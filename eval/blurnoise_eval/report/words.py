@@ -38,6 +38,11 @@ def value_text(value: float, low: float | None = None, high: float | None = None
     return f"{value:.2f}" if low is None or high is None else f"{value:.2f} ({low:.2f}–{high:.2f})"
 
 
+def gain_text(gain_db: float) -> str:
+    """'12 dB'."""
+    return f"{round(gain_db) + 0:d} dB"
+
+
 def limit_text(limit: str) -> str:
     """What limits, as the rows have it: 'motion blur and noise'."""
     return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
