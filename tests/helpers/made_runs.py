@@ -10,11 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 from blurnoise_eval.report import RunData
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.matching import failure_point
 from numpy.typing import NDArray
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
 THRESHOLD = 0.6
+CRITERION = Criterion(THRESHOLD, kept=False)
 F_NUMBERS, TEMPERATURES_C = (1.4,), (25.0,)
 GROUPS = {"stop sign 100 px": 0.95, "stop sign 30 px": 0.5}
 DETECTOR_SCORES = ("ap", "ap50", "ar100", "false_positives_per_image", "calibration_error", "ap50_swept")
@@ -149,8 +151,8 @@ def _answer(
         "n_targets": 12,
         "exposures_s": list(exposures_s),
         "confidence": curve,
-        "low": [max(0.0, c - 0.06) for c in curve] if interval else None,
-        "high": [min(1.0, c + 0.04) for c in curve] if interval else [None] * len(curve),
+        "low": [_low(c) for c in curve] if interval else None,
+        "high": [_high(c) for c in curve] if interval else [None] * len(curve),
         "windows_s": windows,
         "open_low": curve[0] >= THRESHOLD,
         "open_high": curve[-1] >= THRESHOLD,
@@ -163,12 +165,31 @@ def _answer(
         "windows_low_s": [_about(low, exposures_s, interval) for low, _ in windows],
         "windows_high_s": [_about(high, exposures_s, interval) for _, high in windows],
         "sure_windows_s": windows if interval else [],
-        "recommended_low": max(0.0, curve[top] - 0.06) if windows and interval else None,
-        "recommended_high": min(1.0, curve[top] + 0.04) if windows and interval else None,
+        "recommended_low": _low(curve[top]) if windows and interval else None,
+        "recommended_high": _high(curve[top]) if windows and interval else None,
         "regret_95": 0.012 if windows and interval else None,
+        "criterion": CRITERION.text,
+        "best_s": exposures_s[top],
+        "best_value": curve[top],
+        "best_low": _low(curve[top]) if interval else None,
+        "best_high": _high(curve[top]) if interval else None,
+        "limited_low": "noise" if windows and curve[0] < THRESHOLD else None,
+        "limited_high": "blur" if windows and curve[-1] < THRESHOLD else None,
+        "limited_by": None if windows else "blur and noise" if speed else "noise",
+        "limits_untold": None,
+        "clean_value": best,
         "saturated": [0.0] * len(curve),
         "saturated_at_recommended": 0.0 if windows else None,
     }
+
+
+def _low(value: float) -> float:
+    """Of a value's interval, on the threshold's side on which the value is."""
+    return max(THRESHOLD, value - 0.06) if value >= THRESHOLD else max(0.0, value - 0.06)
+
+
+def _high(value: float) -> float:
+    return min(1.0, value + 0.04) if value >= THRESHOLD else min(THRESHOLD - 0.01, value + 0.04)
 
 
 def _about(end: float, exposures_s: tuple[float, ...], interval: bool) -> list[float | None]:
@@ -283,7 +304,9 @@ def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> dict[str
         "versions": {"blurnoise": "0.1.0", "onnxruntime": "1.31"},
         "hardware": {"cpu": "8 cores"},
         "threads": 2,
+        "criterion": CRITERION.row(),
         "threshold": THRESHOLD,
+        "withheld": [],
         "images": {"kind": "rendered targets", "count": 1, "labelled": True, "notes": []},
         "wall_s": 12.3,
         "warnings": ["two pictures are smaller than the sensor"],

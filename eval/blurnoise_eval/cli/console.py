@@ -3,77 +3,80 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.system.terminal import plain, say, say_json, show
 
 if TYPE_CHECKING:
     from blurnoise.error_budget import Plan
+    from blurnoise_eval.report.data import RunData
+
+WIDEST = 27  # column of settings
+MOST_ROWS = 9  # of those that decide; answers.csv has all
 
 
-def print_answers(found: list[dict[str, Any]], threshold: float) -> None:
-    """A block per model, target and setting, a line per velocity: the verdict, or the window, the exposure to use
-    with its confidence, and what it may lose; 80 columns unless names are long."""
-    from blurnoise_eval.grid.axes import AUTOMATIC, velocity_of
-    from blurnoise_eval.report import words
-    from blurnoise_eval.report.settings import Setting, settings_of
+def print_opening(data: RunData) -> None:
+    """What a run answers: the sentence, the four questions, and the rows that decide; 80 columns."""
+    from blurnoise_eval.report import tables, words
+    from blurnoise_eval.report.opening import opening
 
-    if not found:
+    told = opening(data)
+    for sentence in told.sentences:
+        say_wrapped(sentence)
+    for question, text in told.questions:
+        say_wrapped(f"{question:17s}{text}", hanging=17)
+    rows = tables.deciding(data, told.rows, MOST_ROWS)
+    if not rows:
         return
-    settings = settings_of(found)
-    several = len({answer["model"] for answer in found}) > 1
+    wide = min(max(len(row["setting"]) for row in rows), WIDEST)
+    asked = told.rows[0].shown["criterion"]
     say(
-        f"Exposures, ms, that keep mean confidence at or above {threshold:g}, 95 % intervals",
-        "over pictures; <= and >=: as far as was tested. use: one of them, its",
-        "confidence, and what it loses at most against the best tested; (use): a guess.",
+        "",
+        _line(
+            "",
+            wide,
+            "works up to",
+            "use",
+            "gain",
+            "keeps" if " of its " in asked else asked.rpartition(" ")[0],
+        ),
     )
-    if left := [axis.text(value) for axis, value in settings.held if value == AUTOMATIC]:
-        say(f"With {', '.join(left)}.")
-    blocks: dict[tuple[str, str, Setting], list[dict[str, Any]]] = {}
-    for answer in found:
-        blocks.setdefault((answer["model"], answer["group"], settings.of(answer)), []).append(answer)
-    for (model, group, setting), answers in blocks.items():
-        named = (model, group) if several else (group,)
-        counted = max(answers, key=lambda answer: answer["n_pictures"])
-        few = " (few)" if any(answer["few_pictures"] for answer in answers) else ""
-        where = settings.text(setting).replace(" · ", ", ")
-        say("", ", ".join((*named, where, words.pictures_text(counted) + few)))
-        say(_line("px/s", "works from, to", "use", "confidence", "loses"))
-        for answer in answers:
-            x, y = velocity_of(answer)
-            for line in _answer_lines(f"{x:g}" if y == 0 and x >= 0 else f"{x:g},{y:g}", answer):
-                say(_in_ascii(line))
+    group = None
+    for row in rows:
+        if row["group"] != group:
+            group = row["group"]
+            say_wrapped(
+                f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4
+            )
+        to = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
+        setting = row["setting"]
+        if len(setting) > wide:
+            say_wrapped(setting, indent=2, hanging=4)
+            setting = ""
+        say(_in_ascii(_line(setting, wide, to, row["use"], row["gain"] or "", row["value"])))
+        for note in row["notes"]:
+            say_wrapped(note, indent=6, hanging=8)
+    if len(data.answers) == 1:
+        return
+    hidden = f"{len(told.rows) - len(rows)} more rows, and " if len(told.rows) > len(rows) else ""
+    say("")
+    say_wrapped(f"In answers.csv: {hidden}every {told.every} by itself.")
 
 
-def _line(speed: str, window: str, use: str, confidence: str, loses: str) -> str:
-    return f"{speed:>8s}  {window:33s} {use:>6s}  {confidence:17s} {loses}".rstrip()
+def _line(setting: str, wide: int, to: str, use: str, gain: str, value: str) -> str:
+    return f"  {setting:{wide}s}  {to:>12s}  {use:>8s}  {gain:>6s}  {value}"
 
 
-def _answer_lines(speed: str, answer: dict[str, Any]) -> list[str]:
-    from blurnoise_eval.grid.axes import milliseconds
-    from blurnoise_eval.report import words
-
-    if answer["verdict"] == words.NONE_WORKS:
-        return [_line(speed, f"{words.NONE_WORKS}; {words.best_text(answer)}", "", "", "")]
-    used = answer["recommended_s"]
-    use = "" if used is None else milliseconds(used)
-    confidence = "" if used is None else words.confidence_text(answer)
-    loses = "" if answer["regret_95"] is None else f"{answer['regret_95']:.3f}"
-    if answer["verdict"] == words.CANNOT_TELL:
-        told = f"{answer['verdict']}; {words.needed_text(answer)}"
-        if used is None:
-            return [_line(speed, f"{told}; {words.best_text(answer)}", "", "", "")]
-        return [_line(speed, told, f"({use})", confidence, loses)]
-    windows = [f"{low} to {high}" for low, high in words.window_ends(answer)]
-    lines = [_line(speed, windows[0], use, confidence, loses)]
-    lines += [_line("", f"and {window}", "", "", "") for window in windows[1:]]
-    notes = words.reservations(answer)[answer["few_pictures"] :]  # the block's head says that they are few
-    return [*lines, *(f"{'':12s}{note}" for note in notes)]
+def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
+    """In lines of 80 columns; words longer than that stay whole."""
+    wrapper = TextWrapper(79, " " * indent, " " * hanging, break_long_words=False, break_on_hyphens=False)
+    say(*wrapper.wrap(_in_ascii(plain(text))))
 
 
 def _in_ascii(line: str) -> str:
-    for sign, plain in (("≤", "<="), ("≥", ">="), ("–", "-")):
-        line = line.replace(sign, plain)
+    for sign, letters in (("≤", "<="), ("≥", ">="), ("–", "-")):
+        line = line.replace(sign, letters)
     return line
 
 
@@ -82,21 +85,23 @@ def print_models(rows: list[dict[str, Any]]) -> None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
+    on = sorted({f"{row['latency_threads']}" for row in rows if row["latency_threads"] is not None})
+    threads = f", threads: {' or '.join(on)}" if on else ""
     table = Table(
         title="P: AP, or share of texts read right, in untouched pictures; mPC: its mean over all other "
-        "conditions; uniform: over light x time and motion, whatever the grid; AUC: mean confidence over the range; "
-        "ms: per picture, median and 95 %",
+        "conditions; uniform: over light x time and motion, whatever the grid; AUC: the area under the curves; "
+        f"ms: per picture, median (95 %){threads}",
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
+        padding=(0, 1, 0, 0),
     )
-    for head in ("model", "P", "mPC", "uniform", "rPC", "AUC exposure", "AUC blur", "ms, threads"):
-        table.add_column(head, justify="left" if head == "model" else "right", overflow="fold")
+    table.add_column("model", overflow="fold")
+    for head in ("P", "mPC", "uniform", "rPC", "AUC\nexposure", "AUC\nblur", "ms"):
+        table.add_column(head, justify="right", no_wrap=True)
     for row in rows:
         values = ("-" if row[name] is None else f"{row[name]:.3f}" for name in _MODEL_NUMBERS)
-        took = "-"
-        if row["latency_ms"] is not None:
-            took = f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f}), {row['latency_threads']}"
+        took = "-" if row["latency_ms"] is None else f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f})"
         table.add_row(row["model"], *values, took)
     show(table)
 
@@ -121,6 +126,14 @@ def print_assumptions(contract: Any, model: Path | None) -> None:
         f"--contract {stated.get('family', 'ppocr')}.",
         error=True,
     )
+
+
+def print_assumed(contract: Any, model: Path | None) -> None:
+    """The same in one line: which fields."""
+    sources = contract.to_dict()["sources"]
+    assumed = [name.replace("_", " ") for name, source in sources.items() if source.startswith("assumed")]
+    if assumed and model is not None:
+        say(f"{model.name}: assumed {', '.join(assumed)}; see blurnoise inspect", error=True)
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import SCORES, Json, one_of
-from blurnoise_eval.cli.console import print_answers, print_models
+from blurnoise_eval.cli.console import print_models, print_opening, say_wrapped
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -83,12 +83,12 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
     if as_json:
         say_json(done.summary)
         return
-    print_answers(done.answers, done.threshold)
+    print_opening(done.data)
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
     if meant := done.summary["reflectance"]:
-        say(f"lux: {meant}")
+        say_wrapped(f"lux: {meant}")
     say(f"open {page}")

@@ -22,7 +22,7 @@ from blurnoise_eval.cli._options import (
     axis_options,
     one_of,
 )
-from blurnoise_eval.cli.console import print_assumptions
+from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
@@ -164,7 +164,7 @@ def sweep(
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor, auto_exposure=auto)
     for each in models if model or ocr else ():
-        print_assumptions(each.contract, each.path)
+        print_assumed(each.contract, each.path)
     done = evaluate(
         models,
         pictures,

@@ -1,120 +1,23 @@
-"""What a run says, in words: the answer, the alarms, the warnings, the assumptions and the circumstances.
+"""What else a run says, in words: the alarms, the warnings, the assumptions and the circumstances.
 
 Domain: confidences in [0, 1], exposures in s (written in ms). Texts are plain, never markup.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from statistics import fmean
 from typing import Any
 
 from blurnoise.grey_anchor import reflectance_text
-from blurnoise_eval.grid.axes import AXES, EXPOSURE
+from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import clean_confidence, finite, largest_groups, model_names
-from blurnoise_eval.report.settings import word
-from blurnoise_eval.report.tradeoff import ROBUSTNESS
-from blurnoise_eval.report.words import CANNOT_TELL, WORKS
+from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
 SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what the box decides
 
 
-def best_common_exposure(answers: list[dict[str, Any]], threshold: float) -> tuple[float, int] | None:
-    """The tested exposure, in s, that reaches the threshold in most answers, and in how many.
-
-    Ties go to the higher mean confidence, then to the shorter exposure. None where nothing was measured.
-    """
-    reached: dict[float, list[float]] = {}
-    for answer in answers:
-        for exposure_s, confidence in zip(answer["exposures_s"], answer["confidence"], strict=True):
-            if confidence is not None:
-                reached.setdefault(exposure_s, []).append(confidence)
-    if not reached:
-        return None
-    counts = {exposure_s: sum(c >= threshold for c in found) for exposure_s, found in reached.items()}
-    best = max(sorted(reached), key=lambda exposure_s: (counts[exposure_s], fmean(reached[exposure_s])))
-    return best, counts[best]
-
-
-def summary(data: RunData) -> list[str]:
-    """The answer in words: which model holds best, how often any exposure works, and the one that works most."""
-    if not data.answers:
-        return ["The pictures hold no targets, so no exposure can be recommended."]
-    names = model_names(data)
-    lines = _answer_lines(data) if len(names) == 1 else [*_ranking(data), *_leaders(data)]
-    return [*lines, *_swept(data)]
-
-
-def _answer_lines(data: RunData) -> list[str]:
-    answers, threshold = data.answers, data.manifest["threshold"]
-    total, untold = len(answers), count_untold(answers)
-    reached = any(answer["windows_s"] for answer in answers)
-    if not reached and not untold:
-        return [f"No tested exposure reaches a mean confidence of {threshold:g} for any {_what(data, 'or')}."]
-    held = data.settings.special_text(data.manifest["camera"])
-    lines = [
-        f"An exposure that keeps the mean confidence at or above {threshold:g} exists in "
-        f"{count_working(answers)} of {total} combinations of {_what(data)}{f', with {held}' if held else ''}"
-        f"{_untold(untold)}."
-    ]
-    if total > max(untold, 1) and reached and (best := best_common_exposure(answers, threshold)):
-        lines.append(
-            f"If the camera must use one exposure for all of them: the mean at {EXPOSURE.text(best[0])} reaches "
-            f"it in {best[1]} of {total}; at no other tested exposure in more."
-        )
-    return lines
-
-
-def _untold(count: int) -> str:
-    return f"; in {count} the pictures are too few to tell" if count else ""
-
-
-def _ranking(data: RunData) -> list[str]:
-    """How often an exposure works for each model, the best first, and the best one's own answer."""
-    threshold = data.manifest["threshold"]
-    of_model = {
-        name: answers
-        for name in model_names(data)
-        if (answers := [answer for answer in data.answers if answer["model"] == name])
-    }
-    share = {name: count_working(answers) / len(answers) for name, answers in of_model.items()}
-    best = max(share.values())
-    untold = count_untold(data.answers)
-    if best == 0 and not untold:
-        return [f"No model reaches a mean confidence of {threshold:g} at any tested exposure."]
-    order = sorted(share, key=lambda name: -share[name])
-    first = [name for name in order if share[name] == best]
-    counts = [f"{name} {count_working(of_model[name])} of {len(of_model[name])}" for name in order]
-    listed = ", ".join(counts[:MAX_LISTED]) + (", …" if len(counts) > MAX_LISTED else "")
-    lines = [
-        f"{_joined(first)} hold{'s' if len(first) == 1 else ''} best. Combinations of {_what(data)} in "
-        f"which some exposure keeps the mean confidence at or above {threshold:g}: {listed}{_untold(untold)}."
-    ]
-    own = of_model[first[0]]
-    common = best_common_exposure(own, threshold)
-    if common and len(own) > max(count_untold(own), 1):
-        lines.append(
-            f"If the camera must use one exposure for all of them: with {first[0]}, the mean at "
-            f"{EXPOSURE.text(common[0])} reaches it in {common[1]} of {len(own)}."
-        )
-    return lines
-
-
-def _leaders(data: RunData) -> list[str]:
-    """The model ahead in each measure of robustness."""
-    leaders = []
-    for measure, name in ROBUSTNESS.items():
-        rows = [(value, row["model"]) for row in data.models if (value := finite(row[measure])) is not None]
-        if len(rows) > 1:
-            value, model = max(rows, key=lambda row: row[0])
-            leaders.append(f"{name}: {model} ({value:.2f})")
-    return [f"Ahead in {'; '.join(leaders)}."] if leaders else []
-
-
-def _swept(data: RunData) -> list[str]:
+def swept(data: RunData) -> list[str]:
     """Where it matters most whether a target's box is that at mid-exposure or all that its motion sweeps."""
     lines = []
     for name in model_names(data):
@@ -133,21 +36,6 @@ def _swept(data: RunData) -> list[str]:
                 f"{row['detection_rate_swept']:.2f}."
             )
     return lines
-
-
-def _what(data: RunData, last: str = "and") -> str:
-    """'target, light and speed', with what else varies."""
-    return _joined(["target", *map(word, data.settings.axes), "speed"], last)
-
-
-def count_working(answers: Iterable[dict[str, Any]]) -> int:
-    """In how many answers some exposure surely works."""
-    return sum(answer["verdict"] == WORKS for answer in answers)
-
-
-def count_untold(answers: Iterable[dict[str, Any]]) -> int:
-    """In how many answers the pictures are too few to tell."""
-    return sum(answer["verdict"] == CANNOT_TELL for answer in answers)
 
 
 def alarms(data: RunData) -> list[str]:
@@ -197,7 +85,9 @@ def warnings(data: RunData) -> list[str]:
         (name, group, clean)
         for name in names
         for group in largest_groups(data, MAX_LISTED)
-        if (clean := clean_confidence(data, name, group)) is not None and clean < threshold
+        if not data.manifest["criterion"]["kept"]
+        and (clean := clean_confidence(data, name, group)) is not None
+        and clean < threshold
     ]
     warnings += [
         f"{name}, {group}: {clean:.2f} on the untouched pictures, below the threshold {threshold:g}. "
@@ -212,10 +102,11 @@ def warnings(data: RunData) -> list[str]:
     return warnings
 
 
-def assumptions(data: RunData) -> list[str]:
-    """What nobody stated: the fields of contracts and camera whose source says that they were assumed.
+def assumptions(data: RunData) -> list[tuple[str, list[str]]]:
+    """What nobody stated: per model, of the camera and of the pictures one line, and what it is made of.
 
-    A figure of the camera that the sweep set otherwise is not among them.
+    Of contracts and camera it is the fields whose source says that they were assumed; a figure of the camera that the
+    sweep set otherwise is not among them.
     """
     camera = data.manifest["camera"]
     set_to = [(axis, row[axis.name]) for axis in AXES for row in data.scores if not row["clean"]]
@@ -224,14 +115,19 @@ def assumptions(data: RunData) -> list[str]:
         for axis, value in set_to
         if axis.into.startswith("camera.") and value != camera.get(axis.into.removeprefix("camera."), value)
     }
-    parts = [(f"{model['name']}: contract", model["contract"]) for model in data.manifest["models"]]
-    told = [] if data.manifest.get("grey_anchor") else [reflectance(data)]
-    return [f"pictures: {each}" for each in told if each] + [
-        f"{part}: {name} = {value}; {source}"
-        for part, fields in [*parts, ("camera", camera)]
-        for name, value, source, assumed in sourced(fields)
-        if assumed and not (part == "camera" and name in stated)
-    ]
+    parts = [(model["name"], model["contract"]) for model in data.manifest["models"]]
+    found = []
+    for part, fields in [*parts, (camera.get("name", "camera"), camera)]:
+        assumed = [
+            (name, f"{name} = {value}; {source}")
+            for name, value, source, guessed in sourced(fields)
+            if guessed and not (fields is camera and name in stated)
+        ]
+        if assumed:
+            named = ", ".join(name.replace("_", " ") for name, _ in assumed)
+            found.append((f"{part}: assumed {named}", [line for _, line in assumed]))
+    told = None if data.manifest.get("grey_anchor") else reflectance(data)
+    return found + [(f"pictures: {told}", [])] * bool(told)
 
 
 def reflectance(data: RunData) -> str | None:
@@ -273,7 +169,7 @@ def run_facts(data: RunData) -> dict[str, str]:
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
     facts |= {
-        "confidence threshold": manifest["threshold"],
+        "criterion": manifest["criterion"]["text"],
         "pictures": pictures,
         "cells, of all models": manifest["n_cells"],
         "target rows": manifest["n_target_rows"],
@@ -290,7 +186,3 @@ def run_facts(data: RunData) -> dict[str, str]:
 
 def _cells(count: int) -> str:
     return f"{count} cell" if count == 1 else f"{count} cells"
-
-
-def _joined(names: list[str], last: str = "and") -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -27,11 +27,14 @@ from blurnoise_eval.grid.axes import BLUR, EXPOSURE, SPEED, velocity_text
 from blurnoise_eval.report import captions, figures, findings, interactive, tables
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
+from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.settings import word
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.system.files import write_whole
 
 MAX_GROUPS = 12  # target groups on the page
 MAX_SIDE_BY_SIDE = 4  # models
+MAX_ROWS = 24  # of those that decide
 MAX_PICTURES = 16
 PICTURE_PX = 480  # longest side of a picture on the page
 PICTURE_BYTES = 40_000  # of one picture as JPEG: 16 of them and plotly stay below 6 MB
@@ -96,6 +99,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
     manifest, camera = data.manifest, data.manifest["camera"]
     groups = largest_groups(data, MAX_GROUPS)
     names = model_names(data)
+    told = opening(data)
     varied = [axis for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
     return {
         "title": manifest["title"],
@@ -111,7 +115,10 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "answers": tables.model_answers(data, groups),
         "model_rows": tables.model_rows(data),
         "failures": tables.failures(data, groups),
-        "summary": findings.summary(data),
+        "opening": told,
+        "deciding": tables.deciding(data, told.rows, MAX_ROWS),
+        "asked": Criterion(*(manifest["criterion"][name] for name in ("level", "kept", "score"))),
+        "swept": findings.swept(data),
         "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
         "n_settings": len(tables.shown_settings(data)),
         "n_hidden_settings": len(data.settings.every) - len(tables.shown_settings(data)),

@@ -1,4 +1,4 @@
-"""The tables of the page: models, answers, failure points.
+"""The tables of terminal and page: the rows that decide, models, answers, failure points.
 
 Domain: fractions in [0, 1], exposures in s, velocities in px/s. Texts are plain, never markup.
 """
@@ -6,17 +6,101 @@ Domain: fractions in [0, 1], exposures in s, velocities in px/s. Texts are plain
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
-from blurnoise_eval.report import findings, words
+from blurnoise_eval.grid.axes import EXPOSURE, speed_px_s, velocity_of
+from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.frontier import Row, gain_at
 from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
 from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.settings import Setting
 
 MAX_SETTINGS = 24  # rows of one target group
 MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
+
+
+def deciding(data: RunData, rows: Sequence[Row], most: int) -> list[dict[str, Any]]:
+    """At most ``most`` of the rows that decide, in texts: target, setting, speed up to which an exposure works, the
+    exposure, its gain, what it reaches, and notes. Of many, targets with most pictures count, spread over settings.
+    """
+    if not rows:
+        return []
+    groups = sorted({row.group for row in rows}, key=lambda group: -max(_pictures(rows, group)))[
+        : max(most // 3, 1)
+    ]
+    of_group = [
+        [row for row in rows if row.group == group] for group in dict.fromkeys(row.group for row in rows)
+    ]
+    share = max(most // len(groups), 1)
+    shown = [row for part in of_group if part[0].group in groups for row in spread(part, share)]
+    return [_deciding(data, row) for row in shown[:most]]
+
+
+def _pictures(rows: Sequence[Row], group: str) -> list[int]:
+    return [row.shown["n_pictures"] for row in rows if row.group == group]
+
+
+def _deciding(data: RunData, row: Row) -> dict[str, Any]:
+    first, last = row.settings[0], row.settings[-1]
+    setting = data.settings.text(first)
+    gain = gain_at(data, data.settings.of(row.shown), row.exposure_s)
+    many = row.shown["few_pictures"]
+    return {
+        "group": row.group,
+        "pictures": words.pictures_text(row.shown) + (" (few)" if many else ""),
+        "setting": setting if first == last else f"{setting} to {data.settings.text(last)}",
+        "verdict": row.verdict,
+        "to": None
+        if row.top_px_s is None
+        else f"{'≥ ' if row.fastest and row.top_px_s else ''}{row.top_px_s:g} px/s",
+        "use": EXPOSURE.text(row.exposure_s),
+        "gain": None if gain is None else words.gain_text(gain),
+        "value": words.value_text(row.value, row.low, row.high),
+        "notes": _notes(data, row),
+    }
+
+
+def _notes(data: RunData, row: Row) -> list[str]:
+    """What stands below a row: the window and what ends it, what comes beyond, what else must be known."""
+    if row.top_px_s is None:
+        speeds = sorted({speed_px_s(answer) for answer in row.others})
+        at = f"{speeds[0]:g} to {speeds[-1]:g} px/s" if len(speeds) > 1 else f"{speeds[0]:g} px/s"
+        of = [data.settings.text(data.settings.of(row.shown))] if len(row.settings) > 1 else []
+        of += [f"{speed_px_s(row.shown):g} px/s"] if len(speeds) > 1 else []
+        best = [f"best at {', '.join(of)}"] if of else []
+        limit = [f"limited by {words.limit_text(row.shown['limited_by'])}"] if row.shown["limited_by"] else []
+        return ["; ".join([f"at {at}", *_needed(row.others), ", ".join(best + limit)]).removesuffix("; ")]
+    limits = words.limits_text(row.shown)
+    found = [f"works {words.window_text(row.shown)}" + (f": {limits}" if limits else "")]
+    if row.slower_px_s:
+        found.append(f"not sure at {', '.join(f'{speed:g}' for speed in row.slower_px_s)} px/s")
+    elif row.top_px_s and not row.for_all:
+        found.append("slower motion wants other exposures")
+    if row.others:
+        limited = sorted({words.limit_text(each["limited_by"]) for each in row.others if each["limited_by"]})
+        found.append(
+            f"faster: {_untold(row.others)}{', limited by ' if limited else ''}{' or '.join(limited)}"
+        )
+    if row.exposure_s == row.shown["recommended_s"]:  # few pictures and ends of the range have been said
+        found += [note for note in words.reservations(row.shown) if note.endswith("saturated")]
+    return found
+
+
+def _untold(answers: Sequence[words.Answer]) -> str:
+    """'no exposure works', 'cannot tell (~28 more would)', or both."""
+    verdicts = {answer["verdict"] for answer in answers}
+    parts = [words.NONE_WORKS] if words.NONE_WORKS in verdicts else []
+    parts += [f"{words.CANNOT_TELL} ({text})" for text in _needed(answers)]
+    return " or ".join(parts) or "not in every direction"
+
+
+def _needed(answers: Sequence[words.Answer]) -> list[str]:
+    """How many pictures more would tell all of what cannot be told; empty where all is told."""
+    untold = [answer for answer in answers if answer["verdict"] == words.CANNOT_TELL]
+    hardest = max(untold, key=lambda answer: answer["pictures_to_tell"] or math.inf, default=None)
+    return [] if hardest is None else [words.needed_text(hardest)]
 
 
 def model_rows(data: RunData) -> list[dict[str, Any]]:
@@ -65,7 +149,12 @@ def model_answers(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
         ]
         if own:
             tables.append(
-                {"model": model, "working": findings.count_working(own), "of": len(own), "parts": parts}
+                {
+                    "model": model,
+                    "working": sum(answer["verdict"] == words.WORKS for answer in own),
+                    "of": len(own),
+                    "parts": parts,
+                }
             )
     return tables
 
@@ -97,7 +186,7 @@ def _failure_cell(curve: dict[str, Any]) -> dict[str, Any]:
     auc = finite(curve["auc"])
     notes = (
         words.interval_text(curve),
-        None if auc is None else f"AUC {_with_interval(auc, curve['auc_low'], curve['auc_high'])}",
+        None if auc is None else f"AUC {words.value_text(auc, curve['auc_low'], curve['auc_high'])}",
         "non-monotonic" if curve["non_monotonic"] else None,
     )
     return {"text": words.failure_text(curve), "notes": [note for note in notes if note]}
@@ -138,10 +227,6 @@ def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
         "bars": [bar(a, b) for a, b in answer["windows_s"]] if low < high else None,
         "tick": percent(recommended) if recommended is not None and low < high else None,
     }
-
-
-def _with_interval(value: float, low: float | None, high: float | None) -> str:
-    return f"{value:.2f}" if low is None or high is None else f"{value:.2f} ({low:.2f}–{high:.2f})"
 
 
 def _interval(row: dict[str, Any], name: str) -> str:

@@ -1,12 +1,13 @@
 """Answers and failure points in words, for the terminal and the page.
 
-Domain: exposures in s, written in ms; blur in px; shares in [0, 1]. Texts are plain, never markup. An interval
-stands in brackets behind what it belongs to: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside the tested
-range.
+Domain: exposures in s, written in ms; blur in px; values in the criterion's unit. Texts are plain, never markup. An
+interval stands in brackets behind what it belongs to: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside
+the tested range.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
@@ -16,6 +17,46 @@ SAID_SATURATED = 0.01
 """Of the picture's values: so many at a limit of the sensor are worth a word."""
 CANNOT_TELL, WORKS, NONE_WORKS = "cannot tell", "works", "no exposure works"
 Answer = dict[str, Any]
+
+
+def enough_text(asked: str) -> str:
+    """What is asked, after an exposure: 'keeps 0.9 of its confidence', 'reaches mean confidence 0.6'.
+
+    asked: the criterion, as the answers have it.
+    """
+    return asked if " of its " in asked else f"reaches {asked}"
+
+
+def reached_text(value: str, asked: str) -> str:
+    """The same of a value, with or without its interval: 'keeps 0.68 (0.61–0.74) of its confidence'."""
+    kept, _, score = asked.rpartition(" of its ")
+    return f"keeps {value} of its {score}" if kept else f"reaches {asked.rpartition(' ')[0]} {value}"
+
+
+def value_text(value: float, low: float | None = None, high: float | None = None) -> str:
+    """'0.68 (0.61–0.74)', without an interval '0.68'."""
+    return f"{value:.2f}" if low is None or high is None else f"{value:.2f} ({low:.2f}–{high:.2f})"
+
+
+def gain_text(gain_db: float) -> str:
+    """'12 dB'."""
+    return f"{round(gain_db) + 0:d} dB"
+
+
+def limit_text(limit: str) -> str:
+    """What limits, as the rows have it: 'motion blur and noise'."""
+    return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
+
+
+def limits_text(answer: Answer) -> str:
+    """What ends the windows: 'noise below, motion blur above'; empty where both ends are open."""
+    named = [(answer["limited_low"], "below"), (answer["limited_high"], "above")]
+    return ", ".join(f"{limit_text(limit)} {side}" for limit, side in named if limit)
+
+
+def joined(names: Sequence[str], last: str = "and") -> str:
+    """'a, b and c'."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def window_text(answer: Answer) -> str:
@@ -55,17 +96,18 @@ def _bracketed(interval: tuple[float | None, float | None]) -> str:
 
 
 def verdict_text(answer: Answer) -> str:
-    """The verdict; of 'cannot tell' what it would take: 'cannot tell from 12 pictures; ~40 pictures would'."""
+    """The verdict; of 'cannot tell' what it would take: 'cannot tell from 12 pictures; ~28 more would'."""
     if answer["verdict"] != CANNOT_TELL:
         return str(answer["verdict"])
     return f"{CANNOT_TELL} from {pictures_text(answer)}; {needed_text(answer)}"
 
 
 def needed_text(answer: Answer) -> str:
-    """How many pictures would tell: '~40 pictures would', 'it takes 8 or more', 'it takes very many'."""
+    """How many pictures more would tell: '~28 more would', 'at least 3 more would', 'very many more would'."""
     if answer["pictures_to_tell"] is not None:
-        return f"~{answer['pictures_to_tell']} pictures would"
-    return f"it takes {FEWEST} or more" if answer["n_pictures"] < FEWEST else "it takes very many"
+        return f"~{answer['pictures_to_tell'] - answer['n_pictures']} more would"
+    lacking = FEWEST - answer["n_pictures"]
+    return f"at least {lacking} more would" if lacking > 0 else "very many more would"
 
 
 def pictures_text(answer: Answer) -> str:
@@ -74,21 +116,21 @@ def pictures_text(answer: Answer) -> str:
 
 
 def confidence_text(answer: Answer) -> str:
-    """The mean confidence at the recommended exposure, with its interval: '0.93 (0.90–0.96)'."""
-    text = f"{answer['confidence_at_recommended']:.2f}"
-    if answer["recommended_low"] is None:
-        return text
-    return f"{text} ({answer['recommended_low']:.2f}–{answer['recommended_high']:.2f})"
+    """The value at the recommended exposure, with its interval: '0.93 (0.90–0.96)'."""
+    return value_text(
+        answer["confidence_at_recommended"], answer["recommended_low"], answer["recommended_high"]
+    )
 
 
-def best_text(answer: Answer) -> str | None:
-    """The best tested exposure: 'best 0.52 at 10 ms'; None where nothing was measured."""
-    pairs = zip(answer["confidence"], answer["exposures_s"], strict=True)
-    measured = [pair for pair in pairs if pair[0] is not None]
-    if not measured:
-        return None
-    confidence, exposure_s = max(measured, key=lambda pair: pair[0])
-    return f"best {confidence:.2f} at {EXPOSURE.text(exposure_s)}"
+def best_text(answer: Answer) -> str:
+    """The best tested exposure: 'best 10 ms: 0.52 (0.44–0.61), limited by motion blur'."""
+    text = f"best {EXPOSURE.text(answer['best_s'])}: {best_value_text(answer)}"
+    return f"{text}, limited by {limit_text(answer['limited_by'])}" if answer["limited_by"] else text
+
+
+def best_value_text(answer: Answer) -> str:
+    """The value at the best tested exposure, with its interval."""
+    return value_text(answer["best_value"], answer["best_low"], answer["best_high"])
 
 
 def reservations(answer: Answer) -> list[str]:

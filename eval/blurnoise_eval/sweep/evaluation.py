@@ -155,22 +155,22 @@ class Evaluation:
     @property
     def scores(self) -> Rows:
         """A row per model and condition, as scores.csv has them."""
-        return self._data.scores
+        return self.data.scores
 
     @property
     def curves(self) -> Rows:
         """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
-        return self._data.endurances
+        return self.data.endurances
 
     @property
     def models(self) -> Rows:
         """A row per model, as models.csv has them."""
-        return self._data.models
+        return self.data.models
 
     @property
     def answers(self) -> Rows:
         """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
-        return self._data.answers
+        return self.data.answers
 
     @property
     def figures(self) -> list[Path]:
@@ -182,7 +182,7 @@ class Evaluation:
     @property
     def skipped(self) -> Rows:
         """Pictures that could not be read, with the reason."""
-        return self._data.skipped
+        return self.data.skipped
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -190,13 +190,13 @@ class Evaluation:
         summary: dict[str, Any] = {
             "run": str(self.folder),
             "report": str(self.output / "report.html"),
-            "cells": self._data.manifest["n_cells"],
-            "missing_cells": self._data.manifest["missing_cells"],
+            "cells": self.data.manifest["n_cells"],
+            "missing_cells": self.data.manifest["missing_cells"],
             "skipped": self.skipped,
             "criterion": self.criterion.row(),
             "threshold": self.threshold,
-            "withheld": self._data.manifest["withheld"],
-            "reflectance": reflectance(self._data),
+            "withheld": self.data.manifest["withheld"],
+            "reflectance": reflectance(self.data),
             "cluster": self.cluster,
             "models": self.models,
             "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
@@ -213,12 +213,13 @@ class Evaluation:
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder) as store:
             store.export(self.output)
-        write_tables(self._data, self.output)
+        write_tables(self.data, self.output)
         write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
-        return write_report(self._data, self.output)
+        return write_report(self.data, self.output)
 
     @cached_property
-    def _data(self) -> RunData:
+    def data(self) -> RunData:
+        """Everything that the page shows."""
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(_bar("score", steps, self._progress))

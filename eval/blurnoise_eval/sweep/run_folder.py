@@ -22,6 +22,7 @@ from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natura
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.plane import mean_over_plane
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
+from blurnoise_eval.scoring.standings import AtBest, standings
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.blocks import cells_per_picture
@@ -162,6 +163,7 @@ def read_run(
     scores, performances, sized = run_scores(store, list(order), cluster, progress, by_size=by_size)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
+    at_best = {name: AtBest() for name in order}
     withheld: list[dict[str, Any]] = []
     dark = dark_below(Camera.from_dict(manifest["camera"]))
     every = score_surfaces(sized, criterion.kept) if by_size else grouped_surfaces(store, criterion, cluster)
@@ -171,12 +173,14 @@ def read_run(
             withheld.append({name: getattr(alike[0], name) for name in names})
             continue
         for surface in alike:
+            at_best[surface.model].add(surface)
             found_answers += answers(surface, criterion, dark)
             found_endurances += endurances(surface, criterion)
         found_endurances += endurances_across(alike, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
+    standing = standings(at_best)
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
@@ -187,7 +191,8 @@ def read_run(
     return RunData(
         manifest=manifest,
         models=[
-            _summary(store, model, scores, performances, found_endurances) for model in manifest["models"]
+            _summary(store, model, scores, performances, found_endurances) | standing[model["name"]]
+            for model in manifest["models"]
         ],
         scores=scores,
         groups=queries.groups(store),

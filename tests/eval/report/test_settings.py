@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli.console import print_answers
 from blurnoise_eval.grid.axes import AXES, SETTING_AXES, axis
 from blurnoise_eval.report import findings, page, tables, words, write_report
+from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.settings import axis_label, settings_of, word
 from made_runs import made_run
 from read_pages import Page
@@ -23,7 +23,7 @@ def test_the_light_alone_names_the_settings_of_a_usual_run(tmp_path: Path) -> No
     row = next(row for row in data.scores if row["exposure_s"] == 0.004 and row["velocity_x_px_s"] == 600)
     assert data.settings.condition_text(row) == "4 ms · 10 lux · 600 px/s · blur 2.4 px"
     assert data.settings.condition_text(data.scores[0]) == "untouched picture"
-    assert "combinations of target, light and speed." in findings.summary(data)[0]
+    assert "combinations of target, light and speed;" in opening(data).sentences[0]
 
 
 def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
     assert findings.run_facts(data)["held"] == settings.held_text()
     row = data.scores[-1]
     assert settings.condition_text(row) == "64 ms · 200 lux · 600 px/s · 85 °C · f/2.8 · blur 38.4 px"
-    assert "combinations of target, light, temperature, f-number and speed." in findings.summary(data)[0]
+    assert "combinations of target, light, temperature, f-number and speed;" in opening(data).sentences[0]
     rows = tables.model_answers(data, ["stop sign 100 px"])[0]["parts"][0]["rows"]
     assert [text for text, _ in rows] == [settings.text(at) for at in settings.every]
     for at, (_, cells) in zip(settings.every, rows, strict=True):
@@ -85,29 +85,6 @@ def test_many_settings_are_capped_in_tables(tmp_path: Path) -> None:
     shown = tables.shown_settings(data)
     assert len(shown) == tables.MAX_SETTINGS < len(data.settings.every) == 40
     assert [shown[0], shown[-1]] == [data.settings.every[0], data.settings.every[-1]]
-
-
-def test_the_terminal_names_every_axis_that_varies(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    print_answers(made_run(tmp_path, {"sign": 0.95}, n_examples=0).answers, 0.6)
-    usual = capsys.readouterr().out
-    assert "lux" in usual
-    assert "f/" not in usual
-    data = made_run(tmp_path, {"sign": 0.95}, f_numbers=(1.4, 2.8), temperatures_c=(25.0, 85.0), n_examples=0)
-    print_answers(data.answers, 0.6)
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 80
-    heads = [line for line in lines if line.startswith("sign")]
-    assert heads[0] == "sign, 10 lux, 25 °C, f/1.4, 24 pictures"
-    assert [heads[0], heads[-1]] == [
-        "sign, 10 lux, 25 °C, f/1.4, 24 pictures",
-        "sign, 200 lux, 85 °C, f/2.8, 24 pictures",
-    ]
-    assert len(heads) == 8
-    first = lines[lines.index(heads[0]) + 2]
-    assert first.split() == ["0", "26.1", "(23-29)", "to", ">=", "64", "64", "0.88", "(0.82-0.92)", "0.012"]
-    assert "the longest tested" in lines[lines.index(heads[0]) + 3]
 
 
 def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
