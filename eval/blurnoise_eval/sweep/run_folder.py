@@ -18,6 +18,7 @@ from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, cont
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
@@ -31,6 +32,7 @@ from blurnoise_eval.scoring.plane import mean_over_plane
 from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import truths, write_truth
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
@@ -48,7 +50,7 @@ def open_run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: SweepPlan,
+    plan: Plan,
     facts: dict[str, Any],
 ) -> None:
     """Note in the store what the run is; a store that holds another run's answers is refused.
@@ -269,8 +271,14 @@ def _counts(store: Store) -> dict[str, Any]:
 
 def _missing_cells(store: Store, n_pictures: int) -> int:
     """How many of the plan's cells are not there, those of skipped pictures apart."""
-    plan = SweepPlan(**store.about("identity")["plan"])
-    return (n_pictures - len(store.skipped())) * cells_per_picture(plan) - queries.count_cells_of_read(store)
+    plan = store.about("identity")["plan"]
+    if "grid" in plan:
+        per_picture = cells_per_picture(SweepPlan(**plan))
+    else:
+        batches = asked(store)
+        n_pictures = batches[-1].n_pictures if batches else 0
+        per_picture = 1 + plan["repeats"] * sum(len(batch.conditions) for batch in batches)
+    return (n_pictures - len(store.skipped())) * per_picture - queries.count_cells_of_read(store)
 
 
 def _summary(
