@@ -31,13 +31,14 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import engine_of
-from blurnoise_eval.sweep.evaluation import bar, evaluate, note_models
+from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 
 FIRST_PICTURES = 20
 """With which a decision begins that takes no more than it needs; from then on it doubles them."""
 MOST_NODES = 72
+_SAME_PLACE = 1e-4  # stops: conditions are rounded
 _AT_REST = (1.0, 0.0)  # the direction of what does not move
 
 
@@ -125,13 +126,15 @@ def decided(
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
 
+        criterion = criterion_of(store.about("manifest"), threshold, keep, score)
+
         def compute(last: int) -> None:
             """Every node of the batches up to the last, before the pictures that it names."""
             batches = asked(store)[: last + 1]
             nodes = tuple(at for batch in batches for at in batch.conditions)
             some = replace(drawn, pictures=drawn.pictures[: batches[-1].n_pictures])
             here = replace(plan, nodes=nodes, examples=last == 0)
-            with bar(f"{len(nodes)} nodes", count_cells(some, here), progress) as advance:
+            with progress_bar(f"{len(nodes)} nodes", count_cells(some, here), progress) as advance:
                 done = sweep.run(models, camera, some, here, store, engine=computed_by, progress=advance)
             _add(outcome, done)
             if len(store.skipped()) == len(some):
@@ -152,6 +155,35 @@ def decided(
                 break
         note_models(store, models, pictures)
     return Decision(output, **enough, outcome=outcome, progress=progress)
+
+
+def _next(
+    store: Store, question: Question, criterion: Criterion, cluster: str | None, most_nodes: int
+) -> tuple[Place, ...]:
+    """What the search asks next, by all that the store holds; nothing where it has enough."""
+    places = [place for batch in asked(store) for place in batch.places]
+    seen = [each for each in observed(store, criterion, cluster) if enough_known(each)] if places else []
+    room = most_nodes - len(places)
+    trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
+    search = Search(question.lines, question.exposures_s, [criterion.level], trend=trend)
+    if places and not seen:
+        return ()
+    if seen:
+        told = [_at(each, places) for each in seen]
+        search.tell(places, *(np.array(values) for values in zip(*told, strict=True)))
+    if room <= 0 or search.done:
+        return ()
+    return tuple((u, w) for u, w in search.ask()[:room].tolist())
+
+
+def _at(seen: Observed, places: Sequence[Place]) -> tuple[Array, Array]:
+    """Means, and what the clusters leave open of them, at the nodes as they were asked, (N,); NaN without any."""
+    error = np.nanstd(certainty.departures(seen.sums, seen.counts), axis=0) / math.sqrt(max(len(seen.clusters), 1))
+    away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
+    nearest = away.argmin(axis=1)
+    there = away.min(axis=1) <= _SAME_PLACE
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, error))
+    return mean, error
 
 
 def _drawn(pictures: PictureSet, seed: int, cluster: str | None) -> PictureSet:

@@ -48,7 +48,7 @@ class Decision(Evaluation):
     Of a run that no search has asked for it is an Evaluation.
     """
 
-    surfaces_of = staticmethod(surfaces_on_lines)
+    _surfaces_of = staticmethod(surfaces_on_lines)
 
     @cached_property
     def decided(self) -> dict[str, Any] | None:

@@ -34,7 +34,7 @@ class Observed:
     setting: values of the axes in ``FURTHER``. direction: unit vector of the motion. places: (N, 2), each once.
     at: of each place the conditions of one cell there, by axis. sums, counts: (C, N), the mean of all that stand
     there. saturated, brightness, gain_db, snr_db: (N,) means over the pictures, NaN where it is not known.
-    n_targets, clean, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`.
+    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`.
     """
 
     model: str
@@ -52,6 +52,7 @@ class Observed:
     snr_db: Array
     n_targets: int
     clean: float | None
+    reference: float
     kept: bool
 
     @property
@@ -119,11 +120,12 @@ def _plane(
         mean: Array = np.stack([np.mean(values[which == place], axis=0) for place in range(len(places))], axis=-1)
         return mean
 
+    fullest = max(alike, key=lambda surface: surface.n_targets)
     saturated, brightness, gain_db, snr_db = means(np.array([node.known for node in nodes]))
     return Observed(
-        model=alike[0].model,
-        group=alike[0].group,
-        setting=_further(alike[0]),
+        model=fullest.model,
+        group=fullest.group,
+        setting=_further(fullest),
         direction=direction,
         places=places,
         at=tuple(nodes[index].at for index in first),
@@ -134,9 +136,10 @@ def _plane(
         brightness=brightness,
         gain_db=gain_db,
         snr_db=snr_db,
-        n_targets=max(surface.n_targets for surface in alike),
-        clean=alike[0].clean,
-        kept=alike[0].kept,
+        n_targets=fullest.n_targets,
+        clean=fullest.clean,
+        reference=fullest.reference,
+        kept=fullest.kept,
     )
 
 

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iterator[Surface]:
     """One for each light of the question, with all its velocities."""
     exposures = exposures_on(question.exposures_s, PER_STOP)
+    if not seen.counts.any():
+        return
     plane = Predicted(seen.places, seen.clusters, seen.sums, seen.counts, trend)
     setting = dict(zip(FURTHER, seen.setting, strict=True))
     for lux in question.lights_lux:
@@ -42,15 +44,24 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
             tuple(exposures.tolist()),
             tuple(line.velocity_px_s for line in lines),
             seen.clusters,
-            at.sums.reshape(-1, *shape),
+            _within(at.sums, at.counts, seen).reshape(-1, *shape),
             at.counts.reshape(-1, *shape),
             _by_light(seen, seen.saturated, places),
             seen.n_targets,
             _by_light(seen, seen.brightness, places),
             seen.clean,
+            seen.reference,
             seen.kept,
             sigma=SIGMAS * at.sigma.reshape(shape),
         )
+
+
+def _within(sums: Array, counts: Array, seen: Observed) -> Array:
+    """Sums (C, M) whose mean is no score below 0 nor above what there can be: all clusters moved alike."""
+    total = counts.sum(axis=0)
+    mean = sums.sum(axis=0) / total
+    most = 1 / seen.clean if seen.kept and seen.clean else 1.0
+    return np.asarray(sums + counts / total * (mean.clip(0.0, most) - mean) * total)
 
 
 def _by_light(seen: Observed, values: Array, places: Array) -> Array:
