@@ -19,11 +19,12 @@ from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.scoring.exposure_window import answers
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.evaluation import Evaluation
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces
+from blurnoise_eval.sweep.run_surfaces import LEAST_REFERENCE, grouped_surfaces
 
 QUESTION, BECAUSE = "question", "not the plane because"
 """Under which a run's store keeps what was asked last, and why the plane does not hold."""
@@ -40,6 +41,13 @@ def surfaces_on_lines(store: Store, criterion: Criterion, cluster: str | None) -
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
     for seen in observed(store, criterion, cluster):
         yield list(predicted_surfaces(seen, question, trend))
+
+
+def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
+    """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
+    found = surfaces_on_lines(store, criterion, cluster)
+    told = [each for alike in found for each in alike if not (each.kept and each.reference < LEAST_REFERENCE)]
+    return [answer.row() for surface in told for answer in answers(surface, criterion)]
 
 
 class Decision(Evaluation):

@@ -26,9 +26,12 @@ Array = NDArray[np.float64]
 
 
 def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iterator[Surface]:
-    """One for each light of the question, with all its velocities."""
+    """One for each light of the question, with all its velocities; of what is withheld an empty one."""
     exposures = exposures_on(question.exposures_s, PER_STOP)
-    if not seen.counts.any():
+    if seen.withheld:
+        none = np.zeros((len(seen.clusters), 0, 0))
+        own = seen.model, seen.group, (), (), (), seen.clusters, none, none, none[0], seen.n_targets, none[0]
+        yield Surface(*own, seen.clean, seen.reference, seen.kept)
         return
     plane = Predicted(seen.places, seen.clusters, seen.sums, seen.counts, trend)
     setting = dict(zip(FURTHER, seen.setting, strict=True))
