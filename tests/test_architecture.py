@@ -51,6 +51,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"drawing"},
         {"report"},
         {"sweep"},
+        {"deciding"},
         {"bench"},
         {"quality", "calibration"},
         {"cli"},

@@ -1,0 +1,170 @@
+"""Kriging: a surface through scattered nodes of the plane, with what it does not know between them.
+
+Domain: places (u, w) of :mod:`blurnoise_eval.deciding.nodes`, in stops; values in any unit, sigma in the same.
+Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a
+:class:`~blurnoise_eval.deciding.trend.Trend`, with a Matern 5/2 covariance, one length per axis, and a nugget.
+Lengths and nugget are the most probable ones: restricted likelihood, lengths log-normal about ``USUAL_LENGTH``.
+A prediction is a weighted sum of the nodes' values. With the surface once fitted, the weights depend on places
+alone, so every picture's own surface has those of the mean's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from blurnoise_eval.deciding.nodes import spread
+from blurnoise_eval.deciding.trend import USUAL, Fitted, Trend
+
+USUAL_LENGTH = 3.3  # stops
+_LENGTH_SPREAD = 0.6  # of its natural logarithm
+_USUAL_SCALE, _SCALE_WEIGHT = (
+    0.05,
+    2.0,
+)  # standard deviation about the trend: as if so many values had shown it
+_LEAST = np.log([0.3, 0.3, 1e-6])  # lengths along u and w, nugget
+_MOST = np.log([12.0, 12.0, 0.05])
+_GRID = (5, 5, 4)  # of their logarithms, from end to end
+_HALVINGS = 4  # of the grid's step, about the best so far
+_MOST_FITTED = 120  # nodes that they are chosen by
+_FLAT = 0.02  # share of its top by which a trend differs, and is none
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Kriging:
+    """A fitted surface through N nodes at places (N, 2).
+
+    lengths: of the covariance along u and w. scale: standard deviation about the trend, nugget: variance of a node's
+    own departure, in ``scale`` squared. trend: None: a constant.
+    """
+
+    places: Array
+    lengths: tuple[float, float]
+    nugget: float
+    scale: float
+    trend: Fitted | None
+
+    @classmethod
+    def fit(cls, places: ArrayLike, values: ArrayLike, mean: Trend | None = USUAL) -> Kriging:
+        """Through values (N,) at places (N, 2), all different. mean: None: a constant.
+
+        Raises ``ValueError`` for no or unequal numbers, and values that are not finite.
+        """
+        at, known = np.asarray(places, float).reshape(-1, 2), np.asarray(values, float)
+        if not len(at) or known.shape != (len(at),) or not np.isfinite(known).all():
+            raise ValueError(
+                f"values: {known.size} at {len(at)} places; must be one at each, at least one, finite"
+            )
+        trend = None if mean is None else mean.fitted(at, known)
+        if trend is not None and np.ptp(trend(at)) <= _FLAT * trend.top:
+            trend = None
+        some = np.sort(spread(at, _MOST_FITTED)) if len(at) > _MOST_FITTED else np.arange(len(at))
+        length_u, length_w, nugget = np.exp(_most_probable(at[some], known[some], _basis(trend, at[some])))
+        surface = cls(at, (float(length_u), float(length_w)), float(nugget), 1.0, trend)
+        return replace(surface, scale=surface._scale(known))
+
+    def through(self, places: Array) -> Kriging:
+        """The same surface, known at other places (M, 2) instead."""
+        return replace(self, places=places)
+
+    def weights(self, places: Array) -> Array:
+        """Of the nodes' values in the surface at places (M, 2): (M, N), each row's sum 1."""
+        between, beyond = self._toward(places)
+        return np.asarray(between @ self._inverse + beyond @ self._spread_of_basis @ self._of_basis.T)
+
+    def sigma(self, places: Array) -> Array:
+        """Standard deviation of what the surface leaves open at places (M, 2), (M,)."""
+        between, beyond = self._toward(places)
+        known = ((between @ self._inverse) * between).sum(axis=1)
+        unsure = ((beyond @ self._spread_of_basis) * beyond).sum(axis=1)
+        return np.asarray(self.scale * np.sqrt(np.maximum(1.0 - known + unsure, 0.0)))
+
+    def covariance(self, places: Array) -> Array:
+        """Of what the surface leaves open at places (M, 2), (M, M)."""
+        between, beyond = self._toward(places)
+        known = between @ self._inverse @ between.T
+        unsure = beyond @ self._spread_of_basis @ beyond.T
+        return np.asarray(self.scale**2 * (correlation(places, places, self.lengths) - known + unsure))
+
+    def _toward(self, places: Array) -> tuple[Array, Array]:
+        """Correlation of places (M, 2) with the nodes, and what of their basis the nodes' does not follow."""
+        between = correlation(places, self.places, self.lengths)
+        return between, _basis(self.trend, places) - between @ self._of_basis
+
+    @cached_property
+    def _inverse(self) -> Array:
+        count = len(self.places)
+        return np.linalg.inv(
+            correlation(self.places, self.places, self.lengths) + self.nugget * np.eye(count)
+        )
+
+    @cached_property
+    def _of_basis(self) -> Array:
+        return np.asarray(self._inverse @ _basis(self.trend, self.places))
+
+    @cached_property
+    def _spread_of_basis(self) -> Array:
+        return np.asarray(np.linalg.pinv(_basis(self.trend, self.places).T @ self._of_basis, hermitian=True))
+
+    def _scale(self, values: Array) -> float:
+        rest = values - _basis(self.trend, self.places) @ (
+            self._spread_of_basis @ (self._of_basis.T @ values)
+        )
+        degrees = len(values) - self._of_basis.shape[1]
+        return float(np.sqrt(_variance(rest @ self._inverse @ rest, degrees)))
+
+
+def correlation(places: Array, others: Array, lengths: tuple[float, float]) -> Array:
+    """Matern 5/2 between places (M, 2) and others (N, 2), (M, N)."""
+    return _matern(np.sqrt((((places[:, None] - others[None]) / lengths) ** 2).sum(axis=-1)))
+
+
+def _matern(distance: Array) -> Array:
+    far = np.sqrt(5.0) * distance
+    return np.asarray((1 + far + far**2 / 3) * np.exp(-far))
+
+
+def _basis(trend: Fitted | None, places: Array) -> Array:
+    one = np.ones(len(places))
+    return one[:, None] if trend is None else np.stack([one, trend(places) / trend.top], axis=1)
+
+
+def _variance(square: Array, degrees: int) -> Array:
+    """Of the departures from the trend, from their weighted square and a usual one."""
+    return (square + _SCALE_WEIGHT * _USUAL_SCALE**2) / (max(degrees, 0) + _SCALE_WEIGHT)
+
+
+def _most_probable(places: Array, values: Array, basis: Array) -> Array:
+    """Logarithms of lengths and nugget, (3,): the best of a grid, then of ever finer ones about it."""
+    step = (_MOST - _LEAST) / (np.array(_GRID) - 1)
+    along = (np.linspace(*ends) for ends in zip(_LEAST, _MOST, _GRID, strict=True))
+    tried = np.array(list(product(*along)))
+    around = np.array(list(product((-1, 0, 1), repeat=3)))
+    best = tried[np.argmin(_improbability(places, values, basis, tried))]
+    for _ in range(_HALVINGS):
+        step = step / 2
+        tried = np.clip(best + around * step, _LEAST, _MOST)
+        best = tried[np.argmin(_improbability(places, values, basis, tried))]
+    return np.asarray(best)
+
+
+def _improbability(places: Array, values: Array, basis: Array, tried: Array) -> Array:
+    """Minus twice the logarithm of the restricted likelihood times the prior, of each (3,) of T tried, (T,)."""
+    apart = (places[:, None] - places[None]) ** 2
+    lengths, nuggets = np.exp(tried[:, :2]), np.exp(tried[:, 2])
+    matrices = _matern(np.sqrt((apart / lengths[:, None, None] ** 2).sum(axis=-1)))
+    matrices += nuggets[:, None, None] * np.eye(len(places))
+    beside = np.concatenate([basis, values[:, None]], axis=1)
+    inner = np.swapaxes(beside[None], 1, 2) @ np.linalg.solve(matrices, beside[None])
+    of_basis, mixed, square = inner[:, :-1, :-1], inner[:, :-1, -1:], inner[:, -1, -1]
+    square = square - (np.swapaxes(mixed, 1, 2) @ np.linalg.solve(of_basis, mixed))[:, 0, 0]
+    degrees = len(values) - basis.shape[1]
+    misfit = (max(degrees, 0) + _SCALE_WEIGHT) * np.log(_variance(np.maximum(square, 0.0), degrees))
+    volume = np.linalg.slogdet(matrices)[1] + np.linalg.slogdet(of_basis)[1]
+    unusual = (((tried[:, :2] - np.log(USUAL_LENGTH)) / _LENGTH_SPREAD) ** 2).sum(axis=1)
+    return np.asarray(misfit + volume + unusual)

@@ -1,0 +1,94 @@
+"""The trend of a score over the plane: how it rises with light and falls with motion, by a few closed forms.
+
+Domain: places (u, w) of :mod:`blurnoise_eval.deciding.nodes`. A logistic curve of signal to noise, motion and
+saturation, as high as the highest score seen. It guides a surface between few nodes and need not be right.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise.camera import Camera
+from blurnoise.radiometry import electrons_per_lux_s
+
+_CONTRAST, _GREY = 0.62, 0.3  # of a target, and its mean reflectance
+_MOTION_PX, _MOST_MOTION = 16.0, 8.0
+_PENALTY = 0.02  # on squares of the coefficients
+_STEPS = 40  # of Newton's method, at most
+_MOST_LOGIT = 30.0
+Array = NDArray[np.float64]
+
+
+class Trend(NamedTuple):
+    """What of a camera the trend goes by: electrons per lux s of a white pixel, the noise in the dark, e-, and the
+    light at which white saturates, lux s."""
+
+    electrons_per_lux_s: float = 7000.0
+    noise_e: float = 2.5
+    full_lux_s: float = 1.5
+
+    @classmethod
+    def of(cls, camera: Camera) -> Trend:
+        """That of a camera at its base gain."""
+        per_lux_s = electrons_per_lux_s(camera)
+        noise_e = math.sqrt(camera.dark_variance_dn2()) / camera.system_gain_dn_per_e
+        return cls(per_lux_s, noise_e, camera.saturation_e / per_lux_s)
+
+    def features(self, places: Array) -> Array:
+        """(N, 6): 1, s, s^2, L, L^2, o; s stops of signal to noise, L motion, o stops beyond saturation."""
+        light = 2.0 ** places[:, 0]
+        electrons = self.electrons_per_lux_s * light
+        signal = np.log2(_CONTRAST * electrons / np.sqrt(_GREY * electrons + self.noise_e**2)) / 4
+        motion = np.minimum(2.0 ** places[:, 1] / _MOTION_PX, _MOST_MOTION)
+        over = np.log2(1 + (light / self.full_lux_s) ** 2) / 4
+        return np.stack([np.ones(len(places)), signal, signal**2, motion, motion**2, over], axis=1)
+
+    def fitted(self, places: Array, values: Array) -> Fitted:
+        """The trend of values (N,), not below 0, at places (N, 2): penalised fractional logistic regression."""
+        features = self.features(places)
+        top = max(float(values.max(initial=0.0)), 1e-9) * 1.02
+        share = np.clip(values / top, 0.0, 1.0)
+        penalty = _PENALTY * np.diag([0.1, *[1.0] * (features.shape[1] - 1)])
+        coefficients = np.zeros(features.shape[1])
+
+        def loss(at: Array) -> float:
+            logits = features @ at
+            return float((np.logaddexp(0, logits) - share * logits).sum() + at @ penalty @ at / 2)
+
+        here = loss(coefficients)
+        for _ in range(_STEPS):
+            rate = _logistic(features @ coefficients)
+            slope = features.T @ (rate - share) + penalty @ coefficients
+            bend = (features * (rate * (1 - rate))[:, None]).T @ features + penalty
+            step = np.linalg.solve(bend, slope)
+            while np.abs(step).max() > 1e-6 and loss(coefficients - step) > here:
+                step = step / 2
+            coefficients = coefficients - step
+            here = loss(coefficients)
+            if np.abs(step).max() <= 1e-6:
+                break
+        return Fitted(self, top, coefficients)
+
+
+USUAL = Trend()
+"""Of a machine-vision camera at f/1.4: where the camera is not known."""
+
+
+class Fitted(NamedTuple):
+    """A trend with its coefficients (6,); top: the highest it can be."""
+
+    trend: Trend
+    top: float
+    coefficients: Array
+
+    def __call__(self, places: Array) -> Array:
+        """Its values at places (N, 2), (N,)."""
+        return self.top * _logistic(self.trend.features(places) @ self.coefficients)
+
+
+def _logistic(logits: Array) -> Array:
+    return np.asarray(1 / (1 + np.exp(-np.clip(logits, -_MOST_LOGIT, _MOST_LOGIT))))

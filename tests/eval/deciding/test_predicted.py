@@ -1,0 +1,81 @@
+"""Predicted sums of clusters: linear, weighted as observed, for any nodes."""
+
+import numpy as np
+import pytest
+from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, spread
+from blurnoise_eval.deciding.predicted import Predicted
+
+LINES = [Line(lux, (speed, 0.0)) for lux in (2.0, 45.0, 1000.0) for speed in (0.0, 100.0, 1600.0)]
+PLACES = lattice(LINES, (0.001, 0.09))
+NODES = PLACES[spread(PLACES, 40)]
+CLUSTERS = ("a", "b", "c")
+EDGES = np.array([-5.0, -4.0, -2.0])
+COUNTS = np.array([4.0, 0.5, 2.0])
+
+
+def rates(places: np.ndarray) -> np.ndarray:
+    """Of three clusters, (3, N): lost in the dark at three edges."""
+    light = 1 / (1 + np.exp(-1.5 * (places[:, 0] - EDGES[:, None])))
+    return np.asarray(light / (1 + np.exp(places[:, 1] - 4)))
+
+
+def observed(places: np.ndarray) -> Predicted:
+    counts = np.repeat(COUNTS[:, None], len(places), axis=1)
+    return Predicted(places, CLUSTERS, rates(places) * counts, counts)
+
+
+def test_every_cluster_by_the_weights_of_the_mean() -> None:
+    found = observed(NODES).on(PLACES)
+    assert found.counts == pytest.approx(np.repeat(COUNTS[:, None], len(PLACES), axis=1))
+    assert np.abs(found.sums / found.counts - rates(PLACES)).max() < 0.25
+    mean, truth = found.sums.sum(axis=0) / COUNTS.sum(), COUNTS @ rates(PLACES) / COUNTS.sum()
+    assert np.sqrt(np.mean((mean - truth) ** 2)) < 0.03
+    surface = observed(NODES).surface
+    assert mean == pytest.approx(surface.weights(PLACES) @ (COUNTS @ rates(surface.places) / COUNTS.sum()))
+    assert found.sigma.shape == (len(PLACES),)
+    assert found.sigma == pytest.approx(surface.sigma(PLACES))
+
+
+def test_places_twice_count_as_one() -> None:
+    """As in a grid whose conditions fall together: the same surface, whatever the order."""
+    twice = np.concatenate([NODES[::-1], NODES[:7]])
+    counts = np.repeat(COUNTS[:, None], len(twice), axis=1)
+    found = Predicted(twice, CLUSTERS, rates(twice) * counts, counts)
+    assert len(found.places) == len(NODES)
+    once = observed(NODES).on(PLACES)
+    again = found.on(PLACES)
+    assert again.sums / again.counts == pytest.approx(once.sums / once.counts, abs=1e-9)
+
+
+def test_a_cluster_observed_at_some_nodes() -> None:
+    """Its own nodes alone speak for it; one never observed counts nothing."""
+    counts = np.repeat(COUNTS[:, None], len(NODES), axis=1)
+    counts[1, ::3] = 0
+    counts[2] = np.nan
+    sums = rates(NODES) * counts
+    found = Predicted(NODES, CLUSTERS, sums, counts).on(PLACES)
+    assert (found.sums[2] == 0).all()
+    assert (found.counts[2] == 0).all()
+    assert found.counts[1] == pytest.approx(0.5)
+    assert np.abs(found.sums[1] / 0.5 - rates(PLACES)[1]).max() < 0.3
+    unseen = np.where(counts > 0, sums, -9e9)
+    assert Predicted(NODES, CLUSTERS, np.where(counts > 0, unseen, 0), counts).on(
+        PLACES
+    ).sums == pytest.approx(found.sums)
+
+
+def test_inside_is_among_the_nodes() -> None:
+    found = observed(NODES)
+    assert found.inside(PLACES).mean() > 0.9
+    assert not found.inside([(20.0, 0.0), (0.0, 9.0), (-9.0, 7.0), (-12.0, FLOOR)]).any()
+    rest = observed(lattice([Line(5.0)], (0.001, 0.5)))
+    assert rest.inside([(0.0, FLOOR), (0.0, 1.0), (5.0, FLOOR)]).tolist() == [True, False, False]
+    alone = observed(np.array([[0.0, 1.0]]))
+    assert alone.inside([(0.1, 1.1), (0.0, 2.0)]).tolist() == [True, False]
+
+
+def test_bad_shapes() -> None:
+    with pytest.raises(ValueError, match="clusters by places"):
+        Predicted(NODES, CLUSTERS, np.ones((3, 2)), np.ones((3, 2)))
+    with pytest.raises(ValueError, match="counts"):
+        Predicted(NODES, CLUSTERS, np.zeros((3, len(NODES))), np.zeros((3, len(NODES))))
