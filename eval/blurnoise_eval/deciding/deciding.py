@@ -52,9 +52,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Precision:
-    """When it is enough. regret: no recommended exposure loses more at 95 %. edge_stops: no end of a window has a wider
-    95 % interval, stops. Where neither is stated all pictures are taken; where both are, either is enough.
-    most_nodes: conditions that are asked at most. Raises ``ValueError``."""
+    """When it is enough. regret: no recommended exposure loses more at 95 %. edge_stops: no end of a window has a
+    wider 95 % interval, stops. Where neither is stated all pictures are taken; where both are, either is enough.
+    most_nodes: from which on nothing more is searched for. Raises ``ValueError``."""
 
     regret: float | None = None
     edge_stops: float | None = None
@@ -106,8 +106,8 @@ def decided(
 ) -> Decision:
     """Ask models what the question asks, in a folder; one begun there goes on.
 
-    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid where
-    the plane does not hold. Raises what that raises.
+    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid
+    where the plane does not hold. Raises what that raises.
     """
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
     shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}

@@ -6,7 +6,7 @@ are numbers of targets or, where what is kept counts, the scores of the same tar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.run_surfaces import LEAST_REFERENCE, grouped_surfaces
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
 FURTHER = tuple(name for name in SETTING if name != LIGHT.name)
 Array = NDArray[np.float64]
@@ -34,7 +34,8 @@ class Observed:
     setting: values of the axes in ``FURTHER``. direction: unit vector of the motion. places: (N, 2), each once.
     at: of each place the conditions of one cell there, by axis. sums, counts: (C, N), the mean of all that stand
     there. saturated, brightness, gain_db, snr_db: (N,) means over the pictures, NaN where it is not known.
-    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`.
+    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`. withheld: the model knows
+    too little of these targets to say what it keeps.
     """
 
     model: str
@@ -54,6 +55,7 @@ class Observed:
     clean: float | None
     reference: float
     kept: bool
+    withheld: bool
 
     @property
     def mean(self) -> Array:
@@ -65,12 +67,6 @@ class Observed:
         """(N,), the mean's standard error over clusters; NaN of fewer than two."""
         away = certainty.departures(self.sums, self.counts)
         return np.asarray(np.nanstd(away, axis=0, ddof=1) / np.sqrt(np.isfinite(away).sum(axis=0)))
-
-    @property
-    def withheld(self) -> bool:
-        """Whether the model knows too little of these targets to say what it keeps."""
-        return self.kept and self.reference < LEAST_REFERENCE
-
 
 class _Node(NamedTuple):
     line: Line
@@ -86,9 +82,14 @@ def observed(store: Store, criterion: Criterion, cluster: str | None = None) -> 
     cluster: a pattern on pictures' names, see :func:`~blurnoise_eval.scoring.clusters.cluster_of`. Conditions without
     light have no place and are left out; those at rest are in every direction's plane.
     """
+    return on_plane(store, grouped_surfaces(store, criterion, cluster))
+
+
+def on_plane(store: Store, measured: Iterable[list[Surface]]) -> list[Observed]:
+    """The same of surfaces, those of one model and group together."""
     pictures: dict[str, dict[tuple[float, ...], Row]] = {}
     found: list[Observed] = []
-    for of_group in grouped_surfaces(store, criterion, cluster):
+    for of_group in measured:
         model = of_group[0].model
         if model not in pictures:
             pictures[model] = {_axes(row): row for row in queries.condition_counts(store, model)}
@@ -162,6 +163,7 @@ def _plane(
         clean=fullest.clean,
         reference=fullest.reference,
         kept=fullest.kept,
+        withheld=too_little(fullest),
     )
 
 

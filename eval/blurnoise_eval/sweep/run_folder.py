@@ -23,6 +23,7 @@ from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natura
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.plane import mean_over_plane
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
+from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
@@ -36,7 +37,9 @@ from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 _UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+_FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
+Grouped = Iterator[list[Surface]]
 
 
 def open_run(
@@ -147,10 +150,12 @@ def read_run(
     *,
     cluster: str | None = None,
     progress: Callable[[int], None] = lambda scores: None,
+    on_lines: Callable[[Store, Grouped], Grouped] = lambda store, measured: measured,
 ) -> RunData:
     """Everything that the report of this run shows; ``progress`` is told of each condition scored.
 
-    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
+    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it. on_lines:
+    what is made of the surfaces that were measured, those of one model and group together.
 
     Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
     ``withheld``. Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never
@@ -167,15 +172,16 @@ def read_run(
     withheld: list[dict[str, Any]] = []
     dark = dark_below(Camera.from_dict(manifest["camera"]))
     every = score_surfaces(sized, criterion.kept) if by_size else grouped_surfaces(store, criterion, cluster)
-    for alike in every:
+    for alike in on_lines(store, every):
         if too_little(alike[0]):
             names = ("model", "group", "n_targets", "reference")
             withheld.append({name: getattr(alike[0], name) for name in names})
             continue
         for surface in alike:
             found_answers += answers(surface, criterion, dark)
-            found_endurances += endurances(surface, criterion)
-        found_endurances += endurances_across(alike, criterion)
+            found_endurances += endurances(surface.every(1 if surface.open is None else _FINE), criterion)
+        if alike[0].open is None:
+            found_endurances += endurances_across(alike, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
