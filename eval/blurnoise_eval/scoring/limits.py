@@ -104,21 +104,22 @@ def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | Non
 def of_best(line: Line, best: int) -> Limits:
     """What holds the best of the tested exposures back, where none works.
 
-    Blur, if the same light and time at the slowest speed do better; beside it what that slowest line still lacks: if
-    it is better at a longer exposure, light (noise or darkness), if at a shorter one, saturation. On the slowest line
+    What the slowest speed under this light still lacks at the best: if it does better at a longer time, light (noise
+    or darkness), if at a shorter one, saturation. Beside it blur: if the slowest does better with the same light and
+    time, or with the longer exposure that would bring the light, at which this line stays behind. On the slowest line
     itself the best exposure is where light begins to suffice or to be too much: what has the value fall on either
     side of it, and light if it still rises at the longest tested.
     """
     value, x = line.value, line.exposures_s
     parts: list[Limit | None] = []
     if line.slower is not None and np.isfinite(line.slower[best]):
-        own = line.slower[best]
-        if own - value[best] > MATTERS:
+        own, after = line.slower[best], slice(best + 1, None)
+        brighter = line.slower[after] - own > MATTERS
+        if own - value[best] > MATTERS or (brighter & (line.slower[after] - value[after] > MATTERS)).any():
             parts.append("blur")
-        longer, shorter = line.slower[best + 1 :], line.slower[:best]
-        if (longer - own > MATTERS).any():
+        if brighter.any():
             parts.append(line.lacks(best))
-        elif (shorter - own > MATTERS).any():
+        elif (line.slower[:best] - own > MATTERS).any():
             parts.append("saturation")
     else:
         if best > 0 and value[best] - value[best - 1] > MATTERS:
