@@ -28,20 +28,20 @@ from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.realised import conditions_at
 from blurnoise_eval.deciding.search import MOST_NODES, Search
 from blurnoise_eval.deciding.trend import Trend
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.scoring.clusters import cluster_of
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.engines import engine_of
+from blurnoise_eval.sweep.engines import Engine, engine_of
 from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
-from blurnoise_eval.sweep.run_surfaces import criterion_of
 
 FIRST_PICTURES = 20
 """With which a decision begins that takes no more than it needs; from then on it doubles them."""
@@ -99,7 +99,7 @@ def decided(
     repeats: int = 1,
     seed: int = 0,
     grey_anchor: str | None = None,
-    engine: str = "threads",
+    engine: str | Engine = "threads",
     threads: int = 1,
     progress: bool | None = None,
     command: str = "blurnoise_eval.decided",
@@ -111,6 +111,18 @@ def decided(
     """
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
     shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}
+    criterion = stated(
+        threshold,
+        keep,
+        score,
+        rendered=pictures.kind == "rendered",
+        reads=not isinstance(models[0], Detector),
+    )
+    if criterion.score in PRECISIONS:
+        raise ValueError(
+            f"score = {score!r}: must be one that each target has, for a search to tell it of nodes"
+        )
+    cluster_of("", cluster)
     temperature = question.further.get("temperature_c", 25.0)
     because = what_breaks(camera, question.exposures_s, question.lines, temperature)
     if because:
@@ -125,16 +137,18 @@ def decided(
     direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
     plan = NodePlan((), question.further, direction, **shared)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
-    facts = {"command": command, "engine": engine, "threads": threads}
-    computed_by = engine_of(engine, threads)
+    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
+    facts: dict[str, Any] = {
+        "command": command,
+        "engine": engine if isinstance(engine, str) else repr(engine),
+    }
+    facts |= {"threads": threads} if isinstance(engine, str) else {}
     drawn = _drawn(pictures, seed, cluster)
     outcome = Outcome()
     with Store(Path(output), create=True) as store:
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
-
-        criterion = criterion_of(store, threshold, keep, score)
 
         def compute(last: int) -> None:
             """Every node of the batches up to the last, before the pictures that it names."""

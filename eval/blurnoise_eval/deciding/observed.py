@@ -34,8 +34,8 @@ class Observed:
     setting: values of the axes in ``FURTHER``. direction: unit vector of the motion. places: (N, 2), each once.
     at: of each place the conditions of one cell there, by axis. sums, counts: (C, N), the mean of all that stand
     there. saturated, brightness, gain_db, snr_db: (N,) means over the pictures, NaN where it is not known.
-    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`. withheld: the model knows
-    too little of these targets to say what it keeps.
+    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`. withheld: the model
+    knows too little of these targets to say what it keeps.
     """
 
     model: str
@@ -67,6 +67,7 @@ class Observed:
         """(N,), the mean's standard error over clusters; NaN of fewer than two."""
         away = certainty.departures(self.sums, self.counts)
         return np.asarray(np.nanstd(away, axis=0, ddof=1) / np.sqrt(np.isfinite(away).sum(axis=0)))
+
 
 class _Node(NamedTuple):
     line: Line

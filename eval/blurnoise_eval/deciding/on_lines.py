@@ -61,10 +61,9 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
 
 def _within(sums: Array, counts: Array, seen: Observed) -> Array:
     """Sums (C, M) whose mean is no score below 0 nor above what there can be: all clusters moved alike."""
-    total = counts.sum(axis=0)
-    mean = sums.sum(axis=0) / total
+    mean = sums.sum(axis=0) / counts.sum(axis=0)
     most = 1 / seen.clean if seen.kept and seen.clean else 1.0
-    return np.asarray(sums + counts / total * (mean.clip(0.0, most) - mean) * total)
+    return np.asarray(sums + counts * (mean.clip(0.0, most) - mean))
 
 
 def _by_light(seen: Observed, values: Array, places: Array) -> Array:
