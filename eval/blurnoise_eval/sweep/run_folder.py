@@ -13,6 +13,7 @@ from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
@@ -23,8 +24,10 @@ from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.plane import mean_over_plane
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.scoring.standings import AtBest, standings
+from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.sweep.run_scores import run_scores
@@ -35,7 +38,9 @@ from blurnoise_eval.system.tables import csv_lines
 
 _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 _UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+_FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
+Grouped = Iterator[list[Surface]]
 
 
 def open_run(
@@ -43,7 +48,7 @@ def open_run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: SweepPlan,
+    plan: Plan,
     facts: dict[str, Any],
 ) -> None:
     """Note in the store what the run is; a store that holds another run's answers is refused.
@@ -146,10 +151,12 @@ def read_run(
     *,
     cluster: str | None = None,
     progress: Callable[[int], None] = lambda scores: None,
+    on_lines: Callable[[Store, Grouped], Grouped] = lambda store, measured: measured,
 ) -> RunData:
     """Everything that the report of this run shows; ``progress`` is told of each condition scored.
 
-    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
+    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it. on_lines:
+    what is made of the surfaces that were measured, those of one model and group together.
 
     Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
     ``withheld``. Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never
@@ -167,7 +174,7 @@ def read_run(
     withheld: list[dict[str, Any]] = []
     dark = dark_below(Camera.from_dict(manifest["camera"]))
     every = score_surfaces(sized, criterion.kept) if by_size else grouped_surfaces(store, criterion, cluster)
-    for alike in every:
+    for alike in on_lines(store, every):
         if too_little(alike[0]):
             names = ("model", "group", "n_targets", "reference")
             withheld.append({name: getattr(alike[0], name) for name in names})
@@ -175,8 +182,9 @@ def read_run(
         for surface in alike:
             at_best[surface.model].add(surface)
             found_answers += answers(surface, criterion, dark)
-            found_endurances += endurances(surface, criterion)
-        found_endurances += endurances_across(alike, criterion)
+            found_endurances += endurances(surface.every(1 if surface.open is None else _FINE), criterion)
+        if alike[0].open is None:
+            found_endurances += endurances_across(alike, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
@@ -236,8 +244,14 @@ def _counts(store: Store) -> dict[str, Any]:
 
 def _missing_cells(store: Store, n_pictures: int) -> int:
     """How many of the plan's cells are not there, those of skipped pictures apart."""
-    plan = SweepPlan(**store.about("identity")["plan"])
-    return (n_pictures - len(store.skipped())) * cells_per_picture(plan) - queries.count_cells_of_read(store)
+    plan = store.about("identity")["plan"]
+    if "grid" in plan:
+        per_picture = cells_per_picture(SweepPlan(**plan))
+    else:
+        batches = asked(store)
+        n_pictures = batches[-1].n_pictures if batches else 0
+        per_picture = 1 + plan["repeats"] * sum(len(batch.conditions) for batch in batches)
+    return (n_pictures - len(store.skipped())) * per_picture - queries.count_cells_of_read(store)
 
 
 def _summary(

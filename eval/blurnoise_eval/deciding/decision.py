@@ -1,0 +1,117 @@
+"""A decision: a run that a search has asked for, with its answers on the lines of its question.
+
+The same tables, figures and page as of a sweep: what stands at a tested exposure there is predicted here, from the
+nodes, with what they leave open in every interval. Where the plane did not hold it is a sweep, and says why.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+from blurnoise.camera import Camera
+from blurnoise_eval.deciding.observed import on_plane
+from blurnoise_eval.deciding.on_lines import predicted_surfaces
+from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.deciding.trend import Trend
+from blurnoise_eval.report.data import RunData
+from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.scoring.exposure_window import answers
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.asked import asked
+from blurnoise_eval.sweep.evaluation import Evaluation
+from blurnoise_eval.sweep.run_folder import Grouped
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
+
+QUESTION, BECAUSE = "question", "not the plane because"
+"""Under which a run's store keeps what was asked last, and why the plane does not hold."""
+_GRID_EXPOSURES = 10  # of the grid that a search is compared with
+_OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
+
+
+def on_lines(store: Store, measured: Grouped) -> Grouped:
+    """Surfaces that answer the run's question, by those that were measured; of a full grid these themselves."""
+    asked_for = store.about(QUESTION)
+    if asked_for is None or store.about(BECAUSE):
+        yield from measured
+        return
+    question = Question.from_dict(asked_for)
+    trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
+    for seen in on_plane(store, measured):
+        yield list(predicted_surfaces(seen, question, trend))
+
+
+def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
+    """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
+    every = on_lines(store, grouped_surfaces(store, criterion, cluster))
+    told = [surface for alike in every for surface in alike if not too_little(surface)]
+    return [answer.row() for surface in told for answer in answers(surface, criterion)]
+
+
+class Decision(Evaluation):
+    """As :class:`Evaluation`; ``answers`` and ``curves`` are of the lines asked for, ``scores`` of the nodes.
+
+    Of a run that no search has asked for it is an Evaluation.
+    """
+
+    _on_lines = staticmethod(on_lines)
+
+    @cached_property
+    def decided(self) -> dict[str, Any] | None:
+        """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that as many exposures as
+        ``grid_exposures`` would take; ``because``: why it was a full grid. None of a run without a question."""
+        with Store(self.folder) as store:
+            if store.about(QUESTION) is None:
+                return None
+            question, batches = Question.from_dict(store.about(QUESTION)), asked(store)
+            repeats = store.about("identity")["plan"]["repeats"]
+            because = store.about(BECAUSE)
+            n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
+        n_nodes = sum(len(batch.conditions) for batch in batches)
+        if because:
+            n_nodes = math.prod(map(len, question.grid.values()))
+        return {
+            "nodes": n_nodes,
+            "pictures": n_pictures,
+            "cells": n_nodes * n_pictures * repeats,
+            "grid_exposures": _GRID_EXPOSURES,
+            "grid_cells": _GRID_EXPOSURES * len(question.lines) * n_pictures * repeats,
+            "because": because,
+        }
+
+    def how(self) -> list[str]:
+        """In words: how many conditions it took, or why it was the full grid; none of another run."""
+        of = self.decided
+        if of is None:
+            return []
+        if of["because"]:
+            return [f"A grid of {of['nodes']} conditions, not a search: {'; '.join(of['because'])}."]
+        return [
+            f"{of['nodes']} conditions before {of['pictures']} pictures: {of['cells']} cells, where"
+            f" {of['grid_exposures']} exposures under every light at every speed would take {of['grid_cells']}."
+        ]
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What summary.json holds, and ``decided``."""
+        return {**super().summary, "decided": self.decided}
+
+    @cached_property
+    def _data(self) -> RunData:
+        data = super()._data
+        if self.decided is None:
+            return data
+        if self.decided["because"]:
+            data.manifest["warnings"] += self.how()
+            return data
+        ends = ("", "_low", "_high")
+        unknown = dict.fromkeys(f"{name}{end}" for name in _OF_GRID for end in ends)
+        return replace(data, models=[{**model, **unknown} for model in data.models])
+
+    @property
+    def _shown(self) -> RunData:
+        if self.decided is None or self.decided["because"]:
+            return self._data
+        return replace(self._data, scores=[row for row in self._data.scores if row["clean"]])

@@ -1,0 +1,229 @@
+"""Deciding: what it asks, that it goes on where it was, and that it falls back on the grid."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.deciding import deciding
+from blurnoise_eval.deciding.deciding import Precision, decided
+from blurnoise_eval.deciding.decision import Decision
+from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import asked
+from blurnoise_eval.sweep.engines import Answers, ThreadEngine
+from blurnoise_eval.sweep.work import Work
+from numpy.typing import NDArray
+from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
+
+
+def speckled(index: int) -> NDArray[np.uint8]:
+    """The sign, each time before another light."""
+    return (sign().astype(np.int64) * (12 + index) // 24).astype(np.uint8)
+
+
+PICTURES = picture_set(*(picture(f"{index}.png", partial(speckled, index)) for index in range(10)))
+VALUES = {"illuminance_lux": (2.0, 5.0), "velocity_x_px_s": (0.0, 200.0), "velocity_y_px_s": (0.0,)}
+QUESTION = Question((0.008, 0.032), {**VALUES, "gain_db": (0.0,)})
+WIDER = Question((0.008, 0.032), {**QUESTION.values, "velocity_x_px_s": (0.0, 200.0, 400.0)})
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """An engine that is interrupted after so many blocks."""
+
+    after: int
+
+    def map(self, work: Work, blocks: Iterable[Any]) -> Answers:
+        for number, answer in enumerate(ThreadEngine().map(work, blocks)):
+            if number == self.after:
+                raise KeyboardInterrupt
+            yield answer
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    return matched_detector(tmp_path_factory.mktemp("model"))
+
+
+def decide(folder: Path, detector: Detector, question: Question = QUESTION, **options: Any) -> Decision:
+    pictures: PictureSet = options.pop("pictures", PICTURES)
+    options = {"threshold": 0.5, "precision": Precision(most_nodes=12)} | options
+    return decided([detector], pictures, options.pop("camera", CAMERA), question, folder, **options)
+
+
+@pytest.fixture(scope="module")
+def done(detector: Detector, tmp_path_factory: pytest.TempPathFactory) -> Decision:
+    return decide(tmp_path_factory.mktemp("run"), detector)
+
+
+def held(folder: Path) -> list[Any]:
+    """All rows, and what was asked for, in its order."""
+    with Store(folder) as store:
+        return [everything(store), asked(store)]
+
+
+def test_it_answers_on_every_line(done: Decision) -> None:
+    lines = {(row["illuminance_lux"], row["velocity_x_px_s"]) for row in done.answers}
+    assert lines == {(line.illuminance_lux, line.velocity_px_s[0]) for line in QUESTION.lines}
+    for answer in done.answers:
+        exposures = np.array(answer["exposures_s"])
+        assert (exposures[0], exposures[-1]) == pytest.approx(QUESTION.exposures_s)
+        assert np.ptp(np.diff(np.log2(exposures))) < 1e-9
+        assert answer["n_pictures"] == 10
+        assert -1e-12 <= min(answer["confidence"]) <= max(answer["confidence"]) <= 1 + 1e-12
+    assert len({answer["confidence"][0] for answer in done.answers}) > 1
+
+
+def test_it_asks_for_few_conditions_and_says_how_many(done: Decision) -> None:
+    assert done.decided is not None
+    with Store(done.folder) as store:
+        nodes = [at for batch in asked(store) for at in batch.conditions]
+        computed = {cell["cell_id"] for cell in store.cells() if not cell["clean"]}
+    assert len(set(nodes)) == len(nodes) == done.decided["nodes"]
+    assert len(computed) == done.decided["cells"] == 10 * len(nodes)
+    assert done.decided["grid_cells"] == 10 * 4 * 10
+    assert str(len(nodes)) in done.how()[0]
+    assert done.summary["missing_cells"] == 0
+
+
+def test_asked_again_it_computes_nothing(done: Decision, detector: Detector) -> None:
+    before = held(done.folder)
+    again = decide(done.folder, detector)
+    assert again.outcome is not None
+    assert again.outcome.computed == 0
+    assert held(done.folder) == before
+    assert again.answers == done.answers
+
+
+@pytest.mark.parametrize("after", [3, 25, 60])
+def test_interrupted_it_goes_on_to_the_same_rows(
+    done: Decision, detector: Detector, tmp_path: Path, after: int
+) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        decide(tmp_path, detector, engine=Stopping(after))
+    with Store(tmp_path) as store:
+        cells = sum(not cell["clean"] for cell in store.cells())
+        wanted = sum(len(batch.conditions) for batch in asked(store)) * len(PICTURES)
+    assert cells < wanted  # noted before it was computed
+    again = decide(tmp_path, detector)
+    assert held(tmp_path) == held(done.folder)
+    assert again.answers == done.answers
+
+
+@pytest.mark.slow
+def test_killed_it_goes_on_to_the_same_rows(done: Decision, tmp_path: Path) -> None:
+    """By a signal that nothing can catch, in a process of its own, somewhere in the middle."""
+    program = (
+        "import sys; sys.path[:0] = sys.argv[2].split(':')\n"
+        "import test_deciding as t; from pathlib import Path\n"
+        "t.decide(Path(sys.argv[1]), t.matched_detector(Path(sys.argv[1]).parent))\n"
+    )
+    here = Path(__file__).parent
+    paths = ":".join([str(here), str(here.parents[1] / "helpers"), *sys.path])
+    command = [sys.executable, "-c", program, str(tmp_path / "run"), paths]
+    killed = subprocess.Popen(command)
+    for _ in range(600):
+        time.sleep(0.1)
+        results = tmp_path / "run" / "results.sqlite-wal"
+        if results.is_file() and results.stat().st_size > 1_000_000:
+            break
+    os.kill(killed.pid, signal.SIGKILL)
+    assert killed.wait() == -signal.SIGKILL
+    subprocess.run(command, check=True)
+    assert held(tmp_path / "run") == held(done.folder)
+
+
+def test_a_wider_question_begins_with_what_there_is(
+    done: Decision, detector: Detector, tmp_path: Path
+) -> None:
+    first = decide(tmp_path, detector)
+    asked_before = held(tmp_path)[1]
+    wider = decide(tmp_path, detector, WIDER)
+    assert wider.outcome is not None
+    assert first.outcome is not None
+    assert held(tmp_path)[1][: len(asked_before)] == asked_before
+    assert 0 < wider.outcome.computed < first.outcome.computed
+    assert {row["velocity_x_px_s"] for row in wider.answers} == {0.0, 200.0, 400.0}
+
+
+def test_another_camera_is_another_run(done: Decision, detector: Detector) -> None:
+    with pytest.raises(StoreError, match="another camera"):
+        decide(done.folder, detector, camera=replace(CAMERA, read_noise_e=9.0))
+    upwards = Question(
+        QUESTION.exposures_s, {**VALUES, "velocity_x_px_s": (0.0,), "velocity_y_px_s": (0.0, 5.0)}
+    )
+    with pytest.raises(StoreError, match="another plan"):
+        decide(done.folder, detector, upwards)
+
+
+@pytest.mark.slow
+def test_it_takes_no_more_pictures_than_asked(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Enough at once where any loss is allowed; the same pictures first where none is, and all of them then."""
+    monkeypatch.setattr(deciding, "FIRST_PICTURES", 8)
+    few = decide(tmp_path / "few", detector, precision=Precision(regret=1.0, most_nodes=12))
+    assert {answer["n_pictures"] for answer in few.answers} == {8}
+    asked_of_few = held(tmp_path / "few")[1]
+    every = decide(tmp_path / "few", detector, precision=Precision(regret=0.0, most_nodes=12))
+    assert {answer["n_pictures"] for answer in every.answers} == {10}
+    assert held(tmp_path / "few")[1][: len(asked_of_few)] == asked_of_few
+    assert every.summary["missing_cells"] == 0
+
+
+@pytest.mark.parametrize(
+    ("answer", "precision", "reached"),
+    [
+        ({"regret_95": 0.01}, Precision(regret=0.01), True),
+        ({"regret_95": 0.02}, Precision(regret=0.01), False),
+        ({"regret_95": None}, Precision(regret=0.01), False),
+        ({}, Precision(edge_stops=1.0), True),
+        ({"windows_high_s": [(0.01, 0.0201)]}, Precision(edge_stops=1.0), False),
+        ({"windows_high_s": [(None, 0.02)]}, Precision(edge_stops=1.0), False),
+        ({"regret_95": 0.02}, Precision(regret=0.01, edge_stops=1.0), True),
+    ],
+)
+def test_when_it_is_precise_enough(answer: dict[str, Any], precision: Precision, reached: bool) -> None:
+    usual = {
+        "exposures_s": (0.001, 0.09),
+        "recommended_s": 0.005,
+        "regret_95": 0.5,
+        "windows_s": [(0.001, 0.015)],
+        "windows_low_s": [(None, None)],  # an end of what was tested is no edge
+        "windows_high_s": [(0.01, 0.02)],
+    }
+    assert precision.reached([usual | answer]) is reached
+
+
+def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_path: Path) -> None:
+    warm = replace(CAMERA, dark_current_e_s=500.0)
+    some = replace(PICTURES, pictures=PICTURES.pictures[:2])
+    small = Question((0.008, 0.032), {**QUESTION.values, "illuminance_lux": (5.0,)})
+    done = decide(tmp_path, detector, small, camera=warm, pictures=some)
+    assert done.decided is not None
+    assert ["dark current" in reason for reason in done.decided["because"]] == [True]
+    assert "A grid of 10 conditions, not a search: dark current" in done.how()[0]
+    assert len({row["exposure_s"] for row in done.scores if not row["clean"]}) == 5  # half a stop apart
+    assert {len(row["exposures_s"]) for row in done.answers} == {5}
+    with Store(tmp_path) as store:
+        assert asked(store) == ()
+
+
+def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> None:
+    for wrong in ({"keep": 0.9}, {"score": "ap50"}, {"cluster": "("}, {"engine": "ray"}, {"threshold": 1.5}):
+        with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
+            decide(tmp_path / "run", detector, **wrong)
+    assert not (tmp_path / "run").exists()
