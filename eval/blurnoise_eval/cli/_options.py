@@ -21,6 +21,7 @@ FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
+SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"
 _MOST_NUMBERS = 100_000
 
@@ -76,6 +77,20 @@ def bounds(text: str | Range) -> Range:
         return Range(float(low), float(high))
     except ValueError:
         raise ValueError(f"{text!r}: must be low:high or a number") from None
+
+
+def spread(text: str) -> tuple[float, ...]:
+    """Parse "low:high" as its ends and what 1, 3, 10, 30 ... lies between, from two decades below the high end where
+    the low one is 0; else as :func:`numbers`. Raises ``ValueError``."""
+    if text.count(":") != 1:
+        return numbers(text)
+    low, high = bounds(text)
+    if not 0 <= low < high < math.inf:
+        raise ValueError(f"{text!r}: must be low:high with 0 <= low < high")
+    least = low or high / 100
+    powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
+    between = (float(f"{digit}e{power}") for power in powers for digit in (1, 3))
+    return (low, *(value for value in between if max(low, least * (1 - 1e-9)) <= value < high and value != low), high)
 
 
 def region(text: str) -> Region:
@@ -147,6 +162,26 @@ def default_text(axis: Axis) -> str | None:
     return (
         ",".join("auto" if value == AUTOMATIC else f"{axis.shown(value):g}" for value in axis.default) or None
     )
+
+
+def options_of(
+    other: Callable[..., None], *names: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command these options of another in the place of its parameter ``shared``, a dictionary of them."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def run(**options: Any) -> None:
+            command(shared={name: options.pop(name) for name in names}, **options)
+
+        stated, theirs = signature(command, eval_str=True), signature(other, eval_str=True).parameters
+        parameters = [part for name, part in stated.parameters.items() if name != "shared"]
+        place = list(stated.parameters).index("shared")
+        parameters[place:place] = [theirs[name] for name in names]
+        run.__signature__ = stated.replace(parameters=parameters)  # type: ignore[attr-defined]
+        return run
+
+    return decorate
 
 
 def _axis_option(axis: Axis, usual: str | None) -> Parameter:

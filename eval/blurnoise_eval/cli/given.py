@@ -220,6 +220,21 @@ def pictures(
     return replace(found, pictures=found.pictures[:limit])
 
 
+def subject(
+    *,
+    model: Sequence[Path] | None,
+    contract: Sequence[str] | None,
+    ocr: Literal["crop", "find"] | None,
+    dictionary: Path | None,
+    text_detector: Path | None,
+    target: Sequence[str] | None,
+    **sets: Any,
+) -> tuple[list[Model], PictureSet]:
+    """Models and pictures as a sweep's options name them; sets: the other arguments of :func:`pictures`."""
+    opened = models(model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector)
+    return opened, pictures(targets=target or (), reads=read(opened), **sets)
+
+
 def threads(count: int | None) -> int:
     """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
     from blurnoise_eval.system.machine import usable_cores

@@ -12,7 +12,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
 from blurnoise_eval.cli.console import print_assumptions
-from blurnoise_eval.cli.report import Cluster, Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -95,7 +95,9 @@ def sweep(
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
-    threshold: Threshold = 0.6,
+    keep: Keep = None,
+    threshold: Threshold = None,
+    score: Score = None,
     cluster: Cluster = None,
     engine: Annotated[
         str,
@@ -122,12 +124,10 @@ def sweep(
     goes on where it was when the same command is given again.
     """
     exposed_by = given.camera(camera)
-    from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate
 
-    in_range("threshold", threshold, 0.0, 1.0)
     cluster_of("", cluster)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
@@ -156,6 +156,8 @@ def sweep(
         plan,
         output,
         threshold=threshold,
+        keep=keep,
+        score=score,
         cluster=cluster,
         engine=engine,
         threads=workers,

@@ -118,6 +118,10 @@ class Judged:
     @cached_property
     def alarms(self) -> Alarms | None:
         """Detections that count as alarms; None without a truth to hold them against."""
+        return self.alarms_from(FOUND_SCORE)
+
+    def alarms_from(self, least: float) -> Alarms | None:
+        """Those of at least this confidence."""
         if self.truth is None:
             return None
         scores, right, cluster = [np.zeros(0)], [np.zeros(0, bool)], [np.zeros(0, np.int64)]
@@ -125,7 +129,7 @@ class Judged:
         for name, _, each in self.found:
             pictures[self._clusters[name]] += 1
             targets = self._targets.get(self.truth.image_ids[name], ())
-            certain = each[each.scores >= FOUND_SCORE]
+            certain = each[each.scores >= least]
             for class_id in np.unique(certain.class_ids):
                 category = self.truth.category_of.get(int(class_id))
                 if category is None:

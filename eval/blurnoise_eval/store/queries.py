@@ -83,13 +83,19 @@ def detections_at(
 
 
 def exposed_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in exposed pictures, with the share of the picture's values that is ``saturated``; those of a
-    model, group and setting of further axes together."""
+    """Rows of targets in exposed pictures, with the ``saturated`` share of the picture's values and their mean, its
+    ``brightness``; those of a model, group and setting of further axes together."""
     order = ", ".join(f"targets.{name}" for name in SETTING)
     return store.rows(
-        "SELECT targets.*, cells.saturated FROM targets JOIN cells USING (cell_id, model) WHERE targets.clean = 0"
+        "SELECT targets.*, cells.saturated, cells.brightness FROM targets JOIN cells USING (cell_id, model)"
+        " WHERE targets.clean = 0"
         f' ORDER BY targets.model, "group", {order}'
     )
+
+
+def untouched_targets(store: Store) -> Iterator[Row]:
+    """Rows of targets in untouched pictures."""
+    return store.rows("SELECT * FROM targets WHERE clean = 1")
 
 
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:

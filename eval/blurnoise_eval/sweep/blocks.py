@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
+from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.grid.nodes import Plan
 
 _CELLS = 8  # that a worker computes before it reports
 _EXAMPLE_PICTURES = 3
@@ -28,17 +28,17 @@ class Block:
         return Block(self.picture, todo, self.examples)
 
 
-def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
+def count_cells(pictures: PictureSet, plan: Plan) -> int:
     """How many cells a sweep settles, the clean ones included."""
     return len(pictures) * cells_per_picture(plan)
 
 
-def cells_per_picture(plan: SweepPlan) -> int:
+def cells_per_picture(plan: Plan) -> int:
     """How many cells each picture has, the clean one included."""
-    return 1 + plan.repeats * math.prod(len(plan.values(name)) for name in plan.grid)
+    return 1 + plan.repeats * len(plan.conditions())
 
 
-def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
+def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
     """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
     shown = _example_pictures(pictures) if plan.examples else set()
     kept = plan.example_conditions()
@@ -59,7 +59,7 @@ def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
 
 
 def _of_conditions(
-    picture: Picture, conditions: Sequence[Conditions], plan: SweepPlan
+    picture: Picture, conditions: Sequence[Conditions], plan: Plan
 ) -> Iterator[list[Cell]]:
     """Conditions that share a blur; those of one exposure stay together."""
     for repeat in range(plan.repeats):

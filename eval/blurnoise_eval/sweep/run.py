@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks
@@ -41,7 +41,7 @@ def run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: SweepPlan,
+    plan: Plan,
     store: Store,
     *,
     engine: Engine = _ONE_THREAD,

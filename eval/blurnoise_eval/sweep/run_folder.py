@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import metadata
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,9 @@ from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, cont
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
@@ -28,12 +28,13 @@ from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.scoring.plane import mean_over_plane
-from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import truths, write_truth
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_eval.sweep.run_surfaces import LEAST_REFERENCE, dark_below, grouped_surfaces
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
@@ -48,7 +49,7 @@ def open_run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: SweepPlan,
+    plan: Plan,
     facts: dict[str, Any],
 ) -> None:
     """Note in the store what the run is; a store that holds another run's answers is refused.
@@ -147,8 +148,8 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
 
 def read_run(
     store: Store,
+    criterion: Criterion,
     *,
-    threshold: float,
     cluster: str | None = None,
     progress: Callable[[int], None] = lambda scores: None,
 ) -> RunData:
@@ -156,7 +157,9 @@ def read_run(
 
     cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
 
-    Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
+    Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
+    ``withheld``. Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never
+    began.
     """
     manifest = store.about("manifest")
     if manifest is None:
@@ -165,20 +168,25 @@ def read_run(
     scores, performances = _scores(store, list(order), cluster, progress)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    every = surfaces(queries.exposed_targets(store), cluster_of=partial(cluster_of, pattern=cluster))
-    for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
-        alike = list(of_group)
+    withheld: list[dict[str, Any]] = []
+    dark = dark_below(Camera.from_dict(manifest["camera"]))
+    for alike in grouped_surfaces(store, criterion, cluster):
+        if criterion.kept and (known := alike[0]).reference < LEAST_REFERENCE:
+            names = ("model", "group", "n_targets", "reference")
+            withheld.append({name: getattr(known, name) for name in names})
+            continue
         for surface in alike:
-            found_answers += answers(surface, threshold)
-            found_endurances += endurances(surface, threshold)
-        found_endurances += endurances_across(alike, threshold)
+            found_answers += answers(surface, criterion, dark)
+            found_endurances += endurances(surface, criterion)
+        found_endurances += endurances_across(alike, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {"threshold": threshold, "cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest |= {"criterion": criterion.row(), "threshold": criterion.level, "withheld": withheld}
+    manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
@@ -269,8 +277,14 @@ def _counts(store: Store) -> dict[str, Any]:
 
 def _missing_cells(store: Store, n_pictures: int) -> int:
     """How many of the plan's cells are not there, those of skipped pictures apart."""
-    plan = SweepPlan(**store.about("identity")["plan"])
-    return (n_pictures - len(store.skipped())) * cells_per_picture(plan) - queries.count_cells_of_read(store)
+    plan = store.about("identity")["plan"]
+    if "grid" in plan:
+        per_picture = cells_per_picture(SweepPlan(**plan))
+    else:
+        batches = asked(store)
+        n_pictures = batches[-1].n_pictures if batches else 0
+        per_picture = 1 + plan["repeats"] * sum(len(batch.conditions) for batch in batches)
+    return (n_pictures - len(store.skipped())) * per_picture - queries.count_cells_of_read(store)
 
 
 def _summary(
@@ -348,7 +362,11 @@ def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]
 
 
 def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
-    warnings = []
+    warnings = [
+        f"{each['model']}, {each['group']}: in the untouched pictures it reaches {each['reference']:.2g} in sum over "
+        "the targets, too little to say what is kept of it"
+        for each in manifest["withheld"]
+    ]
     for model in manifest["models"]:
         if unknown := model["unknown_labels"]:
             named = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")

@@ -1,0 +1,131 @@
+"""``blurnoise decide``: the same answers as a sweep's from a fraction of its pictures, by a search."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Option
+
+from blurnoise_eval.cli import given
+from blurnoise_eval.cli._options import (
+    CameraName,
+    GreyAnchor,
+    Json,
+    Range,
+    bounds,
+    options_of,
+    or_auto,
+    spread,
+)
+from blurnoise_eval.cli.console import print_assumptions
+from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
+from blurnoise_eval.cli.sweep import sweep
+from blurnoise_eval.system.terminal import say
+
+_asked = partial(Option, rich_help_panel="What is asked; LIST is 1,5,10 or start:stop:step, RANGE low:high")
+_stops = partial(Option, rich_help_panel="When it is enough")
+_SUBJECT = (
+    "model", "contract", "ocr", "dictionary", "text_detector", "images", "coco", "yolo", "split", "bdd", "text",
+    "target", "keep_empty", "limit", "max_megapixels",
+)  # fmt: skip
+
+
+@options_of(sweep, *_SUBJECT)
+def decide(
+    *,
+    shared: dict[str, Any],
+    exposure_ms: Annotated[
+        Range, _asked("--exposure-ms", parser=bounds, metavar="RANGE", help="exposure times, ms")
+    ] = "1:90",  # type: ignore[assignment]  # as it is typed
+    lux: Annotated[
+        object, _asked("--lux", parser=spread, metavar="RANGE|LIST", help="light on the scene, lux")
+    ] = "1:1000",
+    dx: Annotated[
+        object,
+        _asked("--dx", "--speed", parser=spread, metavar="RANGE|LIST", help="motion to the right, px/s"),
+    ] = "0:1000",
+    dy: Annotated[object, _asked("--dy", parser=spread, metavar="RANGE|LIST", help="motion down, px/s")] = "0",
+    temperature_c: Annotated[float | None, _asked(metavar="T", help="of the sensor, degC (default: 25)")] = None,
+    f_number: Annotated[
+        float | None, _asked(metavar="N", help="of the lens, in place of the camera's")
+    ] = None,
+    defocus_px: Annotated[
+        float | None, _asked(metavar="PX", help="radius of the disc of confusion, in place of the camera's")
+    ] = None,
+    gain: Annotated[
+        object,
+        _asked(parser=or_auto, metavar="auto|DB", help="dB; auto: what brings each picture's mean to 18 %"),
+    ] = "auto",
+    threshold: Threshold = None,
+    keep: Keep = None,
+    score: Score = None,
+    cluster: Cluster = None,
+    regret: Annotated[
+        float | None,
+        _stops(metavar="R", help="take pictures until no recommended exposure loses more, at 95 %, than this"),
+    ] = None,
+    edge_stops: Annotated[
+        float | None,
+        _stops(metavar="STOPS", help="take pictures until no window's end has a wider 95 % interval"),
+    ] = None,
+    most_nodes: Annotated[
+        int, _stops(metavar="N", help="conditions under which pictures are taken, at most")
+    ] = 72,
+    repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
+    seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,
+    grey_anchor: GreyAnchor = None,
+    camera: CameraName = "imx250",
+    engine: Annotated[str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")] = "threads",
+    threads: Annotated[int | None, Option(metavar="N", help="how many of them (default: every core)")] = None,
+    output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
+    as_json: Json = False,
+) -> None:
+    """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
+
+      blurnoise decide --model a.onnx --coco instances.json -o run     1 to 1000 lux, 0 to 1000 px/s
+      blurnoise decide --model a.onnx --images DIR --lux 5:200 --speed 0,150,400 --keep 0.8 -o run
+      blurnoise decide --model a.onnx --images DIR --regret 0.01 -o run        no more pictures than that takes
+
+    Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
+    plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
+    light and speed. Where the plane does not hold (dark current, motion in several directions) it is that grid,
+    and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them. Stopped, it goes on
+    when the same command is given again; a wider question in the same folder begins with what is there.
+    """
+    seen_by = given.camera(camera)
+    from blurnoise_eval.deciding.deciding import Precision, decided
+    from blurnoise_eval.deciding.question import Question
+
+    further = {"temperature_c": temperature_c, "f_number": f_number, "defocus_radius_px": defocus_px, "gain_db": gain}
+    values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
+    values |= {name: (value,) for name, value in further.items() if value is not None}
+    question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
+    workers = given.threads(threads)
+    models, pictures = given.subject(**shared)
+    for each in models if shared["model"] or shared["ocr"] else ():
+        print_assumptions(each.contract, each.path)
+    done = decided(
+        models,
+        pictures,
+        seen_by,
+        question,
+        output,
+        threshold=threshold,
+        keep=keep,
+        score=score,
+        cluster=cluster,
+        precision=Precision(regret, edge_stops, most_nodes),
+        repeats=repeats,
+        seed=seed,
+        grey_anchor=grey_anchor,
+        engine=engine,
+        threads=workers,
+        progress=True,
+        command=" ".join(["blurnoise", *sys.argv[1:]]),
+    )
+    for line in done.how() if not as_json else ():
+        say(line)
+    tell(done, as_json=as_json)

@@ -1,0 +1,224 @@
+"""Deciding: which exposures work, from as few pictures as that takes.
+
+A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time; each is a plan that
+:func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and what the store then holds says what to ask
+next. So the search is a function of the store: a run that was killed goes on where it was, and a wider question
+begins with all nodes there are. Where the plane does not hold it is the full grid, as a sweep has it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from blurnoise._core.checks import in_range, integer
+from blurnoise.camera import Camera
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision
+from blurnoise_eval.deciding.plane_holds import what_breaks
+from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.deciding.realised import conditions_at
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.nodes import NodePlan
+from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.engines import engine_of
+from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
+from blurnoise_eval.sweep.run import Outcome
+from blurnoise_eval.sweep.run_folder import open_run
+
+FIRST_PICTURES = 20
+"""With which a decision begins that takes no more than it needs; from then on it doubles them."""
+MOST_NODES = 72
+_SAME_PLACE = 1e-4  # stops: conditions are rounded
+_AT_REST = (1.0, 0.0)  # the direction of what does not move
+
+
+@dataclass(frozen=True)
+class Precision:
+    """When it is enough. regret: no recommended exposure loses more at 95 %. edge_stops: no end of a window has a wider
+    95 % interval, stops. Where neither is stated all pictures are taken; where both are, either is enough.
+    most_nodes: conditions that are asked at most. Raises ``ValueError``."""
+
+    regret: float | None = None
+    edge_stops: float | None = None
+    most_nodes: int = MOST_NODES
+
+    def __post_init__(self) -> None:
+        if self.regret is not None:
+            in_range("regret", self.regret, 0.0, 1.0)
+        if self.edge_stops is not None:
+            in_range("edge_stops", self.edge_stops, 0.0, 64.0)
+        integer("most_nodes", self.most_nodes, 12, 10_000)
+
+    @property
+    def stated(self) -> bool:
+        """Whether fewer pictures than all may be enough."""
+        return self.regret is not None or self.edge_stops is not None
+
+    def reached(self, answers: Sequence[dict[str, Any]]) -> bool:
+        """Whether the answers are as precise."""
+        if not answers:
+            return False
+        lost = [answer["regret_95"] for answer in answers if answer["recommended_s"] is not None]
+        known = [each for each in lost if each is not None]
+        if self.regret is not None and known and len(known) == len(lost) and max(known) <= self.regret:
+            return True
+        widths = [width for answer in answers for width in _edge_widths(answer)]
+        return self.edge_stops is not None and bool(widths) and max(widths) <= self.edge_stops
+
+
+def decided(
+    models: Sequence[Model],
+    pictures: PictureSet,
+    camera: Camera,
+    question: Question,
+    output: str | Path,
+    *,
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
+    cluster: str | None = None,
+    precision: Precision = Precision(),
+    repeats: int = 1,
+    seed: int = 0,
+    grey_anchor: str | None = None,
+    engine: str = "threads",
+    threads: int = 1,
+    progress: bool | None = None,
+    command: str = "blurnoise_eval.decided",
+) -> Decision:
+    """Ask models what the question asks, in a folder; one begun there goes on.
+
+    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid where
+    the plane does not hold. Raises what that raises.
+    """
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
+    shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}
+    temperature = question.further.get("temperature_c", 25.0)
+    because = what_breaks(camera, question.exposures_s, question.lines, temperature)
+    if because:
+        evaluate(
+            list(models), pictures, camera, SweepPlan(question.grid, **shared), output,
+            **enough, engine=engine, threads=threads, progress=progress, command=command,
+        )  # fmt: skip
+        with Store(Path(output)) as store:
+            store.set_about(BECAUSE, because)
+            store.set_about(QUESTION, question.to_dict())
+        return Decision(output, **enough, progress=progress)
+    direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
+    plan = NodePlan((), question.further, direction, **shared)
+    conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
+    facts = {"command": command, "engine": engine, "threads": threads}
+    computed_by = engine_of(engine, threads)
+    drawn = _drawn(pictures, seed, cluster)
+    outcome = Outcome()
+    with Store(Path(output), create=True) as store:
+        open_run(store, models, camera, pictures, plan, facts)
+        store.set_about(QUESTION, question.to_dict())
+        store.set_about(BECAUSE, [])
+
+        criterion = criterion_of(store.about("manifest"), threshold, keep, score)
+
+        def compute(last: int) -> None:
+            """Every node of the batches up to the last, before the pictures that it names."""
+            batches = asked(store)[: last + 1]
+            nodes = tuple(at for batch in batches for at in batch.conditions)
+            some = replace(drawn, pictures=drawn.pictures[: batches[-1].n_pictures])
+            here = replace(plan, nodes=nodes, examples=last == 0)
+            with progress_bar(f"{len(nodes)} nodes", count_cells(some, here), progress) as advance:
+                done = sweep.run(models, camera, some, here, store, engine=computed_by, progress=advance)
+            _add(outcome, done)
+            if len(store.skipped()) == len(some):
+                raise ValueError(f"images: none could be read (first: {store.skipped()[0]['reason']})")
+
+        if before := len(asked(store)):  # what was asked until the run was stopped, or of a narrower question
+            compute(0)
+            compute(before - 1)
+        for n_pictures in _stages(len(drawn), precision, asked(store)):
+            if (batches := asked(store)) and batches[-1].n_pictures < n_pictures:
+                ask(store, Batch(n_pictures))
+                compute(len(batches))
+            while places := _next(store, question, criterion, cluster, precision.most_nodes):
+                found = [conditions_at(place, question.lines, question.exposures_s, question.further) for place in places]
+                ask(store, Batch(n_pictures, tuple(places), tuple(found)))
+                compute(len(asked(store)) - 1)
+            if precision.stated and precision.reached(_answers(store, criterion, cluster)):
+                break
+        note_models(store, models, pictures)
+    return Decision(output, **enough, outcome=outcome, progress=progress)
+
+
+def _next(
+    store: Store, question: Question, criterion: Criterion, cluster: str | None, most_nodes: int
+) -> tuple[Place, ...]:
+    """What the search asks next, by all that the store holds; nothing where it has enough."""
+    places = [place for batch in asked(store) for place in batch.places]
+    seen = [each for each in observed(store, criterion, cluster) if enough_known(each)] if places else []
+    room = most_nodes - len(places)
+    trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
+    search = Search(question.lines, question.exposures_s, [criterion.level], trend=trend)
+    if places and not seen:
+        return ()
+    if seen:
+        told = [_at(each, places) for each in seen]
+        search.tell(places, *(np.array(values) for values in zip(*told, strict=True)))
+    if room <= 0 or search.done:
+        return ()
+    return tuple((u, w) for u, w in search.ask()[:room].tolist())
+
+
+def _at(seen: Observed, places: Sequence[Place]) -> tuple[Array, Array]:
+    """Means, and what the clusters leave open of them, at the nodes as they were asked, (N,); NaN without any."""
+    error = np.nanstd(certainty.departures(seen.sums, seen.counts), axis=0) / math.sqrt(max(len(seen.clusters), 1))
+    away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
+    nearest = away.argmin(axis=1)
+    there = away.min(axis=1) <= _SAME_PLACE
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, error))
+    return mean, error
+
+
+def _drawn(pictures: PictureSet, seed: int, cluster: str | None) -> PictureSet:
+    """The pictures in an order drawn by a hash of their clusters' names, so that more of them begin with the same."""
+
+    def order(name: str) -> tuple[bytes, str]:
+        key = repr((seed, cluster_of(name, cluster)))
+        return hashlib.blake2b(key.encode("utf-8", "backslashreplace"), digest_size=8).digest(), name
+
+    return replace(pictures, pictures=tuple(sorted(pictures, key=lambda picture: order(picture.name))))
+
+
+def _stages(count: int, precision: Precision, before: Sequence[Batch]) -> Iterator[int]:
+    """With how many pictures, one after the other: all, unless fewer may be enough."""
+    some = max([FIRST_PICTURES, *(batch.n_pictures for batch in before)])
+    while precision.stated and some < count:
+        yield some
+        some *= 2
+    yield count
+
+
+def _add(outcome: Outcome, more: Outcome) -> None:
+    """What another batch did; cells are resumed once."""
+    outcome.computed += more.computed
+    outcome.wall_s += more.wall_s
+    outcome.skipped |= more.skipped
+    outcome.non_finite_values += more.non_finite_values
+
+
+def _edge_widths(answer: dict[str, Any]) -> Iterator[float]:
+    """Stops between the ends of the intervals of a window's ends; infinite where one is not known."""
+    low_s, high_s = answer["exposures_s"][0], answer["exposures_s"][-1]
+    for window, *bounds in zip(
+        answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True
+    ):
+        for end, (low, high) in zip(window, bounds, strict=True):
+            if low_s < end < high_s:
+                yield math.inf if low is None or high is None else math.log2(high / low)

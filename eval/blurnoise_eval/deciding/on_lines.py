@@ -1,0 +1,74 @@
+"""Surfaces over the lines of a question, predicted from what a run has observed on the plane.
+
+Domain: as of :mod:`blurnoise_eval.scoring.surfaces`, exposures ``PER_STOP`` to a stop. What the nodes leave open stands
+beside each value as its ``sigma``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.deciding.nodes import exposures_on, places_of, same_places
+from blurnoise_eval.deciding.observed import FURTHER, Observed
+from blurnoise_eval.deciding.predicted import Predicted
+from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.deciding.trend import Trend
+from blurnoise_eval.grid.axes import LIGHT, SETTING
+from blurnoise_eval.scoring.surfaces import Surface
+
+PER_STOP = 12
+SIGMAS = 1.5
+"""By which the surface's own sigma is widened: on lines its errors are up to 1.3 of it."""
+Array = NDArray[np.float64]
+
+
+def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iterator[Surface]:
+    """One for each light of the question, with all its velocities."""
+    exposures = exposures_on(question.exposures_s, PER_STOP)
+    if not seen.counts.any():
+        return
+    plane = Predicted(seen.places, seen.clusters, seen.sums, seen.counts, trend)
+    setting = dict(zip(FURTHER, seen.setting, strict=True))
+    for lux in question.lights_lux:
+        lines = [line for line in question.lines if line.illuminance_lux == lux]
+        places = np.stack([places_of(exposures, line) for line in lines], axis=1)  # (E, V, 2)
+        shape = places.shape[:2]
+        at = plane.on(places.reshape(-1, 2))
+        yield Surface(
+            seen.model,
+            seen.group,
+            tuple(lux if name == LIGHT.name else setting[name] for name in SETTING),
+            tuple(exposures.tolist()),
+            tuple(line.velocity_px_s for line in lines),
+            seen.clusters,
+            _within(at.sums, at.counts, seen).reshape(-1, *shape),
+            at.counts.reshape(-1, *shape),
+            _by_light(seen, seen.saturated, places),
+            seen.n_targets,
+            _by_light(seen, seen.brightness, places),
+            seen.clean,
+            seen.reference,
+            seen.kept,
+            sigma=SIGMAS * at.sigma.reshape(shape),
+        )
+
+
+def _within(sums: Array, counts: Array, seen: Observed) -> Array:
+    """Sums (C, M) whose mean is no score below 0 nor above what there can be: all clusters moved alike."""
+    total = counts.sum(axis=0)
+    mean = sums.sum(axis=0) / total
+    most = 1 / seen.clean if seen.kept and seen.clean else 1.0
+    return np.asarray(sums + counts / total * (mean.clip(0.0, most) - mean) * total)
+
+
+def _by_light(seen: Observed, values: Array, places: Array) -> Array:
+    """What goes with the light, and hardly with motion, between the nodes' (N,), at places (E, V, 2)."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(places.shape[:2], np.nan)
+    lights, which = same_places(np.stack([seen.places[known, 0], np.zeros(known.sum())], axis=1))
+    means = np.bincount(which, values[known]) / np.bincount(which)
+    return np.asarray(np.interp(places[..., 0], lights[:, 0], means))

@@ -1,0 +1,79 @@
+"""A question: over which exposures, under which lights and at which speeds it is asked what works.
+
+Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`; light above 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+from blurnoise_eval.deciding.nodes import Line, exposures_on
+from blurnoise_eval.grid.axes import EXPOSURE, FURTHER, LIGHT, VELOCITY
+from blurnoise_eval.grid.conditions import SweepPlan
+
+_GRID_PER_STOP = 2  # exposures of the grid where the plane does not hold
+
+
+@dataclass(frozen=True)
+class Question:
+    """Every exposure between two, s, with every combination of the values on the other axes.
+
+    values: by the axis's name, as :class:`SweepPlan` takes them; a further axis has one. Raises ``ValueError`` for
+    exposures that are no range, darkness, several values on a further axis, and what is not allowed on an axis.
+    """
+
+    exposures_s: tuple[float, float]
+    values: Mapping[str, tuple[float, ...]]
+
+    def __post_init__(self) -> None:
+        low, high = self.exposures_s
+        if not low < high:
+            raise ValueError(f"{EXPOSURE.name} = {low:g} to {high:g}: must be a range, the shortest first")
+        checked = SweepPlan({**self.values, EXPOSURE.name: self.exposures_s}).grid
+        object.__setattr__(self, "values", {name: checked[name] for name in checked if name != EXPOSURE.name})
+        if self.values[LIGHT.name][0] == 0:
+            raise ValueError(f"{LIGHT.name} = 0: must be above 0")
+        for name in FURTHER:
+            if len(self.values.get(name, ())) > 1:
+                raise ValueError(f"{name} = {self.values[name]}: must be one value; ask for each by itself")
+
+    @property
+    def further(self) -> dict[str, float]:
+        """Where the other axes stand; those that are not named stand where the camera has them."""
+        return {name: self.values[name][0] for name in FURTHER if name in self.values}
+
+    @property
+    def lights_lux(self) -> tuple[float, ...]:
+        """Increasing."""
+        return self.values[LIGHT.name]
+
+    @property
+    def velocities_px_s(self) -> tuple[tuple[float, float], ...]:
+        """Every combination of motion to the right and down."""
+        x, y = (self.values[name] for name in VELOCITY)
+        return tuple(product(x, y))
+
+    @cached_property
+    def lines(self) -> tuple[Line, ...]:
+        """A line of the plane for each light and velocity, the darkest first."""
+        return tuple(Line(lux, velocity) for lux, velocity in product(self.lights_lux, self.velocities_px_s))
+
+    @property
+    def grid(self) -> dict[str, tuple[float, ...]]:
+        """The same as a grid of conditions, exposures half a stop apart."""
+        exposures = exposures_on(self.exposures_s, _GRID_PER_STOP).tolist()
+        return {**self.values, EXPOSURE.name: tuple(exposures)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; :meth:`from_dict` reads them."""
+        return {"exposures_s": self.exposures_s, "values": dict(self.values)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Question:
+        """The question of :meth:`to_dict`."""
+        low, high = values["exposures_s"]
+        return cls((low, high), {name: tuple(each) for name, each in values["values"].items()})

@@ -1,0 +1,50 @@
+"""Whether the plane holds: dark charge, directions of motion, and whatever else would go with time alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from blurnoise_eval.deciding.nodes import Line
+from blurnoise_eval.deciding.plane_holds import what_breaks
+from made_up import Veil
+
+from blurnoise import Camera
+from blurnoise.light import effects
+from blurnoise.operating_point import OperatingPoint
+
+CAMERA = Camera.preset("imx250")
+EXPOSURES_S = 0.001, 0.09
+ONE_WAY = [Line(10.0), Line(10.0, (300.0, 0.0)), Line(10.0, (-50.0, 0.0))]
+
+
+def test_it_holds_for_a_camera_without_dark_current() -> None:
+    assert what_breaks(CAMERA, EXPOSURES_S, ONE_WAY) == []
+
+
+@pytest.mark.parametrize(("e_s", "temperature_c", "holds"), [(0.1, 25.0, True), (0.1, 60.0, False), (50.0, 25.0, False)])
+def test_dark_charge_breaks_it_where_the_budget_keeps_it(e_s: float, temperature_c: float, holds: bool) -> None:
+    reasons = what_breaks(replace(CAMERA, dark_current_e_s=e_s), EXPOSURES_S, ONE_WAY, temperature_c)
+    assert reasons == [] if holds else ["dark current" in reason for reason in reasons] == [True]
+    assert holds or f"in 90 ms at {temperature_c:g} °C" in reasons[0]
+
+
+def test_short_exposures_gather_none() -> None:
+    warm = replace(CAMERA, dark_current_e_s=2.0)
+    assert what_breaks(warm, (0.001, 0.09), ONE_WAY)
+    assert not what_breaks(warm, (0.001, 0.01), ONE_WAY)
+
+
+def test_directions_break_it_and_there_and_back_do_not() -> None:
+    (reason,) = what_breaks(CAMERA, EXPOSURES_S, [*ONE_WAY, Line(10.0, (0.0, 1.0))])
+    assert "2 directions" in reason
+
+
+def test_an_effect_of_time_alone_breaks_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Creeping(Veil):
+        def bound(self, at: OperatingPoint[float]) -> float:
+            return at.exposure_s
+
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Creeping()))
+    (reason,) = what_breaks(CAMERA, EXPOSURES_S, ONE_WAY)
+    assert "veil goes with the exposure time alone" in reason
