@@ -81,7 +81,9 @@ class Limits:
         times = {self.settled(min(longest, first * 2 ** (k / STEPS_PER_STOP))) for k in range(steps + 1)}
         if self.mains_hz:
             period_s = 1 / (2 * self.mains_hz)
-            times |= {self.settled(n * period_s) for n in range(1, math.floor(longest / period_s + _STEP) + 1)}
+            times |= {
+                self.settled(n * period_s) for n in range(1, math.floor(longest / period_s + _STEP) + 1)
+            }
         return tuple(sorted(time for time in times if low_s * (1 - _STEP) <= time <= longest * (1 + _STEP)))
 
     @property

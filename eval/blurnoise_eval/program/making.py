@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -48,8 +49,9 @@ class Rival(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Stages and their course over the scenario's lights; best: the course without stages; rivals; the 95 % interval of
-    its value, and what it loses at most at 95 % against any other exposures, None from few pictures."""
+    """Stages and their course over the scenario's lights; best: the course without stages. low, high: the 95 %
+    interval of its value; regret_95: what it loses at most at 95 % against any other exposures; None from few
+    pictures."""
 
     stages: Stages
     course: Course
@@ -79,7 +81,8 @@ def make(response: Response, metering: Metering, limits: Limits, stages: int | N
             "light"
         )
     best = course(response, metering, [times[place] for place in chosen])
-    found = _staged(response, metering, limits, times, stages, best.value or 0.0)
+    tested_s = [time for time, column in zip(times, table.T, strict=True) if np.isfinite(column).any()]
+    found = _staged(response, metering, limits, (tested_s[0], tested_s[-1]), stages, best.value or 0.0)
     taken = [_taken(found, metering, limits, light) for light in lights]
     ours = course(response, metering, taken)
     low, high = _interval(response, ours)
@@ -153,8 +156,8 @@ def _check_tested(response: Response, limits: Limits, times_s: Sequence[float]) 
     scenario = response.scenario
     for light in scenario.lights_lux:
         tested = response.tested(np.full(len(times_s), light), times_s)
-        for (speed, target), ever in zip(scenario.cases, tested.any(axis=1), strict=True):
-            if not ever:
+        for (speed, target), ever in zip(scenario.cases, tested, strict=True):
+            if not ever.any():
                 raise ValueError(
                     f"lux = {light:g} at {speed:g} px/s ({target}): no allowed exposure was tested there; "
                     f"the run tells of {response.range_text}"
@@ -183,16 +186,14 @@ def _staged(
     response: Response,
     metering: Metering,
     limits: Limits,
-    times_s: Sequence[float],
+    between_s: tuple[float, float],
     wanted: int | None,
     best: float,
 ) -> Stages:
-    """As many stages as wanted, or as few as lose less than ``ENOUGH``."""
+    """As many stages as wanted, or as few as lose less than ``ENOUGH``, with times between two."""
     lights = response.scenario.lights_lux
-    tested = ~np.isnan(_table(response, metering, limits, times_s)).all(axis=0)
-    low, high = times_s[int(np.argmax(tested))], times_s[len(tested) - 1 - int(np.argmax(tested[::-1]))]
-    count = max(1, int(np.ceil(STEPS_PER_STOP * np.log2(high / low) - 1e-9)))
-    lattice = np.geomspace(low, high, count + 1) if high > low else np.array([low, low * 2 ** (1 / STEPS_PER_STOP)])
+    low, high = between_s
+    lattice = np.geomspace(low, high, 1 + int(np.ceil(STEPS_PER_STOP * np.log2(high / low) - 1e-9)))
     worth = _table(response, metering, limits, [limits.settled(min(time, high)) for time in lattice])
     totals = [metering.total_s(light) for light in lights]
     most_db = min(limits.most_gain_db, metering.camera.gain_max_db)
@@ -210,7 +211,7 @@ def _staged(
 
 def _taken(stages: Stages, metering: Metering, limits: Limits, light_lux: float) -> float:
     """The exposure that a camera with these stages takes, whole periods and lines if so limited."""
-    return limits.settled(stages.divided(metering.total_s(light_lux))[0])
+    return limits.settled(_divided_s(stages, metering, light_lux))
 
 
 def _interval(response: Response, ours: Course) -> tuple[float | None, float | None]:
@@ -268,11 +269,15 @@ def _rivals(response: Response, metering: Metering, limits: Limits, fixed_s: flo
     else:
         rivals.append(held("best fixed time", lambda light: fixed_s))
     rivals += [
-        held(name, lambda light, stages=stages: stages.divided(metering.total_s(light))[0])  # type: ignore[misc]
+        held(name, partial(_divided_s, stages.no_longer(limits.rule.limit_s), metering))
         for name, stages in STOCK.items()
     ]
     rivals.append(_flicker(response, metering, limits))
     return rivals
+
+
+def _divided_s(stages: Stages, metering: Metering, light_lux: float) -> float:
+    return stages.divided(metering.total_s(light_lux))[0]
 
 
 def _flicker(response: Response, metering: Metering, limits: Limits) -> Rival:
@@ -290,4 +295,3 @@ def _flicker(response: Response, metering: Metering, limits: Limits) -> Rival:
     if chosen is None:
         return Rival(name, None, "it leaves no exposure that was tested at some light")
     return Rival(name, course(response, metering, [times[place] for place in chosen]))
-

@@ -30,8 +30,13 @@ class Metering:
 
     def total_s(self, illuminance_lux: float) -> float:
         """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""
-        at = {"mean_light": self.mean_light, "illuminance_lux": illuminance_lux}
-        return _UNHURRIED.setting(self.camera, temperature_c=self.temperature_c, **at).exposure_s
+        set_so = _UNHURRIED.setting(
+            self.camera,
+            mean_light=self.mean_light,
+            illuminance_lux=illuminance_lux,
+            temperature_c=self.temperature_c,
+        )
+        return set_so.exposure_s
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """As the camera sets it, from 0 dB to its most."""

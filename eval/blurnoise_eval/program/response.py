@@ -130,4 +130,4 @@ def _places(speed_px_s: float, lights_lux: ArrayLike, exposures_s: ArrayLike) ->
     """(M, 2) of pairs of light and exposure."""
     lights = np.asarray(lights_lux, float)
     places = places_of(exposures_s, Line(1.0, (speed_px_s, 0.0)))
-    return places + np.stack([np.log2(lights), np.zeros(len(lights))], axis=1)
+    return np.asarray(places + np.stack([np.log2(lights), np.zeros(len(lights))], axis=1))

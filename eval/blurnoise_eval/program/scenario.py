@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Literal, get_args
 
 import numpy as np
@@ -43,7 +43,7 @@ class Scenario:
         if self.tail == 0:
             raise ValueError("tail = 0: must be > 0; --objective worst is the worst of all")
         lights = tuple(limited("illuminance_lux", light) for light in self.lights_lux)
-        if not lights or lights[0] <= 0 or any(a >= b for a, b in zip(lights, lights[1:], strict=False)):
+        if not lights or lights[0] <= 0 or any(a >= b for a, b in pairwise(lights)):
             raise ValueError(f"lights_lux = {self.lights_lux!r}: must be above 0 and rise")
         for speed in self.speeds_px_s:
             limited("speed_px_s", speed)
@@ -117,8 +117,6 @@ def chosen_targets(text: str | None, groups: Sequence[str]) -> dict[str, float]:
     for word, share in named_shares("targets", text).items():
         fitting = [group for group in groups if group == word] or [g for g in groups if word in g]
         if len(fitting) != 1:
-            raise ValueError(
-                f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}"
-            )
+            raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
         found[fitting[0]] = share
     return found

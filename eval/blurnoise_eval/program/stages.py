@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ class Stages:
         if self.times_s[0] <= 0 or self.gains[0] < 1:
             raise ValueError("stages: times must be > 0, gains >= 1")
         for values in (self.times_s, self.gains):
-            if any(a > b for a, b in zip(values, values[1:], strict=False)):
+            if any(a > b for a, b in pairwise(values)):
                 raise ValueError(f"stages = {values!r}: must not fall")
 
     def divided(self, total_s: float) -> tuple[float, float]:
@@ -44,6 +45,10 @@ class Stages:
             time = min(next_time, total_s / gain)
             gain = min(next_gain, max(gain, total_s / time))
         return time, gain
+
+    def no_longer(self, most_s: float) -> Stages:
+        """The same with times up to ``most_s``, as libcamera limits them by the frame's duration."""
+        return Stages(tuple(min(time, most_s) for time in self.times_s), self.gains)
 
     @property
     def corners(self) -> list[tuple[float, float]]:
@@ -79,7 +84,7 @@ def best_stages(
     allowed; totals_s: (L,) what each light asks for, times gain. Gains have the times' steps. Of programs on that
     lattice these are the best: dynamic programming over paths that rise by one step of time or of gain.
     """
-    step = np.log2(times_s[1] / times_s[0]) if len(times_s) > 1 else 0.125
+    step = float(np.log2(times_s[1] / times_s[0])) if len(times_s) > 1 else 0.125
     asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
     gains = int(np.floor(np.log2(most_gain) / step + 1e-9))
     n_times = len(times_s)
@@ -129,7 +134,9 @@ def _decoded(gained: Array, gains: int, times_s: Array, step: float) -> list[Sta
     ]
 
 
-def _traced(came: NDArray[np.int8], n: int, state: tuple[int, int, int], times_s: Array, step: float) -> Stages:
+def _traced(
+    came: NDArray[np.int8], n: int, state: tuple[int, int, int], times_s: Array, step: float
+) -> Stages:
     """The stages whose path ends there."""
     k, rose, i = state
     risen = []
@@ -146,10 +153,7 @@ def _traced(came: NDArray[np.int8], n: int, state: tuple[int, int, int], times_s
     i = j = 0
     last = _GAIN
     for rose in reversed(risen):
-        if rose == _TIME and last == _GAIN:
-            times.append(times[-1])
-            gains.append(gains[-1])
-        elif len(times) == 1:
+        if len(times) == 1 or (rose == _TIME and last == _GAIN):
             times.append(times[-1])
             gains.append(gains[-1])
         i, j = (i + 1, j) if rose == _TIME else (i, j + 1)

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import SETTING, VELOCITY
+from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY
 from blurnoise_eval.store.schema import CONDITIONS, SORTED
 from blurnoise_eval.store.store import Store, unpack
 
@@ -180,3 +180,14 @@ def without_targets(store: Store, model: str) -> Row:
       WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
     (counted,) = store.rows(query, model)
     return counted
+
+
+def gains_set(store: Store, model: str) -> Iterator[Row]:
+    """``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db`` of a model's cells whose gain the camera
+    has set itself."""
+    return store.rows(
+        "SELECT image, illuminance_lux, exposure_s, applied_gain_db FROM cells"
+        " WHERE model = ? AND clean = 0 AND gain_db = ? AND applied_gain_db IS NOT NULL",
+        model,
+        AUTOMATIC,
+    )
