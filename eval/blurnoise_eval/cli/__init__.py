@@ -16,6 +16,7 @@ from blurnoise_eval.cli import (
     cameras_fit,
     chart,
     compare,
+    decide,
     detections,
     gallery,
     inspect,
@@ -35,6 +36,7 @@ from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say,
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
+    (decide.decide, "the same answers from a fraction of the conditions, by a search"),
     (simulate.simulate, "one picture as a camera would take it"),
     (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),

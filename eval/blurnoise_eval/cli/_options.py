@@ -90,7 +90,11 @@ def spread(text: str) -> tuple[float, ...]:
     least = low or high / 100
     powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
     between = (float(f"{digit}e{power}") for power in powers for digit in (1, 3))
-    return (low, *(value for value in between if max(low, least * (1 - 1e-9)) <= value < high and value != low), high)
+    return (
+        low,
+        *(value for value in between if max(low, least * (1 - 1e-9)) <= value < high and value != low),
+        high,
+    )
 
 
 def region(text: str) -> Region:

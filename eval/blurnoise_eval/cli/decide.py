@@ -47,8 +47,12 @@ def decide(
         object,
         _asked("--dx", "--speed", parser=spread, metavar="RANGE|LIST", help="motion to the right, px/s"),
     ] = "0:1000",
-    dy: Annotated[object, _asked("--dy", parser=spread, metavar="RANGE|LIST", help="motion down, px/s")] = "0",
-    temperature_c: Annotated[float | None, _asked(metavar="T", help="of the sensor, degC (default: 25)")] = None,
+    dy: Annotated[
+        object, _asked("--dy", parser=spread, metavar="RANGE|LIST", help="motion down, px/s")
+    ] = "0",
+    temperature_c: Annotated[
+        float | None, _asked(metavar="T", help="of the sensor, degC (default: 25)")
+    ] = None,
     f_number: Annotated[
         float | None, _asked(metavar="N", help="of the lens, in place of the camera's")
     ] = None,
@@ -65,7 +69,9 @@ def decide(
     cluster: Cluster = None,
     regret: Annotated[
         float | None,
-        _stops(metavar="R", help="take pictures until no recommended exposure loses more, at 95 %, than this"),
+        _stops(
+            metavar="R", help="take pictures until no recommended exposure loses more, at 95 %, than this"
+        ),
     ] = None,
     edge_stops: Annotated[
         float | None,
@@ -78,7 +84,9 @@ def decide(
     seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
-    engine: Annotated[str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")] = "threads",
+    engine: Annotated[
+        str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
+    ] = "threads",
     threads: Annotated[int | None, Option(metavar="N", help="how many of them (default: every core)")] = None,
     output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
     as_json: Json = False,
@@ -99,7 +107,12 @@ def decide(
     from blurnoise_eval.deciding.deciding import Precision, decided
     from blurnoise_eval.deciding.question import Question
 
-    further = {"temperature_c": temperature_c, "f_number": f_number, "defocus_radius_px": defocus_px, "gain_db": gain}
+    further = {
+        "temperature_c": temperature_c,
+        "f_number": f_number,
+        "defocus_radius_px": defocus_px,
+        "gain_db": gain,
+    }
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)

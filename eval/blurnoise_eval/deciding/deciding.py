@@ -15,16 +15,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from blurnoise._core.checks import in_range, integer
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision
+from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
+from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.realised import conditions_at
+from blurnoise_eval.deciding.search import MOST_NODES, Search
+from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
@@ -34,19 +41,20 @@ from blurnoise_eval.sweep.engines import engine_of
 from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
+from blurnoise_eval.sweep.run_surfaces import criterion_of
 
 FIRST_PICTURES = 20
 """With which a decision begins that takes no more than it needs; from then on it doubles them."""
-MOST_NODES = 72
 _SAME_PLACE = 1e-4  # stops: conditions are rounded
 _AT_REST = (1.0, 0.0)  # the direction of what does not move
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Precision:
-    """When it is enough. regret: no recommended exposure loses more at 95 %. edge_stops: no end of a window has a wider
-    95 % interval, stops. Where neither is stated all pictures are taken; where both are, either is enough.
-    most_nodes: conditions that are asked at most. Raises ``ValueError``."""
+    """When it is enough. regret: no recommended exposure loses more at 95 %. edge_stops: no end of a window has a
+    wider 95 % interval, stops. Where neither is stated all pictures are taken; where both are, either is enough.
+    most_nodes: from which on nothing more is searched for. Raises ``ValueError``."""
 
     regret: float | None = None
     edge_stops: float | None = None
@@ -98,8 +106,8 @@ def decided(
 ) -> Decision:
     """Ask models what the question asks, in a folder; one begun there goes on.
 
-    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid where
-    the plane does not hold. Raises what that raises.
+    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid
+    where the plane does not hold. Raises what that raises.
     """
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
     shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}
@@ -126,7 +134,7 @@ def decided(
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
 
-        criterion = criterion_of(store.about("manifest"), threshold, keep, score)
+        criterion = criterion_of(store, threshold, keep, score)
 
         def compute(last: int) -> None:
             """Every node of the batches up to the last, before the pictures that it names."""
@@ -148,10 +156,13 @@ def decided(
                 ask(store, Batch(n_pictures))
                 compute(len(batches))
             while places := _next(store, question, criterion, cluster, precision.most_nodes):
-                found = [conditions_at(place, question.lines, question.exposures_s, question.further) for place in places]
+                found = [
+                    conditions_at(place, question.lines, question.exposures_s, question.further)
+                    for place in places
+                ]
                 ask(store, Batch(n_pictures, tuple(places), tuple(found)))
                 compute(len(asked(store)) - 1)
-            if precision.stated and precision.reached(_answers(store, criterion, cluster)):
+            if precision.stated and precision.reached(answers_of(store, criterion, cluster)):
                 break
         note_models(store, models, pictures)
     return Decision(output, **enough, outcome=outcome, progress=progress)
@@ -160,29 +171,26 @@ def decided(
 def _next(
     store: Store, question: Question, criterion: Criterion, cluster: str | None, most_nodes: int
 ) -> tuple[Place, ...]:
-    """What the search asks next, by all that the store holds; nothing where it has enough."""
-    places = [place for batch in asked(store) for place in batch.places]
-    seen = [each for each in observed(store, criterion, cluster) if enough_known(each)] if places else []
-    room = most_nodes - len(places)
+    """What the search asks next, by all that the store holds, told batch by batch as it was asked; nothing where it
+    has enough, or no group of targets can be told."""
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
-    search = Search(question.lines, question.exposures_s, [criterion.level], trend=trend)
-    if places and not seen:
+    search = Search(question.lines, question.exposures_s, criterion.level, most_nodes=most_nodes, trend=trend)
+    batches = [batch for batch in asked(store) if batch.places]
+    seen = observed(store, criterion, cluster) if batches else []
+    known = [each for each in seen if not each.withheld]
+    if batches and not known:
         return ()
-    if seen:
-        told = [_at(each, places) for each in seen]
-        search.tell(places, *(np.array(values) for values in zip(*told, strict=True)))
-    if room <= 0 or search.done:
-        return ()
-    return tuple((u, w) for u, w in search.ask()[:room].tolist())
+    for batch in batches:
+        values, errors = zip(*(_at(each, batch.places) for each in known), strict=True)
+        search.tell(batch.places, np.array(values), np.array(errors))
+    return tuple((u, w) for u, w in search.ask().tolist())
 
 
 def _at(seen: Observed, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Means, and what the clusters leave open of them, at the nodes as they were asked, (N,); NaN without any."""
-    error = np.nanstd(certainty.departures(seen.sums, seen.counts), axis=0) / math.sqrt(max(len(seen.clusters), 1))
+    """The mean and its standard error over clusters at nodes as they were asked, (N,); NaN where nothing is known."""
     away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
-    nearest = away.argmin(axis=1)
-    there = away.min(axis=1) <= _SAME_PLACE
-    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, error))
+    nearest, there = away.argmin(axis=1), away.min(axis=1) <= _SAME_PLACE
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.error))
     return mean, error
 
 

@@ -7,23 +7,23 @@ nodes, with what they leave open in every interval. Where the plane did not hold
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 from blurnoise.camera import Camera
-from blurnoise_eval.deciding.observed import observed
+from blurnoise_eval.deciding.observed import on_plane
 from blurnoise_eval.deciding.on_lines import predicted_surfaces
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.surfaces import Surface
+from blurnoise_eval.scoring.exposure_window import answers
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.evaluation import Evaluation
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces
+from blurnoise_eval.sweep.run_folder import Grouped
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
 QUESTION, BECAUSE = "question", "not the plane because"
 """Under which a run's store keeps what was asked last, and why the plane does not hold."""
@@ -31,15 +31,23 @@ _GRID_EXPOSURES = 10  # of the grid that a search is compared with
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 
 
-def surfaces_on_lines(store: Store, criterion: Criterion, cluster: str | None) -> Iterator[list[Surface]]:
-    """Those that answer the run's question, of one model and group together; of a full grid as they were measured."""
-    if store.about(BECAUSE) or store.about(QUESTION) is None:
-        yield from grouped_surfaces(store, criterion, cluster)
+def on_lines(store: Store, measured: Grouped) -> Grouped:
+    """Surfaces that answer the run's question, by those that were measured; of a full grid these themselves."""
+    asked_for = store.about(QUESTION)
+    if asked_for is None or store.about(BECAUSE):
+        yield from measured
         return
-    question = Question.from_dict(store.about(QUESTION))
+    question = Question.from_dict(asked_for)
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
-    for seen in observed(store, criterion, cluster):
+    for seen in on_plane(store, measured):
         yield list(predicted_surfaces(seen, question, trend))
+
+
+def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
+    """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
+    every = on_lines(store, grouped_surfaces(store, criterion, cluster))
+    told = [surface for alike in every for surface in alike if not too_little(surface)]
+    return [answer.row() for surface in told for answer in answers(surface, criterion)]
 
 
 class Decision(Evaluation):
@@ -48,7 +56,7 @@ class Decision(Evaluation):
     Of a run that no search has asked for it is an Evaluation.
     """
 
-    _surfaces_of = staticmethod(surfaces_on_lines)
+    _on_lines = staticmethod(on_lines)
 
     @cached_property
     def decided(self) -> dict[str, Any] | None:

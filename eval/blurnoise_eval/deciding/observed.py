@@ -6,7 +6,7 @@ are numbers of targets or, where what is kept counts, the scores of the same tar
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
 FURTHER = tuple(name for name in SETTING if name != LIGHT.name)
 Array = NDArray[np.float64]
@@ -34,7 +34,8 @@ class Observed:
     setting: values of the axes in ``FURTHER``. direction: unit vector of the motion. places: (N, 2), each once.
     at: of each place the conditions of one cell there, by axis. sums, counts: (C, N), the mean of all that stand
     there. saturated, brightness, gain_db, snr_db: (N,) means over the pictures, NaN where it is not known.
-    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`.
+    n_targets, clean, reference, kept: as of :class:`~blurnoise_eval.scoring.surfaces.Surface`. withheld: the model knows
+    too little of these targets to say what it keeps.
     """
 
     model: str
@@ -54,12 +55,18 @@ class Observed:
     clean: float | None
     reference: float
     kept: bool
+    withheld: bool
 
     @property
     def mean(self) -> Array:
         """(N,), in the criterion's unit."""
         return certainty.mean_of(self.sums, self.counts)
 
+    @property
+    def error(self) -> Array:
+        """(N,), the mean's standard error over clusters; NaN of fewer than two."""
+        away = certainty.departures(self.sums, self.counts)
+        return np.asarray(np.nanstd(away, axis=0, ddof=1) / np.sqrt(np.isfinite(away).sum(axis=0)))
 
 class _Node(NamedTuple):
     line: Line
@@ -75,9 +82,14 @@ def observed(store: Store, criterion: Criterion, cluster: str | None = None) -> 
     cluster: a pattern on pictures' names, see :func:`~blurnoise_eval.scoring.clusters.cluster_of`. Conditions without
     light have no place and are left out; those at rest are in every direction's plane.
     """
+    return on_plane(store, grouped_surfaces(store, criterion, cluster))
+
+
+def on_plane(store: Store, measured: Iterable[list[Surface]]) -> list[Observed]:
+    """The same of surfaces, those of one model and group together."""
     pictures: dict[str, dict[tuple[float, ...], Row]] = {}
     found: list[Observed] = []
-    for of_group in grouped_surfaces(store, criterion, cluster):
+    for of_group in measured:
         model = of_group[0].model
         if model not in pictures:
             pictures[model] = {_axes(row): row for row in queries.condition_counts(store, model)}
@@ -85,7 +97,7 @@ def observed(store: Store, criterion: Criterion, cluster: str | None = None) -> 
         for surface in of_group:
             settings.setdefault(_further(surface), []).append(surface)
         for alike in settings.values():
-            clusters = tuple(dict.fromkeys(cluster for surface in alike for cluster in surface.clusters))
+            clusters = tuple(sorted({cluster for surface in alike for cluster in surface.clusters}))
             nodes = [node for surface in alike for node in _nodes(surface, clusters, pictures[model])]
             for direction, lines in by_direction([node.line for node in nodes]):
                 here = [node for node in nodes if node.line.direction is None or node.line in lines]
@@ -93,7 +105,9 @@ def observed(store: Store, criterion: Criterion, cluster: str | None = None) -> 
     return found
 
 
-def _nodes(surface: Surface, clusters: tuple[str, ...], pictures: Mapping[tuple[float, ...], Row]) -> Iterator[_Node]:
+def _nodes(
+    surface: Surface, clusters: tuple[str, ...], pictures: Mapping[tuple[float, ...], Row]
+) -> Iterator[_Node]:
     setting = dict(zip(SETTING, surface.setting, strict=True))
     if setting[LIGHT.name] == 0:
         return
@@ -101,7 +115,11 @@ def _nodes(surface: Surface, clusters: tuple[str, ...], pictures: Mapping[tuple[
     for v, velocity in enumerate(surface.velocities_px_s):
         line = Line(setting[LIGHT.name], velocity)
         for e in np.flatnonzero(counts[:, :, v].any(axis=0)).tolist():
-            at = {**setting, "exposure_s": surface.exposures_s[e], **dict(zip(VELOCITY, velocity, strict=True))}
+            at = {
+                **setting,
+                "exposure_s": surface.exposures_s[e],
+                **dict(zip(VELOCITY, velocity, strict=True)),
+            }
             row = pictures.get(_axes(at), {})
             known = (surface.saturated[e, v], surface.brightness[e, v])
             taken = (_known(row.get(name)) for name in ("applied_gain_db", "snr_db"))
@@ -109,7 +127,10 @@ def _nodes(surface: Surface, clusters: tuple[str, ...], pictures: Mapping[tuple[
 
 
 def _plane(
-    alike: Sequence[Surface], direction: tuple[float, float], clusters: tuple[str, ...], nodes: Sequence[_Node]
+    alike: Sequence[Surface],
+    direction: tuple[float, float],
+    clusters: tuple[str, ...],
+    nodes: Sequence[_Node],
 ) -> Observed:
     """Nodes at one place, which are one experiment, as their mean."""
     places, which = same_places(np.array([place_of(node.at["exposure_s"], node.line) for node in nodes]))
@@ -117,7 +138,9 @@ def _plane(
 
     def means(values: Array) -> Array:
         """Per place of values (N, ...)."""
-        mean: Array = np.stack([np.mean(values[which == place], axis=0) for place in range(len(places))], axis=-1)
+        mean: Array = np.stack(
+            [np.mean(values[which == place], axis=0) for place in range(len(places))], axis=-1
+        )
         return mean
 
     fullest = max(alike, key=lambda surface: surface.n_targets)
@@ -140,6 +163,7 @@ def _plane(
         clean=fullest.clean,
         reference=fullest.reference,
         kept=fullest.kept,
+        withheld=too_little(fullest),
     )
 
 

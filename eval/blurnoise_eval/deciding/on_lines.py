@@ -1,7 +1,7 @@
 """Surfaces over the lines of a question, predicted from what a run has observed on the plane.
 
-Domain: as of :mod:`blurnoise_eval.scoring.surfaces`, exposures ``PER_STOP`` to a stop. What the nodes leave open stands
-beside each value as its ``sigma``.
+Domain: as of :mod:`blurnoise_eval.scoring.surfaces`, ``PER_STOP`` exposures to a stop. What the nodes leave open
+stands beside the values, ``CAUTION`` times as wide as the surface has it.
 """
 
 from __future__ import annotations
@@ -15,20 +15,22 @@ from blurnoise_eval.deciding.nodes import exposures_on, places_of, same_places
 from blurnoise_eval.deciding.observed import FURTHER, Observed
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.deciding.search import CAUTION
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.grid.axes import LIGHT, SETTING
 from blurnoise_eval.scoring.surfaces import Surface
 
 PER_STOP = 12
-SIGMAS = 1.5
-"""By which the surface's own sigma is widened: on lines its errors are up to 1.3 of it."""
 Array = NDArray[np.float64]
 
 
 def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iterator[Surface]:
-    """One for each light of the question, with all its velocities."""
+    """One for each light of the question, with all its velocities; of what is withheld an empty one."""
     exposures = exposures_on(question.exposures_s, PER_STOP)
-    if not seen.counts.any():
+    if seen.withheld:
+        none = np.zeros((len(seen.clusters), 0, 0))
+        own = seen.model, seen.group, (), (), (), seen.clusters, none, none, none[0], seen.n_targets, none[0]
+        yield Surface(*own, seen.clean, seen.reference, seen.kept)
         return
     plane = Predicted(seen.places, seen.clusters, seen.sums, seen.counts, trend)
     setting = dict(zip(FURTHER, seen.setting, strict=True))
@@ -37,6 +39,7 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
         places = np.stack([places_of(exposures, line) for line in lines], axis=1)  # (E, V, 2)
         shape = places.shape[:2]
         at = plane.on(places.reshape(-1, 2))
+        not_known = np.stack([plane.surface.covariance(places[:, v]) for v in range(shape[1])])
         yield Surface(
             seen.model,
             seen.group,
@@ -52,7 +55,7 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
             seen.clean,
             seen.reference,
             seen.kept,
-            sigma=SIGMAS * at.sigma.reshape(shape),
+            open=CAUTION**2 * not_known,
         )
 
 

@@ -25,7 +25,8 @@ class NodePlan:
     """The conditions ``nodes`` for every picture, ``repeats`` noise fields each; the other fields as of SweepPlan.
 
     further: where the other axes stand in every node, by name; those left out stand where the camera has them.
-    direction: unit vector of the motion of all nodes that move. Raises ``ValueError`` for another axis, or a node elsewhere.
+    direction: unit vector of the motion of all nodes that move. Raises ``ValueError`` for another axis, or a node
+    elsewhere.
     """
 
     nodes: tuple[Conditions, ...] = ()

@@ -192,13 +192,16 @@ def _weights(clusters: int) -> tuple[Array, Array]:
     return generator.exponential(size=(DRAWS, clusters)), generator.gamma(UNSEEN, size=DRAWS)
 
 
-def regret_bound(departure: ArrayLike, gain: ArrayLike, confidence: float = CONFIDENCE) -> Array:
+def regret_bound(
+    departure: ArrayLike, gain: ArrayLike, confidence: float = CONFIDENCE, *, sigma: ArrayLike = 0.0
+) -> Array:
     """What a choice loses at most against the best of its rivals, at ``confidence`` (one-sided), at least 0.
 
     gain: (S,) mean of each rival less that of the choice. departure: (n, S) of the same differences, paired by
     cluster. Multiple comparisons with the best (Hsu, Ann. Statist. 9 (1981) 1026) by the largest of the rivals'
     upper bounds. These hold together, since the choice is made by the same clusters: with the quantile of the
-    largest of S Student's t as correlated as the departures. NaN from fewer than ``FEWEST`` clusters.
+    largest of S Student's t as correlated as the departures. sigma: (S,) standard error of the gains beside that
+    of the departures. NaN from fewer than ``FEWEST`` clusters.
     """
     away = np.asarray(departure, float)
     n, mean, error, _ = _summary(away)
@@ -212,7 +215,8 @@ def regret_bound(departure: ArrayLike, gain: ArrayLike, confidence: float = CONF
     scale = np.sqrt(np.random.default_rng(1).chisquare(fewest, len(largest)) / fewest)
     together = float(np.quantile(largest / scale, confidence))
     limit = np.maximum(critical(n[told], 2 * confidence - 1), together)
-    return np.asarray(max(0.0, float((np.asarray(gain, float)[told] + limit * error[told]).max())))
+    wide = np.hypot(error, sigma)[told]
+    return np.asarray(max(0.0, float((np.asarray(gain, float)[told] + limit * wide).max())))
 
 
 @lru_cache(maxsize=4)

@@ -23,6 +23,7 @@ Stretch = tuple[float, float]
 Bounds = tuple[float | None, float | None]
 """An interval; None at an end that lies outside the tested range, or is not known."""
 _STEPS = 16  # between two tested values, at which the interval is known; between these its ends are straight
+_NORMAL = 1.96  # standard errors to either side of 95 % of a normal
 _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
@@ -103,7 +104,8 @@ class Curve:
     """A mean over clusters along an axis.
 
     x: (N,) increasing. sums: (C, N) of the values in each cluster; counts: (C, N) how many they are, or of what
-    they are shares. most: the greatest value of the mean; the least is 0.
+    they are shares. most: the greatest value of the mean; the least is 0. open: (N, N) covariance of what is not
+    known of a mean that is predicted, beside what clusters differ by; the squares of half-widths add.
     """
 
     x: tuple[float, ...]
@@ -111,6 +113,7 @@ class Curve:
     counts: Array
     logarithmic: bool = False
     most: float = 1.0
+    open: Array | None = None
 
     @cached_property
     def mean(self) -> Array:
@@ -137,25 +140,35 @@ class Curve:
         """(N,): whether clusters enough, as their sizes count, have a value there."""
         return np.asarray(certainty.effective(self.counts) >= certainty.FEWEST)
 
+    @property
+    def _steps(self) -> int:
+        """Between two values of x, at which the interval is known; what is predicted stands close enough."""
+        return _STEPS if self.open is None else 1
+
     @cached_property
     def _ends(self) -> certainty.Ends:
         """The 95 % interval of the mean, at every value of x and in steps between them; NaN where unknown."""
         count = len(self.x)
-        place = np.arange((count - 1) * _STEPS + 1)
-        before, share = place // _STEPS, (place % _STEPS) / _STEPS
+        place = np.arange((count - 1) * self._steps + 1)
+        before, share = place // self._steps, (place % self._steps) / self._steps
         after = np.where(share == 0, before, np.minimum(before + 1, count - 1))
 
         def between(values: Array) -> Array:
             low, high = values[..., before], values[..., after]
             return np.asarray(np.where(share == 0, low, low + share * (high - low)))
 
-        ends = certainty.interval(between(self.mean), between(self.departures), within=(0.0, self.most))
+        mean = between(self.mean)
+        ends = certainty.interval(mean, between(self.departures), within=(0.0, self.most))
+        if self.open is not None:
+            half = _NORMAL * between(np.sqrt(np.diag(self.open)))
+            low, high = np.hypot(mean - ends.low, half), np.hypot(ends.high - mean, half)
+            ends = certainty.Ends(mean - low, mean + high)
         told = self.told[before] & self.told[after]
         return certainty.Ends(*(np.where(told, end.clip(0, self.most), np.nan) for end in ends))
 
     def interval(self) -> certainty.Ends | None:
         """The 95 % interval of the mean, two of (N,); None from too few clusters."""
-        low, high = (end[::_STEPS] for end in self._ends)
+        low, high = (end[:: self._steps] for end in self._ends)
         return certainty.Ends(low, high) if np.isfinite(low).all() else None
 
     def area(self) -> tuple[float, Bounds]:
@@ -176,9 +189,9 @@ class Curve:
     def crossed(self, threshold: float) -> Crossed:
         """Where the curve is at or above the threshold: by its mean, surely, possibly."""
         at = coordinate(self.x, self.logarithmic)
-        place = np.arange(len(self._ends.low)) / _STEPS
+        place = np.arange(len(self._ends.low)) / self._steps
         fine = _back(self.x, self.logarithmic)(np.interp(place, np.arange(len(at)), at))
-        fine[::_STEPS] = self.x
+        fine[:: self._steps] = self.x
         low = np.nan_to_num(self._ends.low, nan=-_UNKNOWN)
         high = np.nan_to_num(self._ends.high, nan=_UNKNOWN)
         return Crossed(

@@ -168,6 +168,7 @@ def answers(surface: Surface, criterion: Criterion, dark_below: float = DARK) ->
             surface.counts[:, measured, v],
             logarithmic=True,
             most=surface.most,
+            open=None if surface.open is None else surface.open[v][np.ix_(measured, measured)],
         )
         line = Line(
             curve.x,
@@ -312,5 +313,9 @@ def _regret(curve: Curve, chosen: int) -> float | None:
     gain = (curve.mean - curve.mean[chosen])[others]
     told = curve.told & curve.told[chosen]
     paired = np.where(told, curve.departures - curve.departures[:, [chosen]], np.nan)[:, others]
-    bound = float(certainty.regret_bound(paired, gain))
+    apart = np.zeros(len(others))
+    if curve.open is not None:  # what is not known of a difference
+        own = np.diag(curve.open)
+        apart = np.sqrt(np.maximum(own + own[chosen] - 2 * curve.open[chosen], 0.0))
+    bound = float(certainty.regret_bound(paired, gain, sigma=apart[others]))
     return None if math.isnan(bound) else bound

@@ -9,7 +9,7 @@ which the model knows little count little, and one that is not found there count
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from typing import Any
@@ -32,6 +32,8 @@ class Surface:
     by number or, where ``kept``, by the score of the same targets in the untouched pictures. saturated: (E, V) mean
     share of the pictures' values at a limit of the sensor, brightness: their mean, NaN where it is not known. clean:
     mean score in the untouched pictures, None where it is not known; reference: its sum over the targets, each once.
+    open: (V, E, E) covariance of what is not known of a mean that is predicted and was not measured, beside what
+    clusters differ by; None of what was measured.
     """
 
     model: str
@@ -48,6 +50,7 @@ class Surface:
     clean: float | None = None
     reference: float = 0.0
     kept: bool = False
+    open: Array | None = None
 
     @property
     def most(self) -> float:
@@ -58,6 +61,13 @@ class Surface:
     def mean(self) -> Array:
         """(E, V), NaN where nothing was measured."""
         return certainty.mean_of(self.sums, self.counts)
+
+    def every(self, step: int) -> Surface:
+        """Of its exposures every so manyth, from the first on."""
+        cut = slice(None, None, step)
+        left = {name: getattr(self, name)[cut] for name in ("exposures_s", "saturated", "brightness")}
+        left |= {"sums": self.sums[:, cut], "counts": self.counts[:, cut]}
+        return replace(self, **left, open=None if self.open is None else self.open[:, cut, cut])
 
     def of_clusters(self, clusters: tuple[str, ...]) -> tuple[Array, Array]:
         """Sums and counts (C, E, V) of these clusters, 0 for those that the surface does not have."""

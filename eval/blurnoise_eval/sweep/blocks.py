@@ -58,9 +58,7 @@ def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
         yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
 
 
-def _of_conditions(
-    picture: Picture, conditions: Sequence[Conditions], plan: Plan
-) -> Iterator[list[Cell]]:
+def _of_conditions(picture: Picture, conditions: Sequence[Conditions], plan: Plan) -> Iterator[list[Cell]]:
     """Conditions that share a blur; those of one exposure stay together."""
     for repeat in range(plan.repeats):
         seed = cell_seed(plan.seed, picture.name, repeat)

@@ -32,7 +32,7 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import Engine, engine_of
 from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_folder import open_run, read_run, write_tables
+from blurnoise_eval.sweep.run_folder import Grouped, open_run, read_run, write_tables
 from blurnoise_eval.sweep.run_surfaces import criterion_of
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
@@ -96,13 +96,17 @@ def evaluate(
         at.exposure(seen_by)
     with Store(Path(output), create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
-        with _bar("sweep", count_cells(shown, plan), progress) as advance:
+        with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = sweep.run(opened, seen_by, shown, plan, store, engine=computed_by, progress=advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        _note(store, opened, shown)
+        note_models(store, opened, shown)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     return Evaluation(output, **enough, cluster=cluster, outcome=outcome, progress=progress)
+
+
+def _as_measured(store: Store, measured: Grouped) -> Grouped:
+    return measured
 
 
 class Evaluation:
@@ -118,6 +122,8 @@ class Evaluation:
     can only be read. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
+
+    _on_lines = staticmethod(_as_measured)
 
     def __init__(
         self,
@@ -216,14 +222,21 @@ class Evaluation:
             store.export(self.output)
         write_tables(self._data, self.output)
         write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
-        return write_report(self._data, self.output)
+        return write_report(self._shown, self.output)
+
+    @property
+    def _shown(self) -> RunData:
+        """What of the run stands on its page."""
+        return self._data
 
     @cached_property
     def _data(self) -> RunData:
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
-            advance = bar.enter_context(_bar("score", steps, self._progress))
-            return read_run(store, self.criterion, cluster=self.cluster, progress=advance)
+            advance = bar.enter_context(progress_bar("score", steps, self._progress))
+            return read_run(
+                store, self.criterion, cluster=self.cluster, progress=advance, on_lines=self._on_lines
+            )
 
 
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
@@ -267,7 +280,7 @@ def _of_kind(name: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def _note(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
+def note_models(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
     """Add to the run's manifest what is only known afterwards: each model's latency and oddities."""
     manifest = store.about("manifest")
     for model, about in zip(models, manifest["models"], strict=True):
@@ -278,5 +291,8 @@ def _note(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
     store.set_about("manifest", manifest)
 
 
-def _bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Callable[[float], None]]:
+def progress_bar(
+    label: str, total: int, progress: bool | None
+) -> AbstractContextManager[Callable[[float], None]]:
+    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
     return ProgressBar(label, total) if progress else nullcontext(lambda done: None)

@@ -23,8 +23,6 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import truths
 
-LEAST_REFERENCE = 1.0
-"""Sum of a group's scores in the untouched pictures below which nothing is said of what is kept of it."""
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 Row = Mapping[str, Any]
 
@@ -58,6 +56,12 @@ def grouped_surfaces(store: Store, criterion: Criterion, cluster: str | None) ->
     )
     for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
         yield list(of_group)
+
+
+def too_little(surface: Surface) -> bool:
+    """Whether a group's targets have too little in the untouched pictures to say what is kept of it: less than 1 in
+    sum, and less on average than what is found has."""
+    return surface.kept and surface.reference < 1 and (surface.clean or 0.0) < FOUND_SCORE
 
 
 def dark_below(camera: Camera) -> float:

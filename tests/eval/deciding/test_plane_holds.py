@@ -22,8 +22,12 @@ def test_it_holds_for_a_camera_without_dark_current() -> None:
     assert what_breaks(CAMERA, EXPOSURES_S, ONE_WAY) == []
 
 
-@pytest.mark.parametrize(("e_s", "temperature_c", "holds"), [(0.1, 25.0, True), (0.1, 60.0, False), (50.0, 25.0, False)])
-def test_dark_charge_breaks_it_where_the_budget_keeps_it(e_s: float, temperature_c: float, holds: bool) -> None:
+@pytest.mark.parametrize(
+    ("e_s", "temperature_c", "holds"), [(0.1, 25.0, True), (0.1, 60.0, False), (50.0, 25.0, False)]
+)
+def test_dark_charge_breaks_it_where_the_budget_keeps_it(
+    e_s: float, temperature_c: float, holds: bool
+) -> None:
     reasons = what_breaks(replace(CAMERA, dark_current_e_s=e_s), EXPOSURES_S, ONE_WAY, temperature_c)
     assert reasons == [] if holds else ["dark current" in reason for reason in reasons] == [True]
     assert holds or f"in 90 ms at {temperature_c:g} °C" in reasons[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,9 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines: list[Line]) -> N
         assert np.allclose(place_of(at.exposure_s, line_of(at)), place, atol=1e-5, rtol=0)
         assert EXPOSURES_S[0] <= at.exposure_s <= EXPOSURES_S[1]
         # nodes are within half a step, 0.25 stops, of a line along u and w: 0.36 stops, and half a step at its ends
-        near = [line for line in lines if abs(math.log2(line.illuminance_lux / at.illuminance_lux)) <= 0.5 + 1e-5]
+        near = [
+            line for line in lines if abs(math.log2(line.illuminance_lux / at.illuminance_lux)) <= 0.5 + 1e-5
+        ]
         speeds = [max(line.speed_px_s * at.exposure_s, 0.5) for line in near]
         length = max(line_of(at).speed_px_s * at.exposure_s, 0.5)
         assert any(abs(math.log2(length / speed)) <= 0.5 + 1e-5 for speed in speeds)
@@ -65,7 +66,9 @@ def test_equal_light_and_motion_are_equal_frames() -> None:
     scene = Scene(sign())
     seed = cell_seed(0, picture("a").name, 0)
     cells = [
-        Cell("a", 0, Conditions(exposure_s=s, illuminance_lux=2 / s, velocity_x_px_s=5 / s, gain_db=6.0), seed)
+        Cell(
+            "a", 0, Conditions(exposure_s=s, illuminance_lux=2 / s, velocity_x_px_s=5 / s, gain_db=6.0), seed
+        )
         for s in (2.0**-9, 2.0**-6, 2.0**-3)
     ]
     first, *others = (frame.image for frame in frames(scene, cells, CAMERA))
