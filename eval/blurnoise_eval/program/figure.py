@@ -88,7 +88,7 @@ def draw(program: Program, scenario: Scenario, limits: Limits, metering: Meterin
     value.set_ylabel(title.split(": ")[-1], fontsize=9)
     value.set_xlabel("Light on the scene / lux", fontsize=9)
     time.legend(fontsize=8, frameon=False, loc="lower left")
-    value.legend(fontsize=8, frameon=False, loc="lower center", ncols=2)
+    value.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
     for axes in (time, gain, value):
         axes.grid(color="0.92", lw=0.6)
         axes.set_axisbelow(True)
@@ -112,7 +112,7 @@ def _mark_stages(
         for axes in (time, gain):
             axes.axvline(light, color="0.75", lw=0.8, ls=":")
         time.annotate(
-            f"{number}", (light, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
+            f"stage {number}", (light, 1.0), xycoords=("data", "axes fraction"), ha="center", va="bottom",
             fontsize=8, color="0.4",
         )  # fmt: skip
 
@@ -122,4 +122,4 @@ def _ticks(axes: Axes, lights: np.typing.NDArray[np.float64]) -> None:
 
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(base=2, numticks=12))
-        axis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:.3g}"))
+        axis.set_major_formatter(FuncFormatter(lambda value, place: f"{value:.4g}"))

@@ -241,7 +241,7 @@ def _regret(response: Response, ours: Course, times_s: Sequence[float], table: A
         own = slice(first + 1, first + len(times))
         gain = there.objective[own] - there.objective[first]
         away = there.departures[:, own] - there.departures[:, [first]]
-        bounds.append(float(certainty.regret_bound(_widened(away, there.sigma[own]), gain)))
+        bounds.append(float(certainty.regret_bound(away, gain, sigma=SIGMAS * there.sigma[own])))
         first += len(times)
     bound = float(np.mean(bounds))
     return bound if np.isfinite(bound) else None
