@@ -78,14 +78,14 @@ class Kriging:
         return np.asarray(between @ self._inverse + beyond @ self._spread_of_basis @ self._of_basis.T)
 
     def sigma(self, places: Array) -> Array:
-        """Standard deviation of what the surface leaves open at places (M, 2), (M,)."""
+        """Standard deviation of what is left open of a value at places (M, 2), (M,), its own departure with it."""
         between, beyond = self._toward(places)
         known = ((between @ self._inverse) * between).sum(axis=1)
         unsure = ((beyond @ self._spread_of_basis) * beyond).sum(axis=1)
-        return np.asarray(self.scale * np.sqrt(np.maximum(1.0 - known + unsure, 0.0)))
+        return np.asarray(self.scale * np.sqrt(np.maximum(1.0 - known + unsure, 0.0) + self.nugget))
 
     def covariance(self, places: Array) -> Array:
-        """Of what the surface leaves open at places (M, 2), (M, M)."""
+        """Of what the surface itself leaves open at places (M, 2), (M, M), without departures of each."""
         between, beyond = self._toward(places)
         known = between @ self._inverse @ between.T
         unsure = beyond @ self._spread_of_basis @ beyond.T
@@ -98,10 +98,8 @@ class Kriging:
 
     @cached_property
     def _inverse(self) -> Array:
-        count = len(self.places)
-        return np.linalg.inv(
-            correlation(self.places, self.places, self.lengths) + self.nugget * np.eye(count)
-        )
+        own = correlation(self.places, self.places, self.lengths) + self.nugget * np.eye(len(self.places))
+        return np.asarray(np.linalg.inv(own), np.float64)
 
     @cached_property
     def _of_basis(self) -> Array:

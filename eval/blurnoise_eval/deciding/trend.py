@@ -17,7 +17,7 @@ from blurnoise.radiometry import electrons_per_lux_s
 
 _CONTRAST, _GREY = 0.62, 0.3  # of a target, and its mean reflectance
 _MOTION_PX, _MOST_MOTION = 16.0, 8.0
-_PENALTY = 0.02  # on squares of the coefficients
+_PENALTY = 0.002  # on squares of the coefficients: a cliff may be steep
 _STEPS = 40  # of Newton's method, at most
 _MOST_LOGIT = 30.0
 Array = NDArray[np.float64]
@@ -39,13 +39,14 @@ class Trend(NamedTuple):
         return cls(per_lux_s, noise_e, camera.saturation_e / per_lux_s)
 
     def features(self, places: Array) -> Array:
-        """(N, 6): 1, s, s^2, L, L^2, o; s stops of signal to noise, L motion, o stops beyond saturation."""
+        """(N, 7): 1, s, s^2, L, L^2, log (1 + L^2), o; s: signal to noise, L: motion, o: beyond saturation."""
         light = 2.0 ** places[:, 0]
         electrons = self.electrons_per_lux_s * light
         signal = np.log2(_CONTRAST * electrons / np.sqrt(_GREY * electrons + self.noise_e**2)) / 4
         motion = np.minimum(2.0 ** places[:, 1] / _MOTION_PX, _MOST_MOTION)
         over = np.log2(1 + (light / self.full_lux_s) ** 2) / 4
-        return np.stack([np.ones(len(places)), signal, signal**2, motion, motion**2, over], axis=1)
+        blur = np.log2(1 + 4.0 ** places[:, 1]) / 4
+        return np.stack([np.ones(len(places)), signal, signal**2, motion, motion**2, blur, over], axis=1)
 
     def fitted(self, places: Array, values: Array) -> Fitted:
         """The trend of values (N,), not below 0, at places (N, 2): penalised fractional logistic regression."""
@@ -79,7 +80,7 @@ USUAL = Trend()
 
 
 class Fitted(NamedTuple):
-    """A trend with its coefficients (6,); top: the highest it can be."""
+    """A trend with its coefficients (7,); top: the highest it can be."""
 
     trend: Trend
     top: float

@@ -63,22 +63,23 @@ def test_two_routes_to_the_weights() -> None:
     solved = np.linalg.solve(bordered, right)
     assert surface.weights(asked) == pytest.approx(solved[:15].T, abs=1e-8)
     variance = surface.scale**2 * (1 - (solved * right).sum(axis=0))
-    assert surface.sigma(asked) == pytest.approx(np.sqrt(np.maximum(variance, 0)), abs=1e-6)
+    own = surface.scale**2 * surface.nugget
+    assert surface.sigma(asked) == pytest.approx(np.sqrt(np.maximum(variance, 0) + own), abs=1e-6)
     assert np.diag(surface.covariance(asked)) == pytest.approx(variance, abs=1e-9)
 
 
 def test_sigma_is_honest() -> None:
-    """Of 40 surfaces of the law assumed, lengths to be found: the root mean square of departure by sigma is 1. Its
-    spread over surfaces is about 0.3, so 0.05 of the mean; k = 5. Lengths 30 % off move it by 0.3."""
+    """Of 20 surfaces of the law assumed, lengths to be found: the root mean square of departure by sigma is 1. Its
+    spread over surfaces is about 0.3, so 0.07 of the mean; k = 4."""
     chosen = np.sort(spread(PLACES, 40))
     squares = []
-    for seed in range(40):
+    for seed in range(20):
         values = drawn((3.3, 2.5), 0.1, seed)
         surface = Kriging.fit(PLACES[chosen], values[chosen], mean=None)
         rest = np.setdiff1d(np.arange(len(PLACES)), chosen)
         wrong = surface.weights(PLACES[rest]) @ values[chosen] - values[rest]
         squares.append(np.mean((wrong / surface.sigma(PLACES[rest])) ** 2))
-    assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.25)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.28)
 
 
 def test_finds_which_way_is_rough() -> None:

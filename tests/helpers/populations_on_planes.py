@@ -1,0 +1,83 @@
+"""Populations over the plane of exposures with a closed form: what a search is to find is known exactly."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from blurnoise_eval.deciding.nodes import Line, exposures_on, places_of
+from blurnoise_eval.deciding.search import Search
+from blurnoise_eval.scoring.crossings import windows
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Rates = Callable[[Array], Array]
+"""Places (M, 2) to the score of each of C pictures, (C, M)."""
+EXPOSURES = (1e-3, 90e-3)
+LIGHTS, SPEEDS = (2.0, 10.0, 45.0, 200.0, 1000.0), (0.0, 100.0, 400.0, 1600.0)
+LINES = [Line(lux, (speed, 0.0)) for lux in LIGHTS for speed in SPEEDS]
+PICTURES = 35
+_RNG = np.random.default_rng(0)
+_DARK, _BLURRED = _RNG.normal(-4, 1.2, (PICTURES, 1)), _RNG.normal(3, 1, (PICTURES, 1))
+REFERENCES = _RNG.gamma(2, 1, PICTURES)
+
+
+def photographs(places: Array) -> Array:
+    """Lost in the dark and in motion, each picture elsewhere; a third is lost to saturation."""
+    return np.asarray(_unsaturated(places) * (1 - 0.3 / (1 + np.exp(-2 * (places[:, 0] - 3)))))
+
+
+def dips(places: Array) -> Array:
+    """Two windows at rest: half is lost about 2.8 lux s, and comes back."""
+    return np.asarray(_unsaturated(places) * (1 - 0.5 * np.exp(-(((places[:, 0] - 1.5) / 1.2) ** 2))))
+
+
+def _unsaturated(places: Array) -> Array:
+    u, w = places.T
+    return np.asarray(1 / (1 + np.exp(-1.5 * (u - _DARK))) / (1 + (2**w / 2**_BLURRED) ** 2))
+
+
+def notched(places: Array) -> Array:
+    """Half is lost in a notch of half a stop, at the edge of the dark."""
+    return np.asarray(photographs(places) * (1 - 0.5 * (np.abs(places[:, 0] + 3) < 0.25)))
+
+
+def one_sign(places: Array) -> Array:
+    """A single picture, found or not within a stop."""
+    u, w = places.T
+    return np.asarray(1 / (1 + np.exp(-3 * (u + 5))) / (1 + np.exp(2 * (w - 2.5))))[None]
+
+
+class Found(NamedTuple):
+    """A mean and its standard error over pictures, (M,) each."""
+
+    mean: Array
+    error: Array
+
+
+def seen(rates: Rates, places: Array, references: Array = REFERENCES) -> Found:
+    """What the pictures give at places."""
+    sums = rates(places) * references[:, None]
+    mean = sums.sum(axis=0) / references.sum()
+    return Found(mean, np.sqrt(((sums - mean * references[:, None]) ** 2).sum(axis=0)) / references.sum())
+
+
+def searched(
+    search: Search, *questions: Rates, references: Array = REFERENCES, most: int = 400
+) -> list[Array]:
+    """Answer the search until it is done; the batches that it asked."""
+    asked = []
+    while not search.done and most:
+        places = search.ask()
+        found = [seen(rates, places, references) for rates in questions]
+        search.tell(places, [each.mean for each in found], [each.error for each in found])
+        asked.append(places)
+        most -= 1
+    return asked
+
+
+def edges(mean: Callable[[Array], Array], line: Line, level: float) -> list[float]:
+    """log2 of the exposures at which a line's windows begin and end within the range, s."""
+    times = exposures_on(EXPOSURES, 24)
+    found = windows(tuple(times.tolist()), mean(places_of(times, line)).tolist(), level, True)
+    ends = [end for window in found for end in window if EXPOSURES[0] < end < EXPOSURES[1] * (1 - 1e-9)]
+    return np.log2(ends).tolist()  # type: ignore[no-any-return]
