@@ -13,9 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.deciding.search import CAUTION
 from blurnoise_eval.program.limits import STEPS_PER_STOP, Limits
 from blurnoise_eval.program.metering import Metering
-from blurnoise_eval.program.response import SIGMAS, Response
+from blurnoise_eval.program.response import Response
 from blurnoise_eval.program.solving import solve
 from blurnoise_eval.program.stages import STOCK, Staged, Stages, best_stages
 from blurnoise_eval.scoring import certainty
@@ -241,7 +242,7 @@ def _regret(response: Response, ours: Course, times_s: Sequence[float], table: A
         own = slice(first + 1, first + len(times))
         gain = there.objective[own] - there.objective[first]
         away = there.departures[:, own] - there.departures[:, [first]]
-        bounds.append(float(certainty.regret_bound(away, gain, sigma=SIGMAS * there.sigma[own])))
+        bounds.append(float(certainty.regret_bound(away, gain, sigma=CAUTION * there.sigma[own])))
         first += len(times)
     bound = float(np.mean(bounds))
     return bound if np.isfinite(bound) else None
@@ -250,7 +251,7 @@ def _regret(response: Response, ours: Course, times_s: Sequence[float], table: A
 def _widened(departures: Array, sigma: Array) -> Array:
     """Departures (C, M) whose error holds what the surface leaves open, too."""
     error = departures.std(axis=0, ddof=1) / np.sqrt(len(departures)) if len(departures) > 1 else 0 * sigma
-    more = np.sqrt(1 + (SIGMAS * sigma / np.where(error > 0, error, np.inf)) ** 2)
+    more = np.sqrt(1 + (CAUTION * sigma / np.where(error > 0, error, np.inf)) ** 2)
     return np.asarray(departures * more)
 
 

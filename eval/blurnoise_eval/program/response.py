@@ -19,8 +19,6 @@ from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.scoring import certainty
 
 Array = NDArray[np.float64]
-SIGMAS = 1.5
-"""By which what a surface leaves open is larger than it says, near levels (measured: 1.13 to 1.30 times)."""
 
 
 class Values(NamedTuple):
