@@ -72,9 +72,9 @@ def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: 
         if rival.course is not None and rival.course.value is not None
     ]
     told = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}; {', '.join(others)}."
-    pictures = f"{program.pictures} pictures"
+    pictures = f"{program.pictures} picture{'s' * (program.pictures != 1)}"
     if program.regret_95 is None:
-        return f"{told} {pictures} are too few to say what another program could gain."
+        return f"{told} From {pictures} it cannot be said what another program could gain."
     return f"{told} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
 
 
