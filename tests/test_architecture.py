@@ -52,7 +52,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"report"},
         {"sweep"},
         {"deciding"},
-        {"bench"},
+        {"bench", "program"},
         {"quality", "calibration"},
         {"cli"},
     ],

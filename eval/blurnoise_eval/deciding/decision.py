@@ -99,8 +99,8 @@ class Decision(Evaluation):
         return {**super().summary, "decided": self.decided}
 
     @cached_property
-    def _data(self) -> RunData:
-        data = super()._data
+    def data(self) -> RunData:
+        data = super().data
         if self.decided is None:
             return data
         if self.decided["because"]:
@@ -113,5 +113,5 @@ class Decision(Evaluation):
     @property
     def _shown(self) -> RunData:
         if self.decided is None or self.decided["because"]:
-            return self._data
-        return replace(self._data, scores=[row for row in self._data.scores if row["clean"]])
+            return self.data
+        return replace(self.data, scores=[row for row in self.data.scores if row["clean"]])

@@ -77,7 +77,8 @@ class Predicted:
             if not pattern.any():
                 continue
             alike = (known == pattern).all(axis=1)
-            weights = self.surface.through(self.places[pattern]).weights(at)
+            surface = self.surface if pattern.all() else self.surface.through(self.places[pattern])
+            weights = surface.weights(at)
             of_each = self._counts[alike][:, pattern]
             counts[alike] = of_each.mean(axis=1, keepdims=True)
             sums[alike] = (self._sums[alike][:, pattern] / of_each) @ weights.T * counts[alike]

@@ -199,3 +199,14 @@ def without_targets(store: Store, model: str) -> Row:
       WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
     (counted,) = store.rows(query, model)
     return counted
+
+
+def gains_set(store: Store, model: str) -> Iterator[Row]:
+    """``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db`` of a model's cells whose gain the camera
+    has set itself."""
+    return store.rows(
+        "SELECT image, illuminance_lux, exposure_s, applied_gain_db FROM cells"
+        " WHERE model = ? AND clean = 0 AND gain_db = ? AND applied_gain_db IS NOT NULL",
+        model,
+        AUTOMATIC,
+    )

@@ -73,7 +73,7 @@ def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run: Path) -
     (withheld,) = summary["withheld"]
     assert (withheld["model"], withheld["group"], withheld["n_targets"]) == ("small", "a grey wall", 18)
     assert withheld["reference"] < 1
-    assert any("a grey wall" in warning for warning in Evaluation(run)._data.manifest["warnings"])
+    assert any("a grey wall" in warning for warning in Evaluation(run).data.manifest["warnings"])
     groups = {answer["group"] for answer in Evaluation(run, 0.6).answers}
     assert groups == {"a stop sign", "a grey wall"}  # an absolute threshold can be asked of any
 

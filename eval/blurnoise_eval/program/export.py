@@ -1,0 +1,119 @@
+"""Exports of an exposure program: a table of lights, libcamera's exposure mode, an AE route, and all of it as JSON.
+
+Formats, as read at their sources:
+
+* libcamera, the "rpi.agc" algorithm of a Raspberry Pi tuning file: "exposure_modes" maps a name to "shutter", us, and
+  "gain", lists of one length, two or more (src/ipa/rpi/controller/rpi/agc_channel.cpp, ``AgcExposureMode::read``; how
+  they are walked, ``divideUpExposure``, is :meth:`~blurnoise_eval.program.stages.Stages.divided`).
+* AE route of HiSilicon and Ascend image processors: at most 16 nodes of "int_time", whole us above 0, and "sys_gain",
+  1024 for 1; products strictly rising, one component rising between neighbours (hiascend.com,
+  ``hi_isp_ae_route_node``, ``hi_mpi_isp_set_ae_route_attr``).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from blurnoise_eval.program.making import Course, Program, Rival
+from blurnoise_eval.program.stages import Stages
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.tables import csv_lines
+
+MOST_NODES = 16
+UNIT_GAIN = 1024
+
+
+def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
+    """One entry of "exposure_modes"."""
+    return {
+        "shutter": [max(1, round(1e6 * time)) for time in stages.times_s],
+        "gain": [round(gain, 4) for gain in stages.gains],
+    }
+
+
+def ae_route(stages: Stages) -> list[dict[str, int]]:
+    """Nodes in whole us and 1/1024; corners that these cannot tell apart are one."""
+    nodes: list[dict[str, int]] = []
+    for time, gain in stages.corners:
+        node = {"int_time": max(1, round(1e6 * time)), "sys_gain": max(UNIT_GAIN, round(UNIT_GAIN * gain))}
+        if not nodes or _product(node) > _product(nodes[-1]):
+            nodes.append(node)
+    return nodes
+
+
+def rows(program: Program, lights_lux: tuple[float, ...]) -> Iterator[dict[str, Any]]:
+    """A row per light: what the program takes there, and the best without stages."""
+    ours, best = program.course, program.best
+    for place, light in enumerate(lights_lux):
+        yield {
+            "illuminance_lux": light,
+            "exposure_s": ours.exposures_s[place],
+            "gain_db": ours.gains_db[place],
+            "gain_limited": int(ours.lacks_gain[place]),
+            "value": ours.values[place],
+            "best_exposure_s": best.exposures_s[place],
+            "best_gain_db": best.gains_db[place],
+            "best_value": best.values[place],
+        }
+
+
+def document(program: Program, lights_lux: tuple[float, ...], about: dict[str, Any]) -> dict[str, Any]:
+    """Everything. about: what the program is for, and from what run."""
+    return {
+        **about,
+        "value": program.course.value,
+        "value_low": program.low,
+        "value_high": program.high,
+        "regret_95": program.regret_95,
+        "pictures": program.pictures,
+        "worst_speed": program.course.worst_speed,
+        "worst_light": program.course.worst_light,
+        "stages": {"times_s": list(program.stages.times_s), "gains": list(program.stages.gains)},
+        "nodes": list(rows(program, lights_lux)),
+        "without_stages": program.best.value,
+        "rivals": [_rival(rival) for rival in program.rivals],
+    }
+
+
+def write(program: Program, lights_lux: tuple[float, ...], about: dict[str, Any], folder: Path) -> list[Path]:
+    """Write program.csv, program.json, libcamera.json and ae_route.json. Raises ``OSError``."""
+    table = list(rows(program, lights_lux))
+    files = {
+        "program.csv": "".join(csv_lines(list(table[0]), table)),
+        "program.json": _text(document(program, lights_lux, about)),
+        "libcamera.json": _text(
+            {"rpi.agc": {"exposure_modes": {"blurnoise": libcamera_mode(program.stages)}}}
+        ),
+        "ae_route.json": _text(
+            {"total_num": len(ae_route(program.stages)), "route_node": ae_route(program.stages)}
+        ),
+    }
+    for name, text in files.items():
+        write_whole(folder / name, text.encode())
+    return [folder / name for name in files]
+
+
+def _rival(rival: Rival) -> dict[str, Any]:
+    there: Course | None = rival.course
+    return {
+        "name": rival.name,
+        "value": there and there.value,
+        "worst_speed": there and there.worst_speed,
+        "worst_light": there and there.worst_light,
+        "exposures_s": there and list(there.exposures_s),
+        "gains_db": there and list(there.gains_db),
+        "values": there and list(there.values),
+        "reason": rival.reason,
+    }
+
+
+def _product(node: dict[str, int]) -> int:
+    return math.prod(node.values())
+
+
+def _text(value: Any) -> str:
+    return json.dumps(value, indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,298 @@
+"""The making of an exposure program: solved, put into few stages, and compared with what else a camera may do.
+
+Domain: lux, s, dB; values in the criterion's unit, means over the scenario's lights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.deciding.search import CAUTION
+from blurnoise_eval.program.limits import STEPS_PER_STOP, Limits
+from blurnoise_eval.program.metering import Metering
+from blurnoise_eval.program.response import Response
+from blurnoise_eval.program.solving import solve
+from blurnoise_eval.program.stages import STOCK, Staged, Stages, best_stages
+from blurnoise_eval.scoring import certainty
+
+Array = NDArray[np.float64]
+ENOUGH = 0.002
+"""That few stages may lose against many."""
+SHORTEST_S = 10e-6
+
+
+class Course(NamedTuple):
+    """What a program does over the scenario's lights, (L,) each: exposure, gain, whether the gain's limit is reached,
+    the objective there, None where it was not tested; the least mean of a speed over the lights, and of a light."""
+
+    exposures_s: tuple[float, ...]
+    gains_db: tuple[float, ...]
+    lacks_gain: tuple[bool, ...]
+    values: tuple[float | None, ...]
+    value: float | None
+    worst_speed: float | None
+    worst_light: float | None
+
+
+class Rival(NamedTuple):
+    """What else a camera may do; without a course, why not."""
+
+    name: str
+    course: Course | None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Program:
+    """Stages and their course over the scenario's lights; best: the course without stages. low, high: the 95 %
+    interval of its value; regret_95: what it loses at most at 95 % against any other exposures; None from few
+    pictures."""
+
+    stages: Stages
+    course: Course
+    best: Course
+    best_fixed_s: float | None
+    rivals: tuple[Rival, ...]
+    low: float | None
+    high: float | None
+    regret_95: float | None
+    pictures: int
+
+
+def make(response: Response, metering: Metering, limits: Limits, stages: int | None = None) -> Program:
+    """The program. stages: their number; None: as few as lose less than ``ENOUGH``.
+
+    Raises ``ValueError`` that names the rule and the light, or the speed and what was tested, where nothing is left.
+    """
+    lights = response.scenario.lights_lux
+    times = _candidates(response, limits)
+    table = _table(response, metering, limits, times)
+    _check_tested(response, limits, times)
+    _check_left(response, metering, limits, times, table)
+    chosen = solve(table)
+    if chosen is None:
+        raise ValueError(
+            "lux: at less light only shorter exposures are left than at more; a program must not be longer in more "
+            "light"
+        )
+    best = course(response, metering, [times[place] for place in chosen])
+    tested_s = [time for time, column in zip(times, table.T, strict=True) if np.isfinite(column).any()]
+    found = _staged(response, metering, limits, (tested_s[0], tested_s[-1]), stages, best.value or 0.0)
+    taken = [_taken(found, metering, limits, light) for light in lights]
+    ours = course(response, metering, taken)
+    low, high = _interval(response, ours)
+    fixed = np.mean(table, axis=0)
+    best_fixed_s = None if np.isnan(fixed).all() else times[int(np.nanargmax(fixed))]
+    return Program(
+        stages=found,
+        course=ours,
+        best=best,
+        best_fixed_s=best_fixed_s,
+        rivals=tuple(_rivals(response, metering, limits, best_fixed_s)),
+        low=low,
+        high=high,
+        regret_95=_regret(response, ours, times, table),
+        pictures=len(response.clusters),
+    )
+
+
+def course(response: Response, metering: Metering, exposures_s: Sequence[float]) -> Course:
+    """What these exposures do, one at each light of the scenario, with the camera's gain."""
+    lights = response.scenario.lights_lux
+    cases, values = response.at(lights, exposures_s)
+    told = bool(np.isfinite(values).all())
+    of_speeds = [
+        np.average(
+            [cases[k].mean() for k, (each, _) in enumerate(response.scenario.cases) if each == speed],
+            weights=list(response.scenario.targets.values()),
+        )
+        for speed in response.scenario.speeds_px_s
+    ]
+    return Course(
+        exposures_s=tuple(float(exposure) for exposure in exposures_s),
+        gains_db=tuple(metering.gain_db(*at) for at in zip(lights, exposures_s, strict=True)),
+        lacks_gain=tuple(metering.lacks_gain(*at) for at in zip(lights, exposures_s, strict=True)),
+        values=tuple(float(value) if np.isfinite(value) else None for value in values),
+        value=float(values.mean()) if told else None,
+        worst_speed=float(min(of_speeds)) if told else None,
+        worst_light=float(values.min()) if told else None,
+    )
+
+
+def _candidates(response: Response, limits: Limits) -> tuple[float, ...]:
+    """Allowed exposures that were tested at some light. Raises ``ValueError`` where there is none."""
+    low_s, high_s = response.exposures_s
+    times = limits.candidates(max(low_s, SHORTEST_S), high_s)
+    if not times:
+        raise ValueError(
+            f"{', '.join(limits.words)}: leave no exposure at any light that was tested; "
+            f"the run tells of {response.range_text}"
+        )
+    return times
+
+
+def _table(response: Response, metering: Metering, limits: Limits, times_s: Sequence[float]) -> Array:
+    """(L, S) of the objective, NaN where it was not tested or the gain is not allowed."""
+    lights = response.scenario.lights_lux
+    at_lights, at_times = np.repeat(lights, len(times_s)), np.tile(times_s, len(lights))
+    values = response.at(at_lights, at_times).objective.reshape(len(lights), len(times_s))
+    return np.where(_gain_allowed(metering, limits, lights, times_s), values, np.nan)
+
+
+def _gain_allowed(
+    metering: Metering, limits: Limits, lights_lux: Sequence[float], times_s: Sequence[float]
+) -> NDArray[np.bool_]:
+    most = limits.most_gain_db + 1e-9
+    return np.array([[metering.gain_db(light, time) <= most for time in times_s] for light in lights_lux])
+
+
+def _check_tested(response: Response, limits: Limits, times_s: Sequence[float]) -> None:
+    """Refuse what the run has not tested."""
+    scenario = response.scenario
+    for light in scenario.lights_lux:
+        tested = response.tested(np.full(len(times_s), light), times_s)
+        for (speed, target), ever in zip(scenario.cases, tested, strict=True):
+            if not ever.any():
+                raise ValueError(
+                    f"lux = {light:g} at {speed:g} px/s ({target}): no allowed exposure was tested there; "
+                    f"the run tells of {response.range_text}"
+                )
+        if not tested.all(axis=0).any():
+            raise ValueError(
+                f"lux = {light:g}: no allowed exposure was tested at all the speeds; "
+                f"the run tells of {response.range_text}"
+            )
+
+
+def _check_left(
+    response: Response, metering: Metering, limits: Limits, times_s: Sequence[float], table: Array
+) -> None:
+    """Refuse rules that leave no exposure at a light."""
+    for light, row in zip(response.scenario.lights_lux, table, strict=True):
+        if np.isnan(row).all():
+            longest = times_s[-1]
+            raise ValueError(
+                f"most_gain_db = {limits.most_gain_db:g}: leaves no exposure at {light:g} lux: "
+                f"the longest allowed, {1e3 * longest:.4g} ms, needs {metering.gain_db(light, longest):.1f} dB"
+            )
+
+
+def _staged(
+    response: Response,
+    metering: Metering,
+    limits: Limits,
+    between_s: tuple[float, float],
+    wanted: int | None,
+    best: float,
+) -> Stages:
+    """As many stages as wanted, or as few as lose less than ``ENOUGH``, with times between two."""
+    lights = response.scenario.lights_lux
+    low, high = between_s
+    lattice = np.geomspace(low, high, 1 + int(np.ceil(STEPS_PER_STOP * np.log2(high / low) - 1e-9)))
+    worth = _table(response, metering, limits, [limits.settled(min(time, high)) for time in lattice])
+    totals = [metering.total_s(light) for light in lights]
+    most_db = min(limits.most_gain_db, metering.camera.gain_max_db)
+    found: list[Staged] = best_stages(worth, totals, lattice.tolist(), 10 ** (most_db / 20))
+    if not found:
+        raise ValueError(
+            "stages: none stays within what the run tested and the limits allow; "
+            f"the run tells of {response.range_text}"
+        )
+    if wanted is not None:
+        return found[min(wanted, len(found)) - 1].stages
+    least = min(best * len(lights), found[-1].worth) - ENOUGH * len(lights)
+    return next(each.stages for each in found if each.worth >= least)
+
+
+def _taken(stages: Stages, metering: Metering, limits: Limits, light_lux: float) -> float:
+    """The exposure that a camera with these stages takes, whole periods and lines if so limited."""
+    return limits.settled(_divided_s(stages, metering, light_lux))
+
+
+def _interval(response: Response, ours: Course) -> tuple[float | None, float | None]:
+    there = response.uncertain(response.scenario.lights_lux, ours.exposures_s)
+    if not np.isfinite(there.objective).all():
+        return None, None
+    mean = there.objective.mean()
+    away = there.departures.mean(axis=1)
+    low, high = certainty.interval(mean, _widened(away[:, None], there.sigma.mean(keepdims=True))[:, 0])
+    return (float(low), float(high)) if np.isfinite(low) and np.isfinite(high) else (None, None)
+
+
+def _regret(response: Response, ours: Course, times_s: Sequence[float], table: Array) -> float | None:
+    """Mean over the lights of what the course loses at most, each against the best exposure there, paired."""
+    if None in ours.values:
+        return None
+    lights = response.scenario.lights_lux
+    asked = [
+        (light, [exposure, *(time for time, value in zip(times_s, row, strict=True) if np.isfinite(value))])
+        for light, exposure, row in zip(lights, ours.exposures_s, table, strict=True)
+    ]
+    there = response.uncertain(
+        [light for light, times in asked for _ in times], [time for _, times in asked for time in times]
+    )
+    bounds, first = [], 0
+    for _, times in asked:
+        own = slice(first + 1, first + len(times))
+        gain = there.objective[own] - there.objective[first]
+        away = there.departures[:, own] - there.departures[:, [first]]
+        bounds.append(float(certainty.regret_bound(away, gain, sigma=CAUTION * there.sigma[own])))
+        first += len(times)
+    bound = float(np.mean(bounds))
+    return bound if np.isfinite(bound) else None
+
+
+def _widened(departures: Array, sigma: Array) -> Array:
+    """Departures (C, M) whose error holds what the surface leaves open, too."""
+    error = departures.std(axis=0, ddof=1) / np.sqrt(len(departures)) if len(departures) > 1 else 0 * sigma
+    more = np.sqrt(1 + (CAUTION * sigma / np.where(error > 0, error, np.inf)) ** 2)
+    return np.asarray(departures * more)
+
+
+def _rivals(response: Response, metering: Metering, limits: Limits, fixed_s: float | None) -> list[Rival]:
+    lights = response.scenario.lights_lux
+
+    def held(name: str, exposure_at: Callable[[float], float]) -> Rival:
+        found = course(response, metering, [exposure_at(light) for light in lights])
+        if found.value is not None:
+            return Rival(name, found)
+        return Rival(name, found, "its exposures lie outside what was tested")
+
+    rivals = []
+    if fixed_s is None:
+        rivals.append(Rival("best fixed time", None, "none was tested at every light"))
+    else:
+        rivals.append(held("best fixed time", lambda light: fixed_s))
+    rivals += [
+        held(name, partial(_divided_s, stages.no_longer(limits.rule.limit_s), metering))
+        for name, stages in STOCK.items()
+    ]
+    rivals.append(_flicker(response, metering, limits))
+    return rivals
+
+
+def _divided_s(stages: Stages, metering: Metering, light_lux: float) -> float:
+    return stages.divided(metering.total_s(light_lux))[0]
+
+
+def _flicker(response: Response, metering: Metering, limits: Limits) -> Rival:
+    """The best exposures with the rule against flicker, or without it where the program obeys it."""
+    if limits.mains_hz:
+        name, other = "without anti-flicker", replace(limits, mains_hz=0.0, banding=False)
+    else:
+        name = "whole periods of 50 Hz mains"
+        try:
+            other = replace(limits, mains_hz=50.0)
+        except ValueError:
+            return Rival(name, None, "no period fits between the limits")
+    times = other.candidates(*response.exposures_s)
+    chosen = solve(_table(response, metering, other, times)) if times else None
+    if chosen is None:
+        return Rival(name, None, "it leaves no exposure that was tested at some light")
+    return Rival(name, course(response, metering, [times[place] for place in chosen]))

@@ -1,0 +1,117 @@
+"""An exposure program in words: the sentence that answers, the nodes, what else a camera may do; 80 columns."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from blurnoise_eval.grid.axes import milliseconds
+from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.making import Program, Rival
+from blurnoise_eval.program.metering import Metering
+from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.scoring.criterion import Criterion
+
+WIDTH = 80
+_SHOWN = 12  # lights of the table
+
+
+def lines(
+    program: Program, scenario: Scenario, limits: Limits, metering: Metering, criterion: Criterion, model: str
+) -> Iterator[str]:
+    """What the terminal shows, line by line."""
+    yield from textwrap.wrap(sentence(program, scenario, criterion, model), WIDTH)
+    yield ""
+    yield f"{'light, lux':>10s}  {'exposure, ms':>12s}  {'gain, dB':>8s}  {unit(criterion):>9s}"
+    for place in shown_places(len(scenario.lights_lux)):
+        course = program.course
+        mark = "  most gain: darker than metered" if course.lacks_gain[place] else ""
+        value = course.values[place]
+        yield (
+            f"{scenario.lights_lux[place]:10.4g}  {milliseconds(course.exposures_s[place]):>12s}  "
+            f"{course.gains_db[place]:8.1f}  {_told(value):>9s}{mark}"
+        )
+    yield ""
+    stages = "; ".join(
+        f"{milliseconds(time)} ms, x{gain:.3g}"
+        for time, gain in zip(program.stages.times_s, program.stages.gains, strict=True)
+    )
+    yield from textwrap.wrap(f"Stages (time first, then gain): {stages}.", WIDTH)
+    yield from textwrap.wrap(f"For {scenario_text(scenario)}. Limits: {', '.join(limits.words)}.", WIDTH)
+    yield from textwrap.wrap(
+        f"Gain by metering to 18 % of full scale, {metering.camera.name}, pictures of "
+        f"{100 * metering.mean_light:.1f} % of white on average.",
+        WIDTH,
+    )
+    yield ""
+    yield f"{'':38s}{unit(criterion):>10s}{'worst speed':>14s}{'worst light':>14s}"
+    yield _row("this program", program.course.value, program.course.worst_speed, program.course.worst_light)
+    yield _row(
+        "the best, without stages", program.best.value, program.best.worst_speed, program.best.worst_light
+    )
+    for rival in program.rivals:
+        name = named(rival, program)
+        if rival.course is None or rival.course.value is None:
+            yield f"{name:38s}{'-':>10s}  {rival.reason}"
+        else:
+            yield _row(name, rival.course.value, rival.course.worst_speed, rival.course.worst_light)
+
+
+def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: str) -> str:
+    """What the program gives, what a fixed time and a stock program give, and what it may lose."""
+    lights = scenario.lights_lux
+    interval = (
+        "" if program.low is None or program.high is None else f" ({program.low:.3f}-{program.high:.3f})"
+    )
+    does = f"keeps {_told(program.course.value)}{interval} of {model}'s {_score(criterion)}"
+    if not criterion.kept:
+        does = f"gives {model} a {criterion.title} of {_told(program.course.value)}{interval}"
+    others = [
+        f"{named(rival, program)} {_told(rival.course.value)}"
+        for rival in program.rivals
+        if rival.course is not None and rival.course.value is not None
+    ]
+    told = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}; {', '.join(others)}."
+    pictures = f"{program.pictures} picture{'s' * (program.pictures != 1)}"
+    if program.regret_95 is None:
+        return f"{told} From {pictures} it cannot be said what another program could gain."
+    return f"{told} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
+
+
+def named(rival: Rival, program: Program) -> str:
+    """A rival with the time that it stands for."""
+    if rival.name == "best fixed time" and program.best_fixed_s is not None:
+        return f"{rival.name}, {milliseconds(program.best_fixed_s)} ms"
+    return rival.name
+
+
+def scenario_text(scenario: Scenario) -> str:
+    """'0 px/s (0.3), 200 px/s (0.7); large, medium; expected'."""
+    speeds = ", ".join(f"{speed:.4g} px/s ({share:.2g})" for speed, share in scenario.speeds_px_s.items())
+    targets = "; ".join(f"{target} ({share:.2g})" for target, share in scenario.targets.items())
+    objective = {"worst": "the worst of them", "tail": f"the worst {scenario.tail:g} of them on average"}
+    return f"{speeds}; {targets}; {objective.get(scenario.objective, 'expected')}"
+
+
+def unit(criterion: Criterion) -> str:
+    """Head of a column of values."""
+    return "keeps" if criterion.kept else "reaches"
+
+
+def shown_places(count: int) -> Sequence[int]:
+    """About ``_SHOWN`` of the lights, the ends with them."""
+    if count <= _SHOWN:
+        return range(count)
+    return sorted({round(k * (count - 1) / (_SHOWN - 1)) for k in range(_SHOWN)})
+
+
+def _score(criterion: Criterion) -> str:
+    return criterion.title.removeprefix("kept ")
+
+
+def _told(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def _row(name: str, value: float | None, worst_speed: float | None, worst_light: float | None) -> str:
+    return f"{name:38s}{_told(value):>10s}{_told(worst_speed):>14s}{_told(worst_light):>14s}"

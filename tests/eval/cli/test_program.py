@@ -1,0 +1,79 @@
+"""The command, from a small sweep to its files, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.program.stages import Stages
+
+pytestmark = pytest.mark.slow
+GRID = ["--exposure-ms", "0.5,4,32", "--lux", "2,40", "--dx", "0,800", "--limit", "1", "--examples", "none"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sweep") / "run"
+    assert main(["sweep", "-o", str(folder), *GRID]) == 0
+    return folder
+
+
+def test_a_program_from_a_sweep(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert main(["program", str(run), "-o", str(tmp_path / "out"), "--speeds", "0:0.7,800:0.3"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith("From 2 to 32 lux this program gives stop_sign a mean confidence of 0.")
+    assert max(map(len, told[:-1])) <= 80
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"program.csv", "program.json", "libcamera.json", "ae_route.json", "program.png"}
+    with (tmp_path / "out" / "program.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 9  # half stops from 2 to 32 lux
+    assert all(0.0005 * 0.8 <= float(row["exposure_s"]) <= 1 / 30 for row in rows)
+    mode = json.loads((tmp_path / "out" / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"][
+        "blurnoise"
+    ]
+    Stages(tuple(time / 1e6 for time in mode["shutter"]), tuple(mode["gain"]))
+
+
+def test_speeds_on_the_road(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pinhole of 8 mm over pixels of 3.45 um: 36 km/h at 50 m are 10 m/s * 8 mm / 50 m / 3.45 um = 463.8 px/s."""
+    road = ["--speeds", "0,36", "--speed-unit", "kmh", "--distance-m", "50", "--focal-mm", "8", "--json"]
+    capsys.readouterr()
+    assert main(["program", str(run), "-o", str(tmp_path), *road]) == 0
+    told = json.loads(capsys.readouterr().out)
+    speeds = [each["speed"] for each in told["scenario"]["speeds_px_s"]]
+    assert speeds == pytest.approx([0.0, 463.77], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--anti-flicker", "50", "--fps", "125"], "anti-flicker 50 Hz: leaves no exposure at any light"),
+        (["--lux", "2:100000000"], "the run tells of light x exposure"),
+        (["--stages", "8"], "stages = 8: must be 1 to 7"),
+        (["--speed-unit", "kmh"], "needs --speeds and --distance-m"),
+        (["--distance-m", "3"], "distance_m = 3: goes with --speed-unit kmh"),
+        (["--model", "other"], "model = 'other': must be one of stop_sign"),
+        (["--targets", "cat"], "targets = 'cat'"),
+    ],
+)
+def test_what_it_refuses(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], named: str
+) -> None:
+    capsys.readouterr()
+    assert main(["program", str(run), "-o", str(tmp_path / "out"), *options]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert named in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_fixed_gain_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    grid = ["--exposure-ms", "4", "--lux", "40", "--dx", "0", "--limit", "1", "--gain", "6"]
+    assert main(["sweep", "-o", str(tmp_path / "run"), *grid]) == 0
+    assert main(["program", str(tmp_path / "run"), "-o", str(tmp_path / "out")]) == 2
+    assert "gain 6 dB; a program needs a run with --gain auto" in capsys.readouterr().err

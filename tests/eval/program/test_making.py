@@ -1,0 +1,162 @@
+"""Programs made from planes that have a closed form: good, within limits, refused beyond what was tested."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.making import ENOUGH, Program, course, make
+from made_planes import METERING, made_planes, made_response
+
+LIMITS = Limits(readout_s=0.003)
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    return make(made_response(), METERING, LIMITS)
+
+
+def value(found: Program, name: str) -> float:
+    (rival,) = [rival for rival in found.rivals if rival.name == name]
+    assert rival.course is not None
+    assert rival.course.value is not None
+    return rival.course.value
+
+
+def test_never_longer_in_more_light(program: Program) -> None:
+    for way in (program.course, program.best):
+        assert all(a >= b * (1 - 1e-9) for a, b in pairwise(way.exposures_s))
+        assert max(way.exposures_s) <= LIMITS.rule.limit_s
+    assert program.course.exposures_s[0] > 4 * program.course.exposures_s[-1]
+
+
+def test_better_than_what_else_a_camera_may_do(program: Program) -> None:
+    assert program.course.value is not None
+    assert program.best.value is not None
+    assert (
+        program.best.value >= program.course.value - 1e-3
+    )  # times between the lattice's are free to the stages
+    assert program.best.value - program.course.value < ENOUGH + 1e-3
+    for name in (
+        "best fixed time",
+        "libcamera imx296 normal",
+        "libcamera imx296 short",
+        "whole periods of 50 Hz mains",
+    ):
+        assert value(program, name) < program.course.value - 0.005, name
+
+
+def test_the_fixed_time_is_the_best(program: Program) -> None:
+    response = made_response()
+    for time_s in np.geomspace(0.001, 0.029, 12):
+        tried = course(response, METERING, [time_s] * len(response.scenario.lights_lux))
+        assert tried.value is None or tried.value <= value(program, "best fixed time") + 2e-3
+
+
+def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
+    """By hand at one light: by shares of speeds, targets alike."""
+    response, planes = made_response(), made_planes()
+    place, light = 7, response.scenario.lights_lux[7]
+    time_s = program.course.exposures_s[place]
+    expected = 0.0
+    for speed, share in ((0.0, 0.3), (200.0, 0.5), (800.0, 0.2)):
+        for plane in planes.values():
+            there = plane.on([(np.log2(light * time_s), np.log2(max(speed * time_s, 0.5)))])
+            expected += share / 2 * float(there.sums.sum() / there.counts.sum())
+    assert program.course.values[place] == pytest.approx(expected, abs=1e-9)
+
+
+def test_uncertainty(program: Program) -> None:
+    assert program.low is not None
+    assert program.high is not None
+    assert program.course.value is not None
+    assert program.low < program.course.value < program.high
+    assert program.regret_95 is not None
+    assert 0 < program.regret_95 < 0.1
+    few = make(made_response(pictures=6), METERING, LIMITS)
+    assert (few.low, few.high, few.regret_95) == (None, None, None)
+
+
+def test_departures_are_those_of_pictures_drawn_again() -> None:
+    """Standard error by departures beside the bootstrap of the planes' own pictures, at the same nodes."""
+    response = made_response()
+    lights, times = [10.0, 50.0], [0.004, 0.002]
+    there = response.uncertain(lights, times)
+    error = there.departures.std(axis=0, ddof=1) / np.sqrt(len(there.departures))
+    generator = np.random.default_rng(0)
+    drawn = []
+    cases = [response._case(case, lights, times) for case in response.scenario.cases]
+    for _ in range(400):
+        weight = generator.multinomial(24, np.full(24, 1 / 24))[:, None]
+        ratios = np.array([(case.sums * weight).sum(0) / (case.counts * weight).sum(0) for case in cases])
+        drawn.append((response.scenario.shares[:, None] * ratios).sum(0))
+    # standard deviation of 400 draws is known to 1/sqrt(800) = 3.5 %; the jackknife exceeds the bootstrap by n/(n-1)
+    assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
+
+
+@pytest.mark.parametrize("objective", ["worst", "tail"])
+def test_the_worst_is_better_served_by_its_own_program(program: Program, objective: str) -> None:
+    careful = make(made_response(objective=objective), METERING, LIMITS)
+    assert careful.course.worst_speed is not None
+    assert program.course.worst_speed is not None
+    assert careful.course.worst_speed > program.course.worst_speed
+    assert careful.course.value is not None
+    assert program.course.value is not None
+    assert careful.course.value < program.course.value
+
+
+def test_few_stages_are_enough_and_more_are_no_worse() -> None:
+    response = made_response()
+    values = []
+    for n in (1, 2, 4):
+        made = make(response, METERING, LIMITS, stages=n)
+        assert len(made.stages.gains) <= n + 1
+        values.append(made.course.value)
+    assert values[0] < values[1] <= values[2] + 1e-3
+
+
+def test_whole_periods_at_every_light() -> None:
+    made = make(made_response(), METERING, Limits(mains_hz=50.0))
+    periods = np.array(made.course.exposures_s) / 0.01
+    assert np.abs(periods - periods.round()).max() < 1e-9
+    assert value(made, "without anti-flicker") > made.course.value  # type: ignore[operator]
+
+
+def test_reached_gain_is_shown() -> None:
+    dark = make(made_response(lights_lux=(0.25, 0.5, 1.0, 8.0)), METERING, Limits(fps=200.0))
+    assert dark.course.lacks_gain[0]
+    assert not dark.course.lacks_gain[-1]
+    assert dark.course.gains_db[0] == METERING.camera.gain_max_db
+
+
+def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light() -> None:
+    with pytest.raises(
+        ValueError, match=r"most_gain_db = 6: leaves no exposure at 2 lux.*30.* ms.*needs 2\d"
+    ):
+        make(made_response(), METERING, Limits(most_gain_db=6.0, readout_s=1 / 30 - 0.03))
+
+
+def test_a_gain_limit_holds(program: Program) -> None:
+    made = make(made_response(), METERING, Limits(most_gain_db=28.0))
+    assert max(made.course.gains_db) <= 28.01
+    assert max(program.course.gains_db) > 30
+
+
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run tells of light x exposure 0.000488 to 8 lux s"),
+        ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
+        ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 1e\+07 px/s.*motion 0.5 to 64 px"),
+    ],
+)
+def test_what_was_not_tested_is_refused_with_the_range(more: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        make(made_response(**more), METERING, Limits(fps=100.0))  # type: ignore[arg-type]
+
+
+def test_nothing_is_said_outside_the_range() -> None:
+    response = made_response(lights_lux=(1e4,))
+    assert np.isnan(response.at([1e4], [0.01]).objective).all()
