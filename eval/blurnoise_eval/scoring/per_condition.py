@@ -27,10 +27,14 @@ MEANS = (
 
 
 class Scored(NamedTuple):
-    """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row."""
+    """A row of scores, the estimate that P, mPC and rPC are made of, and those of all scores by name.
+
+    Their clusters are those of every row.
+    """
 
     row: dict[str, Any]
     performance: Estimate
+    estimates: Mapping[str, Estimate]
 
 
 def score_rows(
@@ -64,7 +68,9 @@ def score_rows(
             progress(1)
             shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
-            yield Scored(shared | scores, judged.mean("exact_match") if truth is None else judged.coco["ap"])
+            estimates = {score.name: score.estimate(judged) for score in SCORES}
+            own = judged.mean("exact_match") if truth is None else judged.coco["ap"]
+            yield Scored(shared | scores, own, estimates)
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
