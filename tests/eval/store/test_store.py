@@ -48,6 +48,7 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     cell |= {
         "n_detections": len(detections),
         "saturated": 0.25,
+        "applied_exposure_s": 0.01,
         "applied_gain_db": 6.0,
         "snr_db": 20.0,
         "brightness": 0.4,
