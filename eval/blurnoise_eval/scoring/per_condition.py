@@ -27,14 +27,10 @@ MEANS = (
 
 
 class Scored(NamedTuple):
-    """A row of scores, the estimate that P, mPC and rPC are made of, and those of all scores by name.
-
-    Their clusters are those of every row.
-    """
+    """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row."""
 
     row: dict[str, Any]
     performance: Estimate
-    estimates: Mapping[str, Estimate]
 
 
 def score_rows(
@@ -70,9 +66,7 @@ def score_rows(
             progress(1)
             shared = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
-            estimates = {score.name: score.estimate(judged) for score in SCORES}
-            own = judged.mean("exact_match") if truth is None else judged.coco["ap"]
-            yield Scored(shared | scores, own, estimates)
+            yield Scored(shared | scores, judged.mean("exact_match") if truth is None else judged.coco["ap"])
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:

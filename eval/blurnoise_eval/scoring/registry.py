@@ -38,14 +38,11 @@ class Score:
         """The least and the greatest value, None for one without."""
         return 0.0, 1.0 if self.scale == "share" else None
 
-    def estimate(self, judged: Judged) -> Estimate:
-        """Its value, and what clusters of pictures contribute."""
-        found = self.of(judged)
-        return found if isinstance(found, Estimate) else Estimate(found)
-
     def row(self, judged: Judged) -> dict[str, float | None]:
         """Its columns: the value and its 95 % interval over clusters of pictures."""
-        return self.estimate(judged).columns(self.name, self.within)
+        found = self.of(judged)
+        estimate = found if isinstance(found, Estimate) else Estimate(found)
+        return estimate.columns(self.name, self.within)
 
 
 def _mean(column: str) -> Callable[[Judged], Estimate]:

@@ -112,29 +112,6 @@ def exposed_targets(store: Store) -> Iterator[Row]:
     )
 
 
-def group_sums(store: Store, found_score: float) -> Iterator[Row]:
-    """Per model, group, condition and picture, the untouched ones too: sums over its targets, and their number ``n``.
-
-    target_confidence, detection_rate (of those with a confidence from found_score on) and exact_match, NULL for what
-    reads no text; side_px: half the boxes' widths and heights.
-    """
-    return store.rows(
-        f'SELECT model, "group", {_SHARED}, image, COUNT(*) AS n, TOTAL(confidence) AS target_confidence,'
-        f" TOTAL(confidence >= {found_score}) AS detection_rate, SUM(text = truth) AS exact_match,"
-        f' TOTAL(width_px + height_px) / 2 AS side_px FROM targets GROUP BY model, "group", {_SHARED}, image'
-    )
-
-
-def exposed_conditions(store: Store) -> list[Row]:
-    """Every condition but the untouched one, in the order of ``SORTED``, with the mean gain of its pictures, dB."""
-    return list(
-        store.rows(
-            f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
-            f" GROUP BY {_SHARED} ORDER BY {SORTED}"
-        )
-    )
-
-
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
     """Image, label and box of each target in a model's untouched pictures."""
     query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
@@ -182,6 +159,22 @@ def counts(store: Store) -> Row:
         " (SELECT COUNT(*) FROM targets) AS n_target_rows"
     )
     return counted
+
+
+def exposed_conditions(store: Store) -> list[Row]:
+    """Every condition but the untouched one, with the mean gain of its pictures, dB."""
+    query = f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
+    return list(store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}"))
+
+
+def target_sizes(store: Store) -> list[Row]:
+    """Per model and group of targets, each once: ``side_px``, the mean of half their boxes' widths and heights, and
+    ``n_targets``."""
+    each = (
+        'SELECT DISTINCT model, "group", image, target_id, (width_px + height_px) / 2 AS side_px FROM targets'
+    )
+    query = f'SELECT model, "group", AVG(side_px) AS side_px, COUNT(*) AS n_targets FROM ({each})'
+    return list(store.rows(f'{query} GROUP BY model, "group"'))
 
 
 def errors(store: Store) -> list[Row]:

@@ -224,7 +224,7 @@ def _scores(
     made_of = {"of": queries.count_rows(store), "cluster": cluster}
     kept = store.about("scores")
     if kept is None or "departures" not in kept or made_of != {name: kept.get(name) for name in made_of}:
-        found = list(score_rows(store, models, truths(store), progress, moves=moves(store), cluster=cluster))
+        found = list(score_rows(store, models, truths(store), progress, moves=_moves(store), cluster=cluster))
         kept = {
             **made_of,
             "rows": [each.row for each in found],
@@ -247,7 +247,7 @@ def _listed(departures: NDArray[np.float64] | None) -> list[float | None] | None
     return [None if np.isnan(each) else float(each) for each in departures]
 
 
-def moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
+def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
     """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
 
