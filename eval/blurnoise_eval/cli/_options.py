@@ -21,6 +21,7 @@ FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
+SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"
 _MOST_NUMBERS = 100_000
 

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json
+from blurnoise_eval.cli._options import SCORES, Json, one_of
 from blurnoise_eval.cli.console import print_answers, print_models
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from blurnoise_eval.sweep.evaluation import Evaluation
 
-Threshold = Annotated[float, Option(metavar="C", help="confidence that is enough")]
+_enough = partial(Option, rich_help_panel="What is enough")
+Keep = Annotated[
+    float | None,
+    _enough(
+        metavar="SHARE",
+        help="of what the same model reaches on the untouched pictures (default on pictures of your own: 0.9)",
+    ),
+]
+Threshold = Annotated[
+    float | None, _enough(metavar="C", help="of the score itself (default on rendered pictures: 0.6)")
+]
+Score = Annotated[
+    str | None,
+    _enough(
+        metavar="NAME",
+        help="target_confidence; detection_rate; recall@0.1, at the confidence that gives 0.1 false alarms per "
+        "untouched picture; ap50; ap; of text exact_match (default: target_confidence, of texts of your own "
+        "exact_match)",
+        autocompletion=one_of(SCORES),
+    ),
+]
 Cluster = Annotated[
     str | None,
     Option(
@@ -28,7 +49,9 @@ Cluster = Annotated[
 def report(
     run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep")],
     *,
-    threshold: Threshold = 0.6,
+    keep: Keep = None,
+    threshold: Threshold = None,
+    score: Score = None,
     cluster: Cluster = None,
     output: Annotated[
         Path | None,
@@ -38,14 +61,16 @@ def report(
 ) -> None:
     """Write a run's figures, tables and page again.
 
-      blurnoise report run --threshold 0.5
+      blurnoise report run --keep 0.8              the share of the untouched pictures' confidence that is enough
+      blurnoise report run --score ap50 --threshold 0.3
       blurnoise report /media/disc/run -o here     a run that can only be read
 
     The sweep itself is not repeated.
     """
     from blurnoise_eval.sweep.evaluation import Evaluation
 
-    tell(Evaluation(run, threshold, cluster=cluster, output=output, progress=True), as_json=as_json)
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+    tell(Evaluation(run, **enough, cluster=cluster, output=output, progress=True), as_json=as_json)
 
 
 def tell(done: Evaluation, *, as_json: bool) -> None:

@@ -23,7 +23,7 @@ from blurnoise_eval.cli._options import (
     one_of,
 )
 from blurnoise_eval.cli.console import print_assumptions
-from blurnoise_eval.cli.report import Cluster, Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -109,7 +109,9 @@ def sweep(
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     cfa: Cfa = None,
-    threshold: Threshold = 0.6,
+    keep: Keep = None,
+    threshold: Threshold = None,
+    score: Score = None,
     cluster: Cluster = None,
     engine: Annotated[
         str,
@@ -137,12 +139,10 @@ def sweep(
     """
     exposed_by = given.camera(camera, cfa=cfa)
     from blurnoise import AutoExposure
-    from blurnoise._core.checks import in_range
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate
 
-    in_range("threshold", threshold, 0.0, 1.0)
     cluster_of("", cluster)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
@@ -172,6 +172,8 @@ def sweep(
         plan,
         output,
         threshold=threshold,
+        keep=keep,
+        score=score,
         cluster=cluster,
         engine=engine,
         threads=workers,

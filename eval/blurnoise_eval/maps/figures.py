@@ -28,7 +28,6 @@ from blurnoise_eval.maps.scored import NodeScores
 from blurnoise_eval.quality.figures import LOGARITHMIC
 from blurnoise_eval.quality.measure import METRICS, Metric
 from blurnoise_eval.scoring.plane import STILL_PX
-from blurnoise_eval.scoring.registry import SCORES
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.terminal import plain
 
@@ -36,7 +35,6 @@ MOST_GROUPS = 3
 """Of a model that have figures, those with most targets."""
 _COLUMNS, _REACH, _CELLS = 4, 0.07, 60
 _COLOURS = "viridis"
-_TITLE_OF = {score.name: score.title for score in SCORES}
 
 
 def write(maps: Maps, score: str, folder: Path) -> list[Path]:
@@ -48,7 +46,8 @@ def write(maps: Maps, score: str, folder: Path) -> list[Path]:
     models = by_model(maps.scores, score)
     written: list[Path] = []
     for model, groups in models:
-        shown = sorted(groups, key=lambda each: -float(each.counts.sum()))[:MOST_GROUPS]
+        largest = sorted(groups, key=lambda each: -each.n_targets)[:MOST_GROUPS]
+        shown = [each for each in groups if each in largest]
         prefix = f"{_slug(model)}-" if len(models) > 1 else ""
         drawn: dict[str, Figure] = {f"{prefix}ranks": ranks(maps, shown)}
         for each in shown:
@@ -95,7 +94,7 @@ def scatter(maps: Maps, scores: NodeScores) -> Figure:
     for axes, metric in panels:
         m, told = maps.metrics[metric.name], scores.told & np.isfinite(maps.metrics[metric.name])
         _dress(axes, metric, m[told], across=True)
-        axes.set_ylim(-0.03, max(1.05, float(np.nanmax(scores.values)) + 0.03))
+        axes.set_ylim(-0.03, max(1.0, float(np.nanmax(scores.values))) * 1.27)  # above: words
         axes.axhline(scores.level, color="0.4", lw=0.8, ls=":")
         axes.scatter(
             m[told], scores.values[told], c=maps.plane.w[told], norm=colour, cmap="plasma", s=11, alpha=0.85, lw=0
@@ -104,7 +103,7 @@ def scatter(maps: Maps, scores: NodeScores) -> Figure:
             axes.plot(*increasing(m[told], scores.values[told]), color="black", lw=1.3)
         _say(axes, _rank_text(rows[metric.name]), 0.02, 0.98)
     _colour_bar(figure, colour, "plasma", "Motion blur / px", [0.5, 1, 3, 10, 30, 100], np.log2)
-    figure.supylabel(_value_name(maps, scores), fontsize=9)
+    figure.supylabel(_value_name(scores), fontsize=9)
     return figure
 
 
@@ -145,7 +144,7 @@ def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
             Line2D([], [], color="#b35806", marker=">", mfc="none", ls="", label="along light alone"),
             Line2D([], [], color="#b35806", marker="^", mfc="none", ls="", label="along blur alone"),
         ],
-        f"{plain(groups[0].model)}, {_value_name(maps, groups[0])}",
+        f"{plain(groups[0].model)}, {_value_name(groups[0])}",
     )
     return figure
 
@@ -180,7 +179,7 @@ def _maps(
         )  # fmt: skip
         _say(axes, f"conditions lie ±{off:.2f} off", 0.02, 0.98)
     figure.supxlabel(label, fontsize=9)
-    _colour_bar(figure, colour, _COLOURS, f"{_value_name(maps, scores)} (white: {scores.level:g})")
+    _colour_bar(figure, colour, _COLOURS, f"{_value_name(scores)} (white: {scores.level:g})")
     return figure
 
 
@@ -233,7 +232,7 @@ def _log_ticks(axis: Any) -> None:
 def _rank_text(row: Ranked) -> str:
     if row.spearman is None:
         return f"cannot tell: {row.share_told:.0%} of {row.n_nodes} nodes told"
-    r2 = "" if row.r2_h is None or row.r2_l is None else f"\nR² held out {row.r2_h:.2f}, {row.r2_l:.2f}"
+    r2 = "" if row.r2_h is None or row.r2_l is None else f"\nR² held out: light {row.r2_h:.2f}, blur {row.r2_l:.2f}"
     return f"rank {row.spearman:.2f}, {row.share_told:.0%} told{r2}"
 
 
@@ -242,9 +241,8 @@ def _say(axes: Axes, text: str, x: float, y: float) -> None:
     axes.text(x, y, text, transform=axes.transAxes, fontsize=7.5, va="top", bbox=box, zorder=6)
 
 
-def _value_name(maps: Maps, scores: NodeScores) -> str:
-    title = _TITLE_OF[scores.score].lower() if scores.score != "ap50" else "AP50"
-    return f"share kept of {title}" if maps.criterion.kept else title
+def _value_name(scores: NodeScores) -> str:
+    return scores.enough.title
 
 
 def _colour_bar(

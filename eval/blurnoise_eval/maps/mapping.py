@@ -16,15 +16,11 @@ from blurnoise.camera import Camera
 from blurnoise_eval.maps.nodes import Array, Plane, plane_of
 from blurnoise_eval.maps.predictor import Predictor, predictor_of
 from blurnoise_eval.maps.ranking import Ranked, ranked
-from blurnoise_eval.maps.scored import SCORES, NodeScores, of_groups, of_pictures, sizes_of
+from blurnoise_eval.maps.scored import NodeScores, scores_of
 from blurnoise_eval.quality.measure import METRICS, measure_at
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.per_condition import numbered, score_rows
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.coco_export import truths
-from blurnoise_eval.sweep.run_folder import moves
 
 Progress = Callable[[float], object]
 
@@ -96,7 +92,7 @@ def maps_of(
     noise fields of each chart. charted, scored: told 1 for every node and for every condition of a model.
     """
     metrics = _metrics(run, repeats, seed, threads, charted)
-    scores, withheld = _scores(store, run.plane, criterion, cluster, scored)
+    scores, withheld = scores_of(store, run.plane, criterion, cluster, scored)
     predictors = [predictor_of(run.plane, each) for each in scores]
     return Maps(
         run.camera,
@@ -117,18 +113,6 @@ def _metrics(run: RunNodes, repeats: int, seed: int, threads: int, progress: Pro
     )
     values = np.array([row.estimate.value for row in rows], float).reshape(len(conditions), len(METRICS))
     return {metric.name: values[:, place] for place, metric in enumerate(METRICS)}
-
-
-def _scores(
-    store: Store, plane: Plane, criterion: Criterion, cluster: str | None, progress: Progress
-) -> tuple[list[NodeScores], list[str]]:
-    models = [model["name"] for model in store.about("manifest")["models"]]
-    sums = list(queries.group_sums(store, FOUND_SCORE))
-    found, withheld = of_groups(sums, plane, numbered(queries.pictures_seen(store), cluster), criterion)
-    rows = score_rows(store, models, truths(store), progress, moves=moves(store), cluster=cluster)
-    together, silent = of_pictures(rows, plane, sizes_of(sums), criterion)
-    every = sorted([*found, *together], key=lambda each: (models.index(each.model), SCORES.index(each.score)))
-    return every, [*withheld, *silent]
 
 
 def by_model(scores: tuple[NodeScores, ...], score: str) -> list[tuple[str, list[NodeScores]]]:

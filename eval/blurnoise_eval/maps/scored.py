@@ -1,185 +1,157 @@
-"""Scores of a run at its nodes: means over pictures, kept shares of them, and what they are without each cluster.
+"""Scores of a run at its nodes: means over pictures or kept shares of them, and what they are without each cluster.
 
-Domain: shares. A kept share is a ratio of sums, over clusters, of a score by what the same model reaches with the same
-targets untouched; it may pass 1. Nodes without any target are NaN.
+Domain: values in the criterion's unit, as a run's surfaces have them; a kept share may pass 1. A node at which nothing
+was measured is NaN. Scores of AP belong to all targets of a size together, the others to each group.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from blurnoise_eval.grid.axes import setting_of, velocity_of
 from blurnoise_eval.maps.nodes import Array, Plane
+from blurnoise_eval.scoring import criterion as criteria
 from blurnoise_eval.scoring.certainty import mean_of
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.estimates import Estimate
-from blurnoise_eval.scoring.per_condition import Scored
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
+from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES
+from blurnoise_eval.scoring.score_surfaces import score_surfaces
+from blurnoise_eval.scoring.surfaces import Surface
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.run_scores import run_scores
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
-OF_TARGETS = ("target_confidence", "detection_rate", "exact_match")
-"""Scores that every target has, so that each group of them has its own."""
-OF_PICTURES = ("ap50",)
-"""Scores that only all targets of the pictures have together."""
-SCORES = (*OF_TARGETS, *OF_PICTURES)
-ALL = "all targets"
-_LEAST_REFERENCE = 1.0  # sum of a score over the untouched targets: below it a share of it is one of chance
+USUAL = {
+    "detector": (criteria.CONFIDENCE, criteria.RATE, "ap50"),
+    "reader": (criteria.CONFIDENCE, criteria.MATCHES),
+}
+"""Scores of either kind of model that are mapped, beside the criterion's own."""
+Progress = Callable[[float], object]
 
 
 @dataclass(frozen=True, eq=False)
 class NodeScores:
     """A score of a model for a group of targets at N nodes.
 
-    values: (N,). without: (C, N), with each of C clusters left out; NaN for clusters that have no target. level: what
-    is enough, in the unit of the values. clean: the score of the untouched pictures, None where they have none.
-    size_px: mean side of the targets. counts: (N,) targets, times noise fields.
+    values: (N,). without: (C, N), with each of C clusters left out; NaN for clusters that count nowhere. enough: the
+    criterion with this score, ``enough.level`` in the unit of the values. clean: the score of the untouched pictures.
+    size_px: mean side of the targets, NaN where it is not known.
     """
 
     model: str
     group: str
-    score: str
+    enough: Criterion
     values: Array
     without: Array
-    counts: Array
-    level: float
+    n_targets: int
     clean: float | None
     size_px: float
 
     @property
-    def told(self) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    def score(self) -> str:
+        """The score's name."""
+        return self.enough.score
+
+    @property
+    def level(self) -> float:
+        """What is enough."""
+        return self.enough.level
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
         """The nodes at which there is a value, (N,)."""
         return np.isfinite(self.values)
 
 
-def of_groups(
-    rows: Iterable[Mapping[str, Any]], plane: Plane, cluster_of: Mapping[str, int], criterion: Criterion
-) -> tuple[list[NodeScores], list[str]]:
-    """Scores of every model and group, from the store's ``queries.group_sums``; and what is withheld, in words.
+class RunScores(NamedTuple):
+    """Scores of each model and group, score by score, and what is withheld, in words."""
 
-    cluster_of: the number of each picture's cluster.
+    every: list[NodeScores]
+    withheld: list[str]
+
+
+def scores_of(
+    store: Store,
+    plane: Plane,
+    criterion: Criterion,
+    cluster: str | None = None,
+    progress: Progress = lambda count: None,
+) -> RunScores:
+    """The scores that are usual of the run's models, and the criterion's, at the nodes.
+
+    cluster: a pattern on pictures' names. progress: told 1 for each condition of each model that is scored.
     """
-    node_at = _node_at(plane)
-    found: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
-    for row in rows:
-        found[row["model"], row["group"]].append(row)
-    kept: list[NodeScores] = []
+    models = store.about("manifest")["models"]
+    names = [model["name"] for model in models]
+    sizes_px = _sizes_px(store)
+    every: list[NodeScores] = []
     withheld: list[str] = []
-    for (model, group), own in found.items():
-        size_px = sum(row["side_px"] for row in own) / sum(row["n"] for row in own)
-        for score in OF_TARGETS:
-            if any(row[score] is None for row in own):
-                continue
-            clean = {row["image"]: (row[score], row["n"]) for row in own if row["clean"]}
-            reference = sum(value for value, _ in clean.values())
-            if criterion.kept and reference < _LEAST_REFERENCE:
+    for score in dict.fromkeys([criterion.score, *USUAL[models[0]["kind"]]]):
+        enough = replace(criterion, score=score)
+        if score in PRECISIONS:
+            sized = run_scores(store, names, cluster, progress, by_size=score).sized
+            groups = score_surfaces(sized, enough.kept)
+        else:
+            groups = grouped_surfaces(store, enough, cluster)
+        for alike in groups:
+            first = alike[0]
+            if too_little(first):
                 withheld.append(
-                    f"{model}, {group}, {score}: a sum of {reference:.2g} over all untouched targets is too little "
-                    "to keep a share of"
+                    f"{first.model}, {first.group}, {score}: {first.reference:.2g} in sum over the untouched targets, "
+                    "too little to say what is kept of it"
                 )
                 continue
-            shape = 1 + max(cluster_of.values(), default=0), len(plane.nodes)
-            sums, counts, targets = np.zeros(shape), np.zeros(shape), np.zeros(shape[1])
-            for row in own:
-                node = node_at.get(tuple(row[name] for name in CONDITIONS))
-                if node is None or (criterion.kept and row["image"] not in clean):
-                    continue
-                place = cluster_of[row["image"]], node
-                share, of = clean[row["image"]] if criterion.kept else (row["n"], row["n"])
-                sums[place] += row[score]
-                counts[place] += share * row["n"] / of
-                targets[node] += row["n"]
-            measured = reference / n_clean if (n_clean := sum(n for _, n in clean.values())) else None
-            values, without = mean_of(sums, counts), _without(sums, counts)
-            kept.append(
-                NodeScores(
-                    model, group, score, values, without, targets, criterion.level, measured, size_px
-                )
-            )
-    return kept, withheld
+            every.append(at_nodes(alike, plane, enough, sizes_px.get((first.model, first.group), np.nan)))
+    return RunScores(sorted(every, key=lambda each: names.index(each.model)), withheld)
 
 
-def of_pictures(
-    rows: Iterable[Scored], plane: Plane, sizes_px: Mapping[str, float], criterion: Criterion
-) -> tuple[list[NodeScores], list[str]]:
-    """Scores that all targets have together, from the rows of scores; and what is withheld, in words.
-
-    sizes_px: mean side of each model's targets. Of conditions on one node the mean.
-    """
+def at_nodes(alike: Sequence[Surface], plane: Plane, enough: Criterion, size_px: float) -> NodeScores:
+    """The surfaces of a model and group in their several settings, at the nodes; conditions of one node together."""
     node_at = _node_at(plane)
-    found: dict[str, list[Scored]] = defaultdict(list)
-    for each in rows:
-        found[each.row["model"]].append(each)
-    kept: list[NodeScores] = []
-    withheld: list[str] = []
-    for model, own in found.items():
-        clean = next((each for each in own if each.row["clean"]), None)
-        for score in OF_PICTURES:
-            if model not in sizes_px or not any(
-                each.estimates[score].departures is not None for each in own if not each.row["clean"]
-            ):
-                continue
-            reference = None if clean is None else clean.estimates[score]
-            if criterion.kept and (reference is None or not reference.value):
-                withheld.append(f"{model}, {ALL}, {score}: nothing is right in the untouched pictures")
-                continue
-            totals: dict[int, list[Array]] = defaultdict(list)
-            counts = np.zeros(len(plane.nodes))
-            for each in own:
-                node = node_at.get(tuple(each.row[name] for name in CONDITIONS))
-                estimate = each.estimates[score]
-                if node is not None and estimate.value is not None and estimate.departures is not None:
-                    totals[node].append(_all_and_without(estimate))
-                    counts[node] += each.row["n_targets"] or 0
-            every = np.full((max(len(one[0]) for one in totals.values()), len(plane.nodes)), np.nan)
-            for node, several in totals.items():
-                every[:, node] = np.mean(several, axis=0)
-            if criterion.kept and reference is not None:
-                own_clean = _all_and_without(reference)[:, None]
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    every = np.where(own_clean > 0, every / own_clean, np.nan)
-            of_clean = None if reference is None else reference.value
-            kept.append(
-                NodeScores(
-                    model, ALL, score, every[0], every[1:], counts, criterion.level, of_clean, sizes_px[model]
-                )
-            )
-    return kept, withheld
+    clusters = tuple(dict.fromkeys(cluster for surface in alike for cluster in surface.clusters))
+    sums, counts = np.zeros((2, len(clusters), len(plane.nodes)))
+    for surface in alike:
+        own_sums, own_counts = surface.of_clusters(clusters)
+        for e, exposure_s in enumerate(surface.exposures_s):
+            for v, velocity in enumerate(surface.velocities_px_s):
+                node = node_at.get((surface.setting, exposure_s, velocity))
+                if node is not None:
+                    sums[:, node] += own_sums[:, e, v]
+                    counts[:, node] += own_counts[:, e, v]
+    fullest = max(alike, key=lambda surface: surface.n_targets)
+    own = mean_of(sums, counts), _without(sums, counts)
+    return NodeScores(
+        fullest.model, fullest.group, enough, *own, fullest.n_targets, fullest.clean, size_px
+    )
 
 
-def sizes_of(rows: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Mean side of each model's targets, px, from ``queries.group_sums``."""
-    sides: dict[str, list[tuple[float, int]]] = defaultdict(list)
-    for row in rows:
-        sides[row["model"]].append((row["side_px"], row["n"]))
-    return {model: sum(s for s, _ in each) / sum(n for _, n in each) for model, each in sides.items()}
-
-
-def _node_at(plane: Plane) -> dict[tuple[Any, ...], int]:
-    """The node of a condition, by its columns."""
-    columns = (tuple(row[name] for name in CONDITIONS) for row in plane.rows)
-    return dict(zip(columns, plane.node_of.tolist(), strict=True))
+def _node_at(plane: Plane) -> Mapping[tuple[object, ...], int]:
+    """The node of a condition: setting, exposure and velocity."""
+    places = ((setting_of(row), row["exposure_s"], velocity_of(row)) for row in plane.rows)
+    return dict(zip(places, plane.node_of.tolist(), strict=True))
 
 
 def _without(sums: Array, counts: Array) -> Array:
-    """(C, N): the ratio of sums without each cluster; NaN for those that count nowhere."""
+    """(C, N): the ratio of sums without each cluster."""
     left = counts.sum(axis=0) - counts
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(left > 0, (sums.sum(axis=0) - sums) / left, np.nan)
-    return np.asarray(np.where((counts > 0).any(axis=1)[:, None], ratio, np.nan))
+    counting = (np.abs(sums) + counts > 0).any(axis=1)
+    return np.asarray(np.where(counting[:, None], ratio, np.nan))
 
 
-def _all_and_without(estimate: Estimate) -> Array:
-    """(1 + C,): the value, and that without each cluster (:func:`~.certainty.jackknife` turned round)."""
-    away = np.asarray(estimate.departures, float)
-    n = np.isfinite(away).sum()
-    value = float(estimate.value or 0.0)
-    return np.concatenate([[value], value - away / max(n - 1, 1)])
-
-
-def groups_by_size(scores: Sequence[NodeScores]) -> list[str]:
-    """The groups, those with most targets first."""
-    most = {each.group: float(each.counts.sum()) for each in scores}
-    return sorted(most, key=lambda group: -most[group])
+def _sizes_px(store: Store) -> dict[tuple[str, str], float]:
+    """Mean side, half of width and height, of each model's targets by group, and by the sizes of COCO."""
+    sides: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for row in queries.target_boxes(store):
+        width, height = row["width_px"], row["height_px"]
+        own = [size for size, (low, high) in zip(SIZES, AREAS_PX2, strict=True) if low <= width * height <= high]
+        for group in (row["group"], *own):
+            sides[row["model"], group].append((width + height) / 2)
+    return {key: float(np.mean(each)) for key, each in sides.items()}

@@ -89,11 +89,11 @@ def _unseen() -> Array:
 def departures(sums: ArrayLike, counts: ArrayLike) -> Array:
     """What each cluster contributes to the mean's departure, (n, ...), by leaving it out (jackknife).
 
-    NaN for clusters in which nothing is counted: they say nothing of this mean.
+    NaN for clusters in which nothing is counted nor found: they say nothing of this mean.
     """
     total, count = np.asarray(sums, float), np.asarray(counts, float)
     with np.errstate(invalid="ignore", divide="ignore"):
-        here = np.where(count > 0, count, np.nan)
+        here = np.where((count > 0) | (total > 0), count, np.nan)
         others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
         return np.asarray(np.where(others > 0, (total - mean_of(total, count) * here) / others, np.nan))
 

@@ -102,13 +102,15 @@ class Crossed:
 class Curve:
     """A mean over clusters along an axis.
 
-    x: (N,) increasing. sums: (C, N) of the values in each cluster; counts: (C, N) how many they are.
+    x: (N,) increasing. sums: (C, N) of the values in each cluster; counts: (C, N) how many they are, or of what
+    they are shares. most: the greatest value of the mean; the least is 0.
     """
 
     x: tuple[float, ...]
     sums: Array
     counts: Array
     logarithmic: bool = False
+    most: float = 1.0
 
     @cached_property
     def mean(self) -> Array:
@@ -123,7 +125,7 @@ class Curve:
     @property
     def n_clusters(self) -> int:
         """How many clusters have a value anywhere."""
-        return int((self.counts > 0).any(axis=1).sum())
+        return int(((self.counts > 0) | (self.sums > 0)).any(axis=1).sum())
 
     @property
     def n_effective(self) -> float:
@@ -147,12 +149,12 @@ class Curve:
             low, high = values[..., before], values[..., after]
             return np.asarray(np.where(share == 0, low, low + share * (high - low)))
 
-        ends = certainty.interval(between(self.mean), between(self.departures), within=(0.0, 1.0))
+        ends = certainty.interval(between(self.mean), between(self.departures), within=(0.0, self.most))
         told = self.told[before] & self.told[after]
-        return certainty.Ends(*(np.where(told, end.clip(0, 1), np.nan) for end in ends))
+        return certainty.Ends(*(np.where(told, end.clip(0, self.most), np.nan) for end in ends))
 
     def interval(self) -> certainty.Ends | None:
-        """The 95 % interval of the mean of values in [0, 1], two of (N,); None from too few clusters."""
+        """The 95 % interval of the mean, two of (N,); None from too few clusters."""
         low, high = (end[::_STEPS] for end in self._ends)
         return certainty.Ends(low, high) if np.isfinite(low).all() else None
 
@@ -166,9 +168,10 @@ class Curve:
         measured = np.isfinite(self.departures)
         part = np.where(measured, self.departures, 0.0) @ weights
         area = float(self.mean @ weights)
-        low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan), within=(0.0, 1.0))
+        within = 0.0, self.most
+        low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan), within=within)
         known = self.n_effective >= certainty.FEWEST and np.isfinite(low)
-        return area, (float(low.clip(0, 1)), float(high.clip(0, 1))) if known else (None, None)
+        return area, (float(low.clip(*within)), float(high.clip(*within))) if known else (None, None)
 
     def crossed(self, threshold: float) -> Crossed:
         """Where the curve is at or above the threshold: by its mean, surely, possibly."""

@@ -1,6 +1,7 @@
 """Curves of a group of targets over one axis, or blur: how long they hold, and how certain that is.
 
-Domain: axes as in :mod:`blurnoise_eval.grid.axes`; blur in px, confidences in [0, 1].
+Domain: axes as in :mod:`blurnoise_eval.grid.axes`; blur in px, confidences in the unit of a criterion: its score,
+or the share of it that is kept.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY, axis
 from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.crossings import Curve, coordinate
 from blurnoise_eval.scoring.matching import failure_point
 from blurnoise_eval.scoring.surfaces import Surface
@@ -30,11 +32,11 @@ class Endurance:
 
     axis: the name of an axis or "blur_px". at: values of all axes, None on those that vary along the curve.
     x: increasing. auc: area under the curve over the range of x, so the mean confidence over it. fails_at: where
-    the curve falls below the threshold for good (x[0]: it is below throughout), None where it does not within the
+    the curve falls below the criterion for good (x[0]: it is below throughout), None where it does not within the
     range. Intervals at 95 % over ``n_pictures`` clusters: auc_low, auc_high; fails_low, fails_high, None at an
     end that is not reached within the range. None throughout below 8 pictures; few_pictures: below 20, both as
     :func:`~blurnoise_eval.scoring.certainty.effective`.
-    non_monotonic: the curve had been below and come back.
+    non_monotonic: the curve had been below and come back. criterion: in words.
     """
 
     model: str
@@ -52,6 +54,7 @@ class Endurance:
     auc_high: float | None
     n_pictures: int
     few_pictures: bool
+    criterion: str
 
     def row(self) -> dict[str, Any]:
         """As a table's row: the axes are columns, the light before the others."""
@@ -62,22 +65,25 @@ class Endurance:
         return {"model": self.model, "group": self.group, **first, **self.at, **rest}
 
 
-def endurances(surface: Surface, threshold: float) -> Iterator[Endurance]:
+def endurances(surface: Surface, criterion: Criterion) -> Iterator[Endurance]:
     """Every curve of the surface with at least two points: over exposure, then over blur."""
     exposures = np.array(surface.exposures_s)
     for v, velocity in enumerate(surface.velocities_px_s):
-        curve = _measured(exposures, surface.sums[:, :, v], surface.counts[:, :, v], "exposure_s")
+        curve = _measured(
+            exposures, surface.sums[:, :, v], surface.counts[:, :, v], "exposure_s", surface.most
+        )
         if curve is not None:
-            yield _endurance(surface, "exposure_s", (None, *velocity), curve, threshold)
+            yield _endurance(surface, "exposure_s", (None, *velocity), curve, criterion)
     speeds, place = np.unique([np.hypot(*v) for v in surface.velocities_px_s], return_inverse=True)
     alike = (np.arange(len(speeds)) == place[:, None]).astype(float)  # directions of one speed are one point
     for e, exposure_s in enumerate(surface.exposures_s):
-        curve = _measured(speeds * exposure_s, surface.sums[:, e] @ alike, surface.counts[:, e] @ alike, BLUR)
+        of_speeds = surface.sums[:, e] @ alike, surface.counts[:, e] @ alike
+        curve = _measured(speeds * exposure_s, *of_speeds, BLUR, surface.most)
         if curve is not None:
-            yield _endurance(surface, BLUR, (exposure_s, None, None), curve, threshold)
+            yield _endurance(surface, BLUR, (exposure_s, None, None), curve, criterion)
 
 
-def endurances_across(found: Sequence[Surface], threshold: float) -> Iterator[Endurance]:
+def endurances_across(found: Sequence[Surface], criterion: Criterion) -> Iterator[Endurance]:
     """Every curve with at least two points over an axis of the setting on which a detector fails, at one exposure
     and velocity.
 
@@ -110,9 +116,9 @@ def endurances_across(found: Sequence[Surface], threshold: float) -> Iterator[En
                     for index in line
                 ]
                 sums, counts = (np.stack(part, axis=1) for part in zip(*cuts, strict=True))
-                curve = _measured(x, sums, counts, name)
+                curve = _measured(x, sums, counts, name, max(found[index].most for index in line))
                 if curve is not None:
-                    yield _endurance(found[line[0]], name, (exposure_s, *velocity), curve, threshold)
+                    yield _endurance(found[line[0]], name, (exposure_s, *velocity), curve, criterion)
 
 
 def mean_auc(found: Sequence[Endurance], axis: str) -> float | None:
@@ -129,23 +135,23 @@ def _cut(values: Array, surface: Surface, exposure_s: float, velocity: tuple[flo
     return np.asarray(values[:, e, v])
 
 
-def _measured(x: Array, sums: Array, counts: Array, over: str) -> Curve | None:
+def _measured(x: Array, sums: Array, counts: Array, over: str, most: float) -> Curve | None:
     """The curve through the points that were measured; None through fewer than two. Over blur it is straight in px,
     since pictures at rest have none."""
     there = counts.sum(axis=0) > 0
     if there.sum() < 2:
         return None
     logarithmic = over != BLUR and axis(over).logarithmic
-    return Curve(tuple(x[there].tolist()), sums[:, there], counts[:, there], logarithmic)
+    return Curve(tuple(x[there].tolist()), sums[:, there], counts[:, there], logarithmic, most)
 
 
-def _endurance(surface: Surface, over: str, place: Place, curve: Curve, threshold: float) -> Endurance:
+def _endurance(surface: Surface, over: str, place: Place, curve: Curve, criterion: Criterion) -> Endurance:
     values: dict[str, float | None] = dict(zip(("exposure_s", *VELOCITY), place, strict=True))
     values |= dict(zip(SETTING, surface.setting, strict=True))
     at = {name: None if name == over else values[name] for name in NAMES}
-    crossed, n = curve.crossed(threshold), curve.n_clusters
+    crossed, n = curve.crossed(criterion.level), curve.n_clusters
     straight = coordinate(curve.x, curve.logarithmic).tolist()
-    _, returned = failure_point(straight, curve.mean.tolist(), threshold)
+    _, returned = failure_point(straight, curve.mean.tolist(), criterion.level)
     ends = [window[1] for window in crossed.windows]
     at_end = ends[-1] if ends else curve.x[0]
     auc, (auc_low, auc_high) = curve.area()
@@ -158,7 +164,7 @@ def _endurance(surface: Surface, over: str, place: Place, curve: Curve, threshol
         curve.x,
         tuple(curve.mean.tolist()),
         auc,
-        None if curve.mean[-1] >= threshold else at_end,
+        None if curve.mean[-1] >= criterion.level else at_end,
         low,
         high,
         returned,
@@ -166,4 +172,5 @@ def _endurance(surface: Surface, over: str, place: Place, curve: Curve, threshol
         auc_high,
         n,
         curve.n_effective < certainty.FEW,
+        criterion.text,
     )

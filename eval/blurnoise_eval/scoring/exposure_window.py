@@ -1,7 +1,8 @@
-"""The exposure window in which a detector keeps its confidence, and an exposure inside it.
+"""The exposure window in which a detector fulfils a criterion, and an exposure inside it.
 
-Domain: exposures in s, logarithmic; confidences and shares in [0, 1]. An end of the tested range is unknown, never
-an edge: a window reaches at least that far.
+Domain: exposures in s, logarithmic; confidences in the criterion's unit: its score, or the share of it that is kept
+(above 1 where a condition does better than the untouched pictures). An end of the tested range is unknown, never an
+edge: a window reaches at least that far.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY
 from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.crossings import Bounds, Crossed, Curve, Stretch, windows
+from blurnoise_eval.scoring.limits import DARK, Limit, Limits, Line, of_best, of_window
 from blurnoise_eval.scoring.surfaces import Surface
 
 NEAR_BEST = 0.02
@@ -35,21 +38,28 @@ Array = NDArray[np.float64]
 class Answer:
     """What to do for one model and kind of target in one setting and at one velocity.
 
-    at: values of all axes but the exposure. exposures_s: tested, increasing; confidence: mean over the
-    ``n_targets`` targets (times repeats) at each; low, high: its 95 % interval over ``n_pictures`` clusters, None
-    below 8; few_pictures: fewer than 20; both count as :func:`~blurnoise_eval.scoring.certainty.effective`.
-    saturated: mean share of the pictures' values at a limit of the sensor, None where it is not known.
+    criterion: what is enough, in words. at: values of all axes but the exposure. exposures_s: tested, increasing;
+    confidence: of the ``n_targets`` targets (times repeats) at each, in the criterion's unit; low, high: its 95 %
+    interval over ``n_pictures`` clusters, None below 8; few_pictures: fewer than 20; both count as
+    :func:`~blurnoise_eval.scoring.certainty.effective`. saturated: mean share of the pictures' values at a limit of
+    the sensor, None where it is not known.
 
-    verdict: "works": at some tested exposure ``low`` is at or above the threshold; "no exposure works": ``high`` is
+    verdict: "works": at some tested exposure ``low`` is at or above its level; "no exposure works": ``high`` is
     at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
     many should be enough if they are like these (None: more than 9999). windows_s: stretches of exposure in which
-    the mean stays at or above the threshold; windows_low_s, windows_high_s: the 95 % intervals of their first and
+    the mean stays at or above it; windows_low_s, windows_high_s: the 95 % intervals of their first and
     last exposures, None at an end that lies outside the tested range or is not known. sure_windows_s: where it is
     surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
 
-    recommended_s: a tested exposure, None when the mean reaches the threshold nowhere; unless the verdict is
+    recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is
     "works" it is only the best guess. recommended_low, recommended_high: the interval of its confidence.
     regret_95: what it loses at most, at 95 %, against the best of the tested exposures.
+
+    best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
+    best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
+    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them;
+    limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
+    pictures, None where it is not known.
     """
 
     model: str
@@ -77,6 +87,16 @@ class Answer:
     regret_95: float | None
     saturated: tuple[float, ...] | None
     saturated_at_recommended: float | None
+    criterion: str
+    best_s: float
+    best_value: float
+    best_low: float | None
+    best_high: float | None
+    limited_low: Limit | None
+    limited_high: Limit | None
+    limited_by: str | None
+    limits_untold: str | None
+    clean_value: float | None
 
     def row(self) -> dict[str, Any]:
         """As a table's row: the axes are columns."""
@@ -133,9 +153,11 @@ def recommend(
     return exposures_s[chosen], confidence[chosen]
 
 
-def answers(surface: Surface, threshold: float) -> list[Answer]:
-    """One :class:`Answer` for every velocity of the surface."""
+def answers(surface: Surface, criterion: Criterion, dark_below: float = DARK) -> list[Answer]:
+    """One :class:`Answer` for every velocity of the surface; dark_below: as :class:`~.limits.Line` has it."""
     found = []
+    speeds = [math.hypot(*velocity) for velocity in surface.velocities_px_s]
+    slowest = int(np.argmin(speeds))
     for v, velocity in enumerate(surface.velocities_px_s):
         measured = surface.counts[:, :, v].sum(axis=0) > 0
         if not measured.any():
@@ -145,11 +167,20 @@ def answers(surface: Surface, threshold: float) -> list[Answer]:
             surface.sums[:, measured, v],
             surface.counts[:, measured, v],
             logarithmic=True,
+            most=surface.most,
+        )
+        line = Line(
+            curve.x,
+            curve.mean,
+            surface.mean[measured, slowest] if speeds[v] > speeds[slowest] else None,
+            speeds[v] > 0,
+            surface.saturated[measured, v],
+            surface.brightness[measured, v],
+            dark_below,
         )
         at = dict(zip((*SETTING, *VELOCITY), (*surface.setting, *velocity), strict=True))
         shared = surface.model, surface.group, {name: at[name] for name in NAMES if name in at}
-        saturated = surface.saturated[measured, v]
-        found.append(_answer(shared, surface.n_targets, curve, threshold, saturated))
+        found.append(answer(shared, surface.n_targets, curve, line, criterion, surface.clean))
     return found
 
 
@@ -158,12 +189,11 @@ def flat(row: Mapping[str, Any]) -> dict[str, Any]:
     lists = ("exposures_s", "confidence", "low", "high", "saturated")
     kept = {name: value for name, value in row.items() if name not in lists and "windows" not in name}
     spans = list(zip(row["windows_s"], row["windows_low_s"], row["windows_high_s"], strict=True))
-    chosen = row["recommended_s"]
-    held = [span for span in spans if chosen is not None and span[0][0] <= chosen <= span[0][1]]
     names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
     ends: list[float | None] = [None] * len(names)
     if spans:
-        (low, high), low_bounds, high_bounds = (held or spans)[0]
+        place = chosen_window(row["windows_s"], row["recommended_s"])
+        (low, high), low_bounds, high_bounds = spans[place]
         ends = [low, *low_bounds, high, *high_bounds]
     return {**kept, "n_windows": len(spans), **dict(zip(names, ends, strict=True))}
 
@@ -174,21 +204,27 @@ def natural(text: str) -> list[tuple[int, float, str]]:
     return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
 
 
-def _answer(
+def answer(
     shared: tuple[str, str, Mapping[str, float]],
     n_targets: int,
     curve: Curve,
-    threshold: float,
-    shares: Array,
+    line: Line,
+    criterion: Criterion,
+    clean_value: float | None,
 ) -> Answer:
-    mean, n, crossed = curve.mean.tolist(), curve.n_clusters, curve.crossed(threshold)
+    """The answer of one line of exposures. shared: model, group, values of all axes but the exposure."""
+    mean, crossed = curve.mean.tolist(), curve.crossed(criterion.level)
     sure = [any(low <= x <= high for low, high in crossed.sure) for x in curve.x]
     verdict = _verdict(crossed, sure)
-    saturated = tuple(shares.tolist()) if np.isfinite(shares).all() else None
-    choice = recommend(curve.x, mean, threshold, sure=sure, saturated=saturated)
+    saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
+    choice = recommend(curve.x, mean, criterion.level, sure=sure, saturated=saturated)
     chosen = None if choice is None else curve.x.index(choice[0])
+    best = int(np.argmax(mean))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
+    limits = _limits(
+        line, crossed.windows, None if choice is None else choice[0], best, criterion, clean_value
+    )
     return Answer(
         *shared,
         n_targets=n_targets,
@@ -197,14 +233,14 @@ def _answer(
         low=low,
         high=high,
         windows_s=crossed.windows,
-        open_low=mean[0] >= threshold,
-        open_high=mean[-1] >= threshold,
+        open_low=mean[0] >= criterion.level,
+        open_high=mean[-1] >= criterion.level,
         recommended_s=None if choice is None else choice[0],
         confidence_at_recommended=None if choice is None else choice[1],
-        n_pictures=n,
+        n_pictures=curve.n_clusters,
         few_pictures=curve.n_effective < certainty.FEW,
         verdict=verdict,
-        pictures_to_tell=_pictures_to_tell(curve, threshold) if verdict == "cannot tell" else None,
+        pictures_to_tell=_pictures_to_tell(curve, criterion.level) if verdict == "cannot tell" else None,
         windows_low_s=tuple(crossed.around(window[0]) for window in crossed.windows),
         windows_high_s=tuple(crossed.around(window[1]) for window in crossed.windows),
         sure_windows_s=crossed.sure,
@@ -213,7 +249,38 @@ def _answer(
         regret_95=None if chosen is None else _regret(curve, chosen),
         saturated=saturated,
         saturated_at_recommended=None if chosen is None or saturated is None else saturated[chosen],
+        criterion=criterion.text,
+        best_s=curve.x[best],
+        best_value=mean[best],
+        best_low=None if low is None else low[best],
+        best_high=None if high is None else high[best],
+        limited_low=limits.low,
+        limited_high=limits.high,
+        limited_by=limits.by,
+        limits_untold=limits.untold,
+        clean_value=clean_value,
     )
+
+
+def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> int:
+    """The place of the window that holds the recommended exposure, or else of the first."""
+    held = [recommended_s is not None and low <= recommended_s <= high for low, high in windows_s]
+    return held.index(True) if any(held) else 0
+
+
+def _limits(
+    line: Line,
+    found: Sequence[Stretch],
+    recommended_s: float | None,
+    best: int,
+    criterion: Criterion,
+    clean_value: float | None,
+) -> Limits:
+    if found:
+        return of_window(line, found[chosen_window(found, recommended_s)], criterion.level)
+    if not criterion.kept and clean_value is not None and clean_value < criterion.level:
+        return Limits(by="the model, as the untouched pictures show")
+    return of_best(line, best)
 
 
 def _verdict(crossed: Crossed, sure: Sequence[bool]) -> Verdict:
@@ -230,7 +297,7 @@ def _pictures_to_tell(curve: Curve, threshold: float) -> int | None:
         return None
     margin, spread = curve.mean - threshold, np.nanstd(curve.departures, axis=0)
     above = margin > 0
-    away = np.where(above, curve.mean, 1 - curve.mean)  # the bound beyond the threshold pulls
+    away = np.where(above, curve.mean, curve.most - curve.mean)  # the bound beyond the threshold pulls
     asked = zip(np.abs(margin).tolist(), spread.tolist(), away.tolist(), strict=True)
     needed = np.array([certainty.pictures_to_tell(*each, _MOST_PICTURES) for each in asked])
     count = int(needed[above].min() if above.any() else needed.max())

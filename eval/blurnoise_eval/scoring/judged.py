@@ -24,7 +24,7 @@ from blurnoise_eval.scoring.matching import (
     share_inside,
     swept_within,
 )
-from blurnoise_eval.scoring.precision import Answered, Precision, precision
+from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Answered, Precision, precision
 
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
 """Names, and their places in COCO's summary."""
@@ -100,12 +100,37 @@ class Judged:
         """COCO's averages by the names of ``COCO_SCORES``."""
         if self.truth is None or not self._annotations:
             return dict.fromkeys(COCO_SCORES, Estimate(None))
-        found = self._precision(self._targets)
-        every, sizes = found.precision.mean(axis=2), ("small", "medium", "large")
+        found = self._at_middle
+        every = found.precision.mean(axis=2)
         averages = {"ap": every[:, 0], "ap50": found.precision[:, 0, 0], "ap75": found.precision[:, 0, 5]}
-        averages |= {f"ap_{size}": every[:, place] for place, size in enumerate(sizes, start=1)}
+        averages |= {f"ap_{size}": every[:, place] for place, size in enumerate(SIZES[1:], start=1)}
         averages["ar100"] = found.recall.mean(axis=1)
         return {name: left_out(values) for name, values in averages.items()}
+
+    def precision_by_size(self, score: str) -> dict[str, Estimate]:
+        """ "ap" or "ap50" of the targets of each of ``SIZES``."""
+        if self.truth is None or not self._annotations:
+            return dict.fromkeys(SIZES, Estimate(None))
+        found = self._at_middle.precision
+        values = found[:, :, 0] if score == "ap50" else found.mean(axis=2)
+        return {size: left_out(values[:, place]) for place, size in enumerate(SIZES)}
+
+    @property
+    def targets_by_size(self) -> dict[str, int]:
+        """How many targets of each of ``SIZES`` the pictures have, each once; crowds are none."""
+        seen = {} if self.truth is None else {self.truth.image_ids[name] for name, _, _ in self.found}
+        own = [
+            target for number in seen for target in self._targets.get(number, ()) if not target.get("iscrowd")
+        ]
+        areas = np.array([target["area"] for target in own], float)
+        return {
+            size: int(((low <= areas) & (areas <= high)).sum())
+            for size, (low, high) in zip(SIZES, AREAS_PX2.tolist(), strict=True)
+        }
+
+    @cached_property
+    def _at_middle(self) -> Precision:
+        return self._precision(self._targets)
 
     @cached_property
     def swept_ap50(self) -> Estimate:
@@ -118,6 +143,10 @@ class Judged:
     @cached_property
     def alarms(self) -> Alarms | None:
         """Detections that count as alarms; None without a truth to hold them against."""
+        return self.alarms_from(FOUND_SCORE)
+
+    def alarms_from(self, least: float) -> Alarms | None:
+        """Those of at least this confidence."""
         if self.truth is None:
             return None
         scores, right, cluster = [np.zeros(0)], [np.zeros(0, bool)], [np.zeros(0, np.int64)]
@@ -125,7 +154,7 @@ class Judged:
         for name, _, each in self.found:
             pictures[self._clusters[name]] += 1
             targets = self._targets.get(self.truth.image_ids[name], ())
-            certain = each[each.scores >= FOUND_SCORE]
+            certain = each[each.scores >= least]
             for class_id in np.unique(certain.class_ids):
                 category = self.truth.category_of.get(int(class_id))
                 if category is None:

@@ -27,10 +27,13 @@ MEANS = (
 
 
 class Scored(NamedTuple):
-    """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row."""
+    """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row; a score by
+    the size of targets, if asked for, and how many of these there are."""
 
     row: dict[str, Any]
     performance: Estimate
+    sizes: Mapping[str, Estimate]
+    n_targets: Mapping[str, int]
 
 
 def score_rows(
@@ -44,15 +47,16 @@ def score_rows(
         None,
     ),
     cluster: str | None = None,
+    by_size: str | None = None,
 ) -> Iterator[Scored]:
     """One row per model and condition, the untouched pictures first: three columns for each of ``SCORES``.
 
     NAME, NAME_low and NAME_high: the value and its 95 % interval over clusters of pictures (all repeats of a
     picture are in one), None where it cannot be told. truth_of: a model's truth, None for a reader. moves: where
     the conditions of a row have moved the truth's boxes, and what these sweep. cluster: a pattern on pictures'
-    names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. Where the camera has set the exposure, a row's
-    is the mean over its pictures. Pictures that could not be read do not count;
-    those on which the model failed count as answered by nothing.
+    names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. by_size: "ap" or "ap50" of the sizes, too. Where
+    the camera has set the exposure, a row's is the mean over its pictures. Pictures that could not be read do not
+    count; those on which the model failed count as answered by nothing.
     """
     clusters = numbered(queries.pictures_seen(store), cluster)
     for model in models:
@@ -66,7 +70,9 @@ def score_rows(
             progress(1)
             shared = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
-            yield Scored(shared | scores, judged.mean("exact_match") if truth is None else judged.coco["ap"])
+            of_run = judged.mean("exact_match") if truth is None else judged.coco["ap"]
+            sizes = judged.precision_by_size(by_size) if by_size else {}
+            yield Scored(shared | scores, of_run, sizes, judged.targets_by_size if by_size else {})
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:

@@ -18,9 +18,10 @@ from blurnoise_eval.scoring.matching import MOST_DETECTIONS, RECALLS, overlaps
 
 IOUS = np.linspace(0.5, 0.95, 10)
 _LIMITS = np.minimum(IOUS, 1 - 1e-10)
-_AREAS_PX2 = np.array(
-    [(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float
-)  # all, small, medium, large
+SIZES = ("all", "small", "medium", "large")
+"""Of targets, by COCO."""
+AREAS_PX2 = np.array([(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float)
+"""Of each of ``SIZES``: from, to."""
 _AT_ONCE = 4_000_000  # numbers that are worked on at a time
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -65,8 +66,8 @@ def precision(pictures: Iterable[Answered], category_of: Mapping[int, int], clus
     places = np.full(max(category_of, default=0) + 2, -1)  # by a class's number; the last: none
     for number, category in category_of.items():
         places[number] = place_of[category]
-    targets = np.zeros((clusters, len(_AREAS_PX2), max(len(place_of), 1)))
-    flags = np.zeros((len(_AREAS_PX2), len(IOUS), 0), bool)
+    targets = np.zeros((clusters, len(AREAS_PX2), max(len(place_of), 1)))
+    flags = np.zeros((len(AREAS_PX2), len(IOUS), 0), bool)
     parts = [_Found(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), flags, flags)]
     parts += [_matched(picture, places, place_of, targets) for picture in every]
     joined: list[Any] = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
@@ -105,14 +106,14 @@ def _matched(
     category = known[index]
     boxes = detections.boxes_xyxy[index].astype(float)
     area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
-    outside = (area < _AREAS_PX2[:, :1]) | (area > _AREAS_PX2[:, 1:])
-    right = np.zeros((len(_AREAS_PX2), len(IOUS), len(index)), bool)
+    outside = (area < AREAS_PX2[:, :1]) | (area > AREAS_PX2[:, 1:])
+    right = np.zeros((len(AREAS_PX2), len(IOUS), len(index)), bool)
     ignored = np.repeat(outside[:, None], len(IOUS), axis=1)
     for place in {place_of[target["category_id"]] for target in picture.targets}:
         of_place = [target for target in picture.targets if place_of[target["category_id"]] == place]
         sizes = np.array([target["area"] for target in of_place], float)
         crowd = np.array([bool(target.get("iscrowd")) for target in of_place])
-        aside = crowd | (sizes < _AREAS_PX2[:, :1]) | (sizes > _AREAS_PX2[:, 1:])
+        aside = crowd | (sizes < AREAS_PX2[:, :1]) | (sizes > AREAS_PX2[:, 1:])
         targets[picture.cluster, :, place] += (~aside).sum(axis=1)
         own = np.flatnonzero(category == place)
         shared = overlaps(boxes[own], [target["bbox"] for target in of_place], crowd)

@@ -100,16 +100,21 @@ def detections_at(
 
 
 def exposed_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in exposed pictures, with the share of the picture's values that is ``saturated``; those of a
-    model, group and setting of further axes together."""
+    """Rows of targets in exposed pictures, with the ``saturated`` share of the picture's values and their mean, its
+    ``brightness``; those of a model, group and setting of further axes together."""
     order = ", ".join(f"targets.{name}" for name in SETTING)
     return as_set(
         store,
         store.rows(
-            "SELECT targets.*, cells.saturated FROM targets JOIN cells USING (cell_id, model)"
+            "SELECT targets.*, cells.saturated, cells.brightness FROM targets JOIN cells USING (cell_id, model)"
             f' WHERE targets.clean = 0 ORDER BY targets.model, "group", {order}'
         ),
     )
+
+
+def untouched_targets(store: Store) -> Iterator[Row]:
+    """Rows of targets in untouched pictures."""
+    return store.rows("SELECT * FROM targets WHERE clean = 1")
 
 
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
@@ -164,17 +169,13 @@ def counts(store: Store) -> Row:
 def exposed_conditions(store: Store) -> list[Row]:
     """Every condition but the untouched one, with the mean gain of its pictures, dB."""
     query = f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
-    return list(store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}"))
+    return list(as_set(store, store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}")))
 
 
-def target_sizes(store: Store) -> list[Row]:
-    """Per model and group of targets, each once: ``side_px``, the mean of half their boxes' widths and heights, and
-    ``n_targets``."""
-    each = (
-        'SELECT DISTINCT model, "group", image, target_id, (width_px + height_px) / 2 AS side_px FROM targets'
-    )
-    query = f'SELECT model, "group", AVG(side_px) AS side_px, COUNT(*) AS n_targets FROM ({each})'
-    return list(store.rows(f'{query} GROUP BY model, "group"'))
+def target_boxes(store: Store) -> Iterator[Row]:
+    """Model, group, width_px and height_px of each target, once."""
+    what = 'model, "group", image, target_id, width_px, height_px'
+    return store.rows(f"SELECT DISTINCT {what} FROM targets WHERE clean = 1 ORDER BY {what}")
 
 
 def errors(store: Store) -> list[Row]:

@@ -12,7 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
-from blurnoise._core.checks import in_range
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
@@ -24,6 +23,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -33,6 +33,7 @@ from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import Engine, engine_of
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run, read_run, write_tables
+from blurnoise_eval.sweep.run_surfaces import criterion_of
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
 from blurnoise_eval.system.progress import ProgressBar
@@ -50,7 +51,9 @@ def evaluate(
     plan: SweepPlan | None = None,
     output: str | Path = "run",
     *,
-    threshold: float = 0.6,
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
     cluster: str | None = None,
     engine: str | Engine = "threads",
     threads: int | None = None,
@@ -61,8 +64,10 @@ def evaluate(
 
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
     :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera.
-    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on. threshold: the
-    confidence that is enough. cluster: pictures in whose names this
+    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on. keep: the share
+    of what a model reaches on the untouched pictures that is enough, by default 0.9; threshold: in place of it, the
+    score that is enough, by default 0.6 for rendered pictures. score: of what, see
+    :mod:`blurnoise_eval.scoring.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
     engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
     threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
@@ -72,7 +77,6 @@ def evaluate(
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
-    in_range("threshold", threshold, 0.0, 1.0)
     cluster_of("", cluster)
     workers = usable_cores() if threads is None else threads
     computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
@@ -80,6 +84,9 @@ def evaluate(
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
+    stated(
+        threshold, keep, score, rendered=shown.kind == "rendered", reads=not isinstance(opened[0], Detector)
+    )
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),
@@ -94,7 +101,8 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         _note(store, opened, shown)
-    return Evaluation(output, threshold, cluster=cluster, outcome=outcome, progress=progress)
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+    return Evaluation(output, **enough, cluster=cluster, outcome=outcome, progress=progress)
 
 
 class Evaluation:
@@ -102,8 +110,9 @@ class Evaluation:
 
     ``cells``: a row per picture, condition and model. ``targets``: a row per target of these. ``scores``: a row
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
-    ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where confidence
-    stays at or above ``threshold``, and the exposure to use. ``outcome``: what was computed now, None for a run
+    ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where the ``criterion``
+    of ``threshold``, ``keep`` and ``score`` (as :func:`evaluate` takes them) is fulfilled, and the exposure to use.
+    ``threshold``: its level. ``outcome``: what was computed now, None for a run
     opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is.
     ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
     can only be read. Raises
@@ -113,8 +122,10 @@ class Evaluation:
     def __init__(
         self,
         folder: str | Path,
-        threshold: float = 0.6,
+        threshold: float | None = None,
         *,
+        keep: float | None = None,
+        score: str | None = None,
         cluster: str | None = None,
         output: str | Path | None = None,
         outcome: Outcome | None = None,
@@ -122,13 +133,13 @@ class Evaluation:
     ) -> None:
         self.folder = Path(folder)
         self.output = self.folder if output is None else Path(output)
-        self.threshold = in_range("threshold", threshold, 0.0, 1.0)
         cluster_of("", cluster)
         self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
-        with Store(self.folder):
-            pass
+        with Store(self.folder) as store:
+            self.criterion = criterion_of(store, threshold, keep, score)
+        self.threshold = self.criterion.level
 
     @cached_property
     def cells(self) -> Rows:
@@ -183,7 +194,9 @@ class Evaluation:
             "cells": self._data.manifest["n_cells"],
             "missing_cells": self._data.manifest["missing_cells"],
             "skipped": self.skipped,
+            "criterion": self.criterion.row(),
             "threshold": self.threshold,
+            "withheld": self._data.manifest["withheld"],
             "reflectance": reflectance(self._data),
             "cluster": self.cluster,
             "models": self.models,
@@ -210,7 +223,7 @@ class Evaluation:
         with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(_bar("score", steps, self._progress))
-            return read_run(store, threshold=self.threshold, cluster=self.cluster, progress=advance)
+            return read_run(store, self.criterion, cluster=self.cluster, progress=advance)
 
 
 def usual_pictures(models: Sequence[Model]) -> PictureSet:

@@ -6,34 +6,28 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import metadata
-from itertools import groupby
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
 from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
-from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.scoring.plane import mean_over_plane
-from blurnoise_eval.scoring.surfaces import surfaces
+from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.blocks import cells_per_picture
-from blurnoise_eval.sweep.coco_export import truths, write_truth
-from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_eval.sweep.coco_export import write_truth
+from blurnoise_eval.sweep.run_scores import run_scores
+from blurnoise_eval.sweep.run_surfaces import dark_below, grouped_surfaces, too_little
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware
 from blurnoise_eval.system.tables import csv_lines
@@ -147,8 +141,8 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
 
 def read_run(
     store: Store,
+    criterion: Criterion,
     *,
-    threshold: float,
     cluster: str | None = None,
     progress: Callable[[int], None] = lambda scores: None,
 ) -> RunData:
@@ -156,29 +150,38 @@ def read_run(
 
     cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it.
 
-    Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never began.
+    Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
+    ``withheld``. Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never
+    began.
     """
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     order = {model["name"]: place for place, model in enumerate(manifest["models"])}
-    scores, performances = _scores(store, list(order), cluster, progress)
+    by_size = criterion.score if criterion.score in PRECISIONS else None
+    scores, performances, sized = run_scores(store, list(order), cluster, progress, by_size=by_size)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    every = surfaces(queries.exposed_targets(store), cluster_of=partial(cluster_of, pattern=cluster))
-    for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
-        alike = list(of_group)
+    withheld: list[dict[str, Any]] = []
+    dark = dark_below(Camera.from_dict(manifest["camera"]))
+    every = score_surfaces(sized, criterion.kept) if by_size else grouped_surfaces(store, criterion, cluster)
+    for alike in every:
+        if too_little(alike[0]):
+            names = ("model", "group", "n_targets", "reference")
+            withheld.append({name: getattr(alike[0], name) for name in names})
+            continue
         for surface in alike:
-            found_answers += answers(surface, threshold)
-            found_endurances += endurances(surface, threshold)
-        found_endurances += endurances_across(alike, threshold)
+            found_answers += answers(surface, criterion, dark)
+            found_endurances += endurances(surface, criterion)
+        found_endurances += endurances_across(alike, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {"threshold": threshold, "cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest |= {"criterion": criterion.row(), "threshold": criterion.level, "withheld": withheld}
+    manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
@@ -215,47 +218,6 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
 
 
 _TOLD = ("label", "confidence", "truth", "text", "read_confidence")
-
-
-def _scores(
-    store: Store, models: list[str], cluster: str | None, progress: Callable[[int], None]
-) -> tuple[list[dict[str, Any]], list[Estimate]]:
-    """Rows of scores, and of each what P, mPC and rPC are made of."""
-    made_of = {"of": queries.count_rows(store), "cluster": cluster}
-    kept = store.about("scores")
-    if kept is None or "departures" not in kept or made_of != {name: kept.get(name) for name in made_of}:
-        found = list(score_rows(store, models, truths(store), progress, moves=_moves(store), cluster=cluster))
-        kept = {
-            **made_of,
-            "rows": [each.row for each in found],
-            "departures": [_listed(each.performance.departures) for each in found],
-        }
-        if not store.read_only:
-            store.set_about("scores", kept)
-    rows: list[dict[str, Any]] = kept["rows"]
-    performances = [
-        Estimate(performance(row), None if away is None else np.array(away, float))
-        for row, away in zip(rows, kept["departures"], strict=True)
-    ]
-    return rows, performances
-
-
-def _listed(departures: NDArray[np.float64] | None) -> list[float | None] | None:
-    """As JSON has them."""
-    if departures is None:
-        return None
-    return [None if np.isnan(each) else float(each) for each in departures]
-
-
-def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
-    """Where a row's conditions take the boxes of the scene, and what these sweep."""
-    camera = Camera.from_dict(store.about("manifest")["camera"])
-
-    def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
-        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera)
-        return box_mover(exposure), box_sweeper(exposure)
-
-    return mover
 
 
 def _counts(store: Store) -> dict[str, Any]:
@@ -348,7 +310,11 @@ def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]
 
 
 def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
-    warnings = []
+    warnings = [
+        f"{each['model']}, {each['group']}: in the untouched pictures it reaches {each['reference']:.2g} in sum over "
+        "the targets, too little to say what is kept of it"
+        for each in manifest["withheld"]
+    ]
     for model in manifest["models"]:
         if unknown := model["unknown_labels"]:
             named = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")

@@ -15,6 +15,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.curves import endurances, endurances_across
 from blurnoise_eval.scoring.exposure_window import answers
 from blurnoise_eval.scoring.surfaces import surfaces
@@ -140,13 +141,13 @@ def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict
     assert len({(each.model, each.group, each.setting) for each in found}) == len(found)
     assert Counter(value for each in found for value in each.mean.ravel().tolist()) == exposed
     assert len(found) == math.prod(max(1, len(plan.values(name))) for name in SETTING)
-    told = [answer for each in found for answer in answers(each, 0.5)]
+    told = [answer for each in found for answer in answers(each, Criterion(0.5, kept=False))]
     assert Counter(value for answer in told for value in answer.confidence) == exposed
     assert len({tuple(answer.at.values()) for answer in told}) == len(told)
 
-    curves = [curve for each in found for curve in endurances(each, 0.5)]
+    curves = [curve for each in found for curve in endurances(each, Criterion(0.5, kept=False))]
     for _, group in groupby(found, key=lambda each: each.group):
-        curves += endurances_across(list(group), 0.5)
+        curves += endurances_across(list(group), Criterion(0.5, kept=False))
     for axis in ("exposure_s", *SETTING):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails

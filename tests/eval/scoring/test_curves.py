@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.matching import failure_point
 from blurnoise_eval.scoring.surfaces import surfaces
@@ -78,7 +79,7 @@ def test_means_leave_out_what_was_not_measured() -> None:
     (surface,) = surfaces(rows(some))
     assert np.isnan(surface.mean[2, 2])
     assert surface.mean[0] == pytest.approx([1.6 / 4, 0.6 / 3, 1.6 / 4])
-    found = by_axis(list(endurances(surface, 0.6)))
+    found = by_axis(list(endurances(surface, Criterion(0.6, kept=False))))
     assert found["exposure_s", 400.0].x == (0.01, 0.02)
     assert found["blur_px", 0.04].x == (0.0, 4.0)
 
@@ -96,7 +97,7 @@ def test_a_picture_is_one_cluster_with_its_targets_and_noise_fields() -> None:
 
 def test_another_column_is_read_and_what_it_lacks_left_out() -> None:
     table = [row | {"swept": None if row["image"] == "p0" else 0.9} for row in rows(lambda *_: 0.1)]
-    (surface,) = surfaces(table, "swept")
+    (surface,) = surfaces(table, lambda row: row["swept"])
     assert surface.clusters == ("p1", "p2", "p3")
     assert surface.mean == pytest.approx(np.full((3, 3), 0.9))
 
@@ -116,7 +117,7 @@ def test_intervals_are_those_of_pictures_not_of_repeats() -> None:
     """
     values = {f"p{i}": float(v) for i, v in enumerate(np.random.default_rng(0).uniform(0, 1, 40))}
     (surface,) = surfaces(rows(lambda image, *_: values[image], images=40, repeats=5))
-    curve = next(endurances(surface, 0.6))
+    curve = next(endurances(surface, Criterion(0.6, kept=False)))
     width = 2 * 2.0227 * np.std(list(values.values()), ddof=1) / np.sqrt(40)  # t of 39
     assert curve.auc_low is not None
     assert curve.auc_high is not None
@@ -132,7 +133,7 @@ def test_area_and_failure_of_a_straight_line() -> None:
             lambda _i, _r, t, v: 1 - t * v / 20, velocities=tuple((v, 0.0) for v in speeds), exposures=(0.04,)
         )
     )
-    (curve,) = endurances(surface, 0.7)
+    (curve,) = endurances(surface, Criterion(0.7, kept=False))
     assert (curve.axis, curve.at["exposure_s"]) == ("blur_px", 0.04)
     assert curve.at["velocity_x_px_s"] is None
     assert curve.x == pytest.approx((0, 4, 8, 16))
@@ -162,7 +163,7 @@ def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
             images=9, velocities=speeds, exposures=(0.04,),
         )
     )  # fmt: skip
-    (curve,) = endurances(surface, 0.5)
+    (curve,) = endurances(surface, Criterion(0.5, kept=False))
     assert curve.fails_at == pytest.approx(8)
     assert curve.fails_low is not None
     assert curve.fails_high is not None
@@ -175,7 +176,7 @@ def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
 
 def test_a_curve_that_holds_has_no_failure_and_an_open_interval() -> None:
     (surface,) = surfaces(rows(lambda *_: 0.9, images=9))
-    for curve in endurances(surface, 0.6):
+    for curve in endurances(surface, Criterion(0.6, kept=False)):
         assert (curve.fails_at, curve.fails_low, curve.fails_high) == (None, None, None)
 
 
@@ -184,7 +185,7 @@ def test_a_curve_that_comes_back_is_told() -> None:
     table = dict(zip((0.0, 100.0, 200.0, 400.0), (0.68, 0.3, 0.76, 0.2), strict=True))
     velocities = tuple((v, 0.0) for v in table)
     (surface,) = surfaces(rows(lambda _i, _r, _t, v: table[v], velocities=velocities, exposures=(0.1,)))
-    (curve,) = endurances(surface, 0.6)
+    (curve,) = endurances(surface, Criterion(0.6, kept=False))
     assert curve.non_monotonic
     assert curve.fails_at == pytest.approx(20 + 20 * 0.16 / 0.56)
 
@@ -197,7 +198,7 @@ def test_directions_of_one_speed_are_one_point_of_blur() -> None:
         for row in rows(lambda *_: 0.0, velocities=velocities, exposures=(0.02,))
     ]
     (surface,) = surfaces(table)
-    (curve,) = endurances(surface, 0.6)
+    (curve,) = endurances(surface, Criterion(0.6, kept=False))
     assert curve.x == pytest.approx((0, 2, 10))
     assert curve.confidence == pytest.approx((0.9, 0.4, 0.1))
 
@@ -210,7 +211,7 @@ def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], th
     (surface,) = surfaces(
         rows(lambda _i, _r, _t, v: values[round(v / 100)], images=8, velocities=speeds, exposures=(0.01,))
     )
-    (curve,) = endurances(surface, threshold)
+    (curve,) = endurances(surface, Criterion(threshold, kept=False))
     point = failure_point([0.01 * v for v, _ in speeds], curve.confidence, threshold)
     assert curve.non_monotonic == point.returned
     assert curve.fails_at == (None if point.at is None else pytest.approx(point.at))
@@ -232,7 +233,7 @@ def across(
         for value, of in values.items()
         for row in rows(lambda image, *_, of=of: of(image), **one, **{axis: value})
     ]
-    return list(endurances_across(list(surfaces(table)), threshold))
+    return list(endurances_across(list(surfaces(table)), Criterion(threshold, kept=False)))
 
 
 def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
@@ -269,7 +270,7 @@ def test_curves_over_an_axis_keep_everything_else_apart() -> None:
             exposures=(0.01, 0.02), velocities=((0.0, 0.0), (100.0, 0.0)),
         )
     ]  # fmt: skip
-    found = list(endurances_across(list(surfaces(table)), 0.6))
+    found = list(endurances_across(list(surfaces(table)), Criterion(0.6, kept=False)))
     assert [each.axis for each in found] == ["f_number"] * 8
     for each in found:
         lux, t, v = (each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
@@ -294,7 +295,9 @@ def test_clusters_across_settings_are_paired_whatever_the_order_of_rows() -> Non
         )
     ]  # fmt: skip
     turned = [*table[:10], *table[:9:-1]]  # the second setting's pictures arrive in another order
-    (straight,), (other,) = (list(endurances_across(list(surfaces(t)), 0.6)) for t in (table, turned))
+    (straight,), (other,) = (
+        list(endurances_across(list(surfaces(t)), Criterion(0.6, kept=False))) for t in (table, turned)
+    )
     assert (straight.fails_low, straight.fails_high) == pytest.approx((other.fails_low, other.fails_high))
     assert straight.fails_at == pytest.approx(5)
     assert straight.fails_low is not None
@@ -313,5 +316,9 @@ def test_points_that_one_setting_lacks_are_left_out() -> None:
         *rows(lambda *_: 0.8, temperature_c=25.0, exposures=(0.01,)),
         *rows(lambda *_: 0.7, temperature_c=50.0, exposures=(0.01, 0.02)),
     ]
-    found = [e for e in endurances_across(list(surfaces(table)), 0.6) if e.at["velocity_x_px_s"] == 0]
+    found = [
+        e
+        for e in endurances_across(list(surfaces(table)), Criterion(0.6, kept=False))
+        if e.at["velocity_x_px_s"] == 0
+    ]
     assert {each.at["exposure_s"]: each.x for each in found} == {0.01: (0.0, 25.0, 50.0), 0.02: (0.0, 50.0)}

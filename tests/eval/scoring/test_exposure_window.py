@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.scoring import exposure_window as optimum
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.crossings import windows
 from blurnoise_eval.scoring.exposure_window import NEAR_BEST, Answer, flat, recommend
 from blurnoise_eval.scoring.surfaces import surfaces
@@ -109,7 +110,11 @@ def answers(table: list[dict[str, Any]], threshold: float) -> list[Answer]:
     """The answers of rows in any order, each a picture of its own."""
     exposed = [{"model": "m", "repeat": 0, "target_id": 0, **row} for row in table if not row["clean"]]
     exposed.sort(key=lambda row: (row["group"], row["illuminance_lux"]))
-    return [answer for surface in surfaces(exposed) for answer in optimum.answers(surface, threshold)]
+    return [
+        answer
+        for surface in surfaces(exposed)
+        for answer in optimum.answers(surface, Criterion(threshold, kept=False))
+    ]
 
 
 def rows(

@@ -295,9 +295,9 @@ def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
             cells.append(CellResult(shared, rows, detections))
     with Store(tmp_path, create=True) as store:
         store.add(cells)
-        ((row, whole),) = score_rows(store, ["m"], lambda _: truth)
-        ((few, _),) = score_rows(store, ["m"], lambda _: truth, cluster=r"(\d)\.jpg$")
-        ((one, _),) = score_rows(store, ["m"], lambda _: truth, cluster="jpg")
+        ((row, whole, *_),) = score_rows(store, ["m"], lambda _: truth)
+        ((few, *_),) = score_rows(store, ["m"], lambda _: truth, cluster=r"(\d)\.jpg$")
+        ((one, *_),) = score_rows(store, ["m"], lambda _: truth, cluster="jpg")
     sums, counts = [np.array([f(confidence[name]) for name in sorted(found)]) for f in (np.sum, len)]
     expected = certainty.interval(
         sums.sum() / counts.sum(), certainty.departures(sums, counts), within=(0.0, 1.0)
@@ -330,7 +330,7 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
     with Store(tmp_path, create=True) as store:
         store.add([CellResult(shared, rows, nothing)])
-        ((row, exact),) = score_rows(store, ["m"], lambda _: None)
+        ((row, exact, *_),) = score_rows(store, ["m"], lambda _: None)
     assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
@@ -344,5 +344,5 @@ def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with Store(tmp_path, create=True) as store:
         cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
         store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
-        ((row, _),) = score_rows(store, ["m"], lambda model: None)
+        ((row, *_),) = score_rows(store, ["m"], lambda model: None)
     assert row["alarms"] == 7.0

@@ -21,6 +21,7 @@ from blurnoise_eval import Evaluation, cli, datasets, evaluate
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.store import store as stores
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
@@ -140,7 +141,7 @@ def test_a_second_run_keeps_alarms_and_seconds(infinite: Path, finished: Path, t
         with pytest.warns(RuntimeWarning, match="NaN or Inf"):
             done = evaluate(infinite, pictures, plan=PLAN, output=tmp_path, threads=1)
         with Store(tmp_path) as store:
-            manifest = read_run(store, threshold=0.6).manifest
+            manifest = read_run(store, Criterion(0.6, kept=False)).manifest
         assert manifest["models"][0]["latency"]["median_ms"] > 0
         assert done.outcome is not None
         return manifest["wall_s"], manifest["models"][0]["non_finite_values"]
@@ -169,7 +170,7 @@ def test_a_stopped_run_keeps_what_it_learnt(infinite: Path, finished: Path, tmp_
                 manifest = store.about("manifest")
                 manifest["models"][0]["latency"] = {"median_ms": 1.0}
                 store.set_about("manifest", manifest)
-            return read_run(store, threshold=0.6).manifest
+            return read_run(store, Criterion(0.6, kept=False)).manifest
 
     settled: list[int] = []
     with pytest.warns(RuntimeWarning, match="NaN or Inf"):

@@ -14,6 +14,7 @@ import torch
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
@@ -276,7 +277,7 @@ def test_classes_that_the_model_does_not_know_count_for_nothing(detector: Detect
                     None,
                     None,
                 )
-        data = results.read_run(store, threshold=0.6)
+        data = results.read_run(store, Criterion(0.6, kept=False))
         assert [answer["group"] for answer in data.answers] == ["a stop sign"]
         unknown, without = data.manifest["warnings"]
         assert "does not know 1 of the labels (person)" in unknown
@@ -308,7 +309,7 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     facts = {"command": "a command", "threads": 2}
     with Store(tmp_path, create=True) as store:
         with pytest.raises(StoreError, match="no sweep has begun"):
-            results.read_run(store, threshold=0.6)
+            results.read_run(store, Criterion(0.6, kept=False))
         results.open_run(store, [detector], CAMERA, TWO, PLAN, facts)
         results.open_run(store, [detector], CAMERA, TWO, PLAN, {**facts, "threads": 1})  # threads may differ
         sweep.run([detector], CAMERA, TWO, PLAN, store)
@@ -332,7 +333,7 @@ def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> No
     with Store(tmp_path, create=True) as store:
         results.open_run(store, [detector], CAMERA, pictures, plan, {"command": "c", "threads": 1})
         sweep.run([detector], CAMERA, pictures, plan, store)
-        data = results.read_run(store, threshold=0.6)
+        data = results.read_run(store, Criterion(0.6, kept=False))
     assert len(data.answers) == 4
     assert all(answer["n_targets"] == 3 for answer in data.answers)
     assert data.manifest["threshold"] == 0.6

@@ -17,6 +17,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
@@ -115,7 +116,7 @@ def run(folder: Path, models: list[Any], shown: PictureSet = LABELLED, plan: Swe
     with Store(folder, create=True) as store:
         results.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
         sweep.run(models, CAMERA, shown, plan, store)
-        return results.read_run(store, threshold=0.6), list(store.cells())
+        return results.read_run(store, Criterion(0.6, kept=False)), list(store.cells())
 
 
 def test_models_of_one_sweep_are_as_each_alone(first: Detector, second: Detector, tmp_path: Path) -> None:

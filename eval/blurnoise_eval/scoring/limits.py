@@ -1,0 +1,132 @@
+"""Limits: what ends a window of exposures, and what holds the best exposure back where none works.
+
+Domain: lines of exposures as :class:`Line` has them, values in a criterion's unit. All are told by comparison with
+what was tested beside them; where that does not tell, there is a reason instead of a guess.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Limit = Literal["noise", "darkness", "blur", "saturation"]
+Array = NDArray[np.float64]
+MATTERS = 0.02
+"""So much better, in the criterion's unit, must it be without a limit that this counts as one."""
+SATURATES = 0.01
+"""So much more of the picture's values at a limit of the sensor is saturation that may count."""
+DARK = 0.33
+"""Mean brightness of a picture, coded by sRGB, of 9 %: half of what auto-exposure aims at."""
+
+
+class Limits(NamedTuple):
+    """At either end of a window, or at the best exposure ("blur and noise"); untold: why one of them is None."""
+
+    low: Limit | None = None
+    high: Limit | None = None
+    by: str | None = None
+    untold: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """Tested exposures of one light and velocity, all (E,), NaN where something is not known.
+
+    value: mean of the score. slower: the same at the slowest speed tested under this light; None: this is it. moves:
+    whether this moves at all. saturated: share of the pictures' values at a limit of the sensor; brightness: mean of
+    the pictures, coded; dark_below: what of it is half of auto-exposure's aim.
+    """
+
+    exposures_s: tuple[float, ...]
+    value: Array
+    slower: Array | None
+    moves: bool
+    saturated: Array
+    brightness: Array
+    dark_below: float = DARK
+
+    def lacks(self, place: int) -> Limit | None:
+        """What too little light means at an exposure: a picture darker than half of auto-exposure's aim, since gain
+        has ended or was fixed, is lost in darkness, one as bright as it should be in noise."""
+        if not np.isfinite(self.brightness[place]):
+            return None
+        return "darkness" if self.brightness[place] < self.dark_below else "noise"
+
+    def saturates(self, place: int, before: int) -> bool | None:
+        """Whether more is saturated at one exposure than at another."""
+        more = self.saturated[place] - self.saturated[before]
+        return bool(more > SATURATES) if np.isfinite(more) else None
+
+
+def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
+    """What ends a window, from one exposure to another, in which the value stays at or above the level.
+
+    Beyond its upper end, at the first exposure that fails, the same light and time at the slowest speed tell: if that
+    works it is blur, else saturation if more of the picture is saturated than at the window's best. With no slower
+    speed tested it is saturation at rest; of a line that moves it is blur where nothing saturates, else untold.
+    Before its lower end, at the last exposure that fails: darkness or noise, see :meth:`Line.lacks`.
+    """
+    x = np.array(line.exposures_s)
+    inside = (window[0] <= x) & (x <= window[1])
+    here = np.flatnonzero(inside) if inside.any() else np.array([np.abs(x - window[0]).argmin()])
+    best = int(here[np.nanargmax(line.value[here])])
+    reasons: list[str] = []
+    low, high = None, None
+    if window[0] > x[0] or line.value[0] < level:
+        low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
+        if low is None:
+            reasons.append("lower end: the pictures' brightness is not known")
+    if window[1] < x[-1] or line.value[-1] < level:
+        high, why = _upper(line, int((x <= window[1]).sum()), best, level)
+        reasons += [f"upper end: {why}"] if high is None else []
+    return Limits(low, high, None, "; ".join(reasons) or None)
+
+
+def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | None, str]:
+    place = min(place, len(line.exposures_s) - 1)
+    saturates = line.saturates(place, best)
+    if line.slower is not None and np.isfinite(line.slower[place]):
+        if line.slower[place] >= level:
+            return "blur", ""
+        return (
+            ("saturation", "") if saturates else (None, "the slowest fails there too, and nothing saturates")
+        )
+    if not line.moves:
+        return ("saturation", "") if saturates else (None, "at rest, and nothing saturates")
+    if saturates is False:
+        return "blur", ""
+    return None, "blur and saturation cannot be told apart, as no slower speed was tested"
+
+
+def of_best(line: Line, best: int) -> Limits:
+    """What holds the best of the tested exposures back, where none works.
+
+    Blur, if the same light and time at the slowest speed do better; beside it what that slowest line still lacks: if
+    it is better at a longer exposure, light (noise or darkness), if at a shorter one, saturation. On the slowest line
+    itself the best exposure is where light begins to suffice or to be too much: what has the value fall on either
+    side of it, and light if it still rises at the longest tested.
+    """
+    value, x = line.value, line.exposures_s
+    parts: list[Limit | None] = []
+    if line.slower is not None and np.isfinite(line.slower[best]):
+        own = line.slower[best]
+        if own - value[best] > MATTERS:
+            parts.append("blur")
+        longer, shorter = line.slower[best + 1 :], line.slower[:best]
+        if (longer - own > MATTERS).any():
+            parts.append(line.lacks(best))
+        elif (shorter - own > MATTERS).any():
+            parts.append("saturation")
+    else:
+        if best > 0 and value[best] - value[best - 1] > MATTERS:
+            parts.append(line.lacks(best - 1 if best + 1 < len(x) else best))
+        if best + 1 < len(x) and value[best] - value[best + 1] > MATTERS:
+            saturates = line.saturates(best + 1, best)
+            parts.append("saturation" if saturates else "blur" if line.moves and saturates is False else None)
+    named = list(dict.fromkeys(part for part in parts if part is not None))
+    if named:
+        return Limits(by=" and ".join(named))
+    return Limits(untold="neither less motion nor another light, as far as tested, does better")
