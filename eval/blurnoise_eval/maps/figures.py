@@ -2,8 +2,8 @@
 
 Domain: scores as shares, exposures in ms, blur in px. Performance maps are those of Lin et al. 2024 (Sensors 24(16)
 5135), Figs. 24-29: contours of the score over a metric and exposure, or blur. Between conditions they are means
-weighted by a Gaussian of ``_REACH`` of either axis, and blank further than two of these from any; each map says how far
-conditions lie off it, since several of one metric and exposure may differ in light.
+weighted by a Gaussian of ``_REACH`` of either axis, and blank further than two of these from any. Each map says how
+far conditions lie off it, since several of one metric and exposure may differ in light.
 """
 
 from __future__ import annotations
@@ -136,7 +136,8 @@ def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
         axes.grid(axis="x", color="0.9", lw=0.6)
         axes.set_title(f"{plain(scores.group)}\n{int(scores.told.sum())} nodes", fontsize=9, parse_math=False)
         axes.tick_params(labelsize=8)
-    figure.supxlabel("Rank correlation with the score (right: share of nodes at which the metric is told)", fontsize=9)  # fmt: skip
+    label = "Rank correlation with the score (right: share of nodes at which the metric is told)"
+    figure.supxlabel(label, fontsize=9)
     _legend(
         figure,
         [
@@ -149,9 +150,7 @@ def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
     return figure
 
 
-def _maps(
-    maps: Maps, scores: NodeScores, x: Array, label: str, log: Callable[[Array], Array]
-) -> Figure:
+def _maps(maps: Maps, scores: NodeScores, x: Array, label: str, log: Callable[[Array], Array]) -> Figure:
     figure, panels = _panels(maps, scores, "performance maps")
     most = max(1.0, float(np.nanmax(scores.values, initial=0.0)))
     colour = Normalize(0, most)
@@ -175,7 +174,8 @@ def _maps(
         if np.nanmin(surface) < scores.level < np.nanmax(surface):
             axes.contour(*places, surface, [scores.level], colors="white", linewidths=1.6)
         axes.scatter(
-            x[told], m[told], c=y[told], norm=colour, cmap=_COLOURS, s=12, edgecolors="black", linewidths=0.3, zorder=3
+            x[told], m[told], c=y[told], norm=colour, cmap=_COLOURS, s=12, edgecolors="black", linewidths=0.3,
+            zorder=3,
         )  # fmt: skip
         _say(axes, f"conditions lie ±{off:.2f} off", 0.02, 0.98)
     figure.supxlabel(label, fontsize=9)
@@ -232,7 +232,11 @@ def _log_ticks(axis: Any) -> None:
 def _rank_text(row: Ranked) -> str:
     if row.spearman is None:
         return f"cannot tell: {row.share_told:.0%} of {row.n_nodes} nodes told"
-    r2 = "" if row.r2_h is None or row.r2_l is None else f"\nR² held out: light {row.r2_h:.2f}, blur {row.r2_l:.2f}"
+    r2 = (
+        ""
+        if row.r2_h is None or row.r2_l is None
+        else f"\nR² held out: light {row.r2_h:.2f}, blur {row.r2_l:.2f}"
+    )
     return f"rank {row.spearman:.2f}, {row.share_told:.0%} told{r2}"
 
 

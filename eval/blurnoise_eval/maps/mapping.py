@@ -22,15 +22,15 @@ from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 
-Progress = Callable[[float], object]
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Maps:
     """What there is to tell of a run.
 
-    metrics: by name, (N,) values at the plane's nodes, NaN where withheld. scores: of each model, group and score that
-    is told; withheld: the others, in words. rows: those of maps.csv, metric by metric for each of the scores.
+    metrics: by name, (N,) values at the plane's nodes, NaN where withheld. scores: of each model, group and score
+    that is told; withheld: the others, in words. rows: those of maps.csv, metric by metric for each of the scores.
     predictors: of those scores that have one.
     """
 
@@ -83,16 +83,15 @@ def maps_of(
     repeats: int = 1,
     seed: int = 0,
     threads: int = 1,
-    charted: Progress = lambda count: None,
-    scored: Progress = lambda count: None,
+    progress: Progress = lambda done: None,
 ) -> Maps:
     """The maps of a run, its nodes as :func:`nodes_of` gives them.
 
     cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it. repeats:
-    noise fields of each chart. charted, scored: told 1 for every node and for every condition of a model.
+    noise fields of each chart. progress: told 1 for every node, and for every condition of a model whose AP is new.
     """
-    metrics = _metrics(run, repeats, seed, threads, charted)
-    scores, withheld = scores_of(store, run.plane, criterion, cluster, scored)
+    metrics = _metrics(run, repeats, seed, threads, progress)
+    scores, withheld = scores_of(store, run.plane, criterion, cluster, progress)
     predictors = [predictor_of(run.plane, each) for each in scores]
     return Maps(
         run.camera,
@@ -108,9 +107,7 @@ def maps_of(
 
 def _metrics(run: RunNodes, repeats: int, seed: int, threads: int, progress: Progress) -> dict[str, Array]:
     conditions = [node.conditions for node in run.plane.nodes]
-    rows = measure_at(
-        run.camera, conditions, repeats=repeats, seed=seed, threads=threads, progress=progress
-    )
+    rows = measure_at(run.camera, conditions, repeats=repeats, seed=seed, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(conditions), len(METRICS))
     return {metric.name: values[:, place] for place, metric in enumerate(METRICS)}
 

@@ -1,9 +1,9 @@
 """Nodes: the experiments of a run, each once, and the closed-form figures of the camera at each.
 
-Domain: H, lux seconds on the scene; L, motion during the exposure, px; gain, dB. Conditions of equal H, L and gain are
-one experiment, and one node, on a camera whose dark charge says nothing beside its other noise; else the exposure
+Domain: H, lux seconds on the scene; L, motion during the exposure, px; gain, dB. Conditions of equal H, L and gain
+are one experiment, and one node, on a camera whose dark charge says nothing beside its other noise; else the exposure
 tells them apart too. Motion below ``STILL_PX`` is measured as it is and drawn as none. Where the camera set its gain
-itself, a node's is the mean over the pictures, to a tenth of a dB.
+itself, a node's is the mean over the pictures, to a tenth of a dB; so is the exposure.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _DIGITS = 6  # that tell H and L apart
 class Node:
     """One experiment: conditions that stand for it, their gain a number, and the camera there.
 
-    snr_log2: of a step from ``DARK`` to ``BRIGHT``, log2 of the difference by the noise of a pixel. white_share: light
-    of a white surface, as a share of what saturates.
+    snr_log2: of a step from ``DARK`` to ``BRIGHT``, log2 of the difference by the noise of a pixel. white_share:
+    light of a white surface, as a share of what saturates.
     """
 
     conditions: Conditions

@@ -6,9 +6,10 @@ Domain: scores as shares, those above 1 taken for 1. log(y/(1 - y)) = c0 + c1 s 
     r = L/size, motion during the exposure by the mean side of the targets
     b = log2 (1 + (E/E_sat)^2), E_sat the electrons at which white saturates
 
-fitted to the nodes by penalised fractional logistic regression (Papke and Wooldridge, J. Appl. Econometrics 11 (1996)
-619; the penalty a normal prior of deviation ``PRIOR`` on the coefficients of standardised features). It prescreens:
-a window's ends are where the score passes a level, often on a plateau, and :func:`edges` says how far off it is there.
+fitted to the nodes by penalised fractional logistic regression (Papke and Wooldridge, J. Appl. Econometrics 11
+(1996) 619; the penalty a normal prior of deviation ``PRIOR`` on the coefficients of standardised features). It
+prescreens: a window's ends are where the score passes a level, often on a plateau, and :func:`edges` says how far
+off it is there.
 """
 
 from __future__ import annotations
@@ -96,6 +97,9 @@ def predictor_of(plane: Plane, scores: NodeScores) -> Predictor | None:
         "s": x[:, 1],
         "E/E_sat": [node.white_share for node in plane.nodes],
     }
+    rms_h, rms_l = (
+        None if each is None else float(np.sqrt(np.mean((y - each) ** 2))) for each in (by_light, by_blur)
+    )
     return Predictor(
         scores,
         coefficients,
@@ -103,7 +107,8 @@ def predictor_of(plane: Plane, scores: NodeScores) -> Predictor | None:
         {name: _range(np.asarray(values)[told]) for name, values in ranges.items()},
         held_out_r2(y, by_light),
         held_out_r2(y, by_blur),
-        *(None if each is None else float(np.sqrt(np.mean((y - each) ** 2))) for each in (by_light, by_blur)),
+        rms_h,
+        rms_l,
         None if by_light is None else auc(by_light, scores.values[told] >= scores.level),
         edges(plane, scores.values, predicted(x, coefficients), scores.level),
     )

@@ -70,15 +70,11 @@ def ranked(plane: Plane, metrics: Mapping[str, Array], scores: NodeScores) -> It
             yield Ranked(*own, None, None, None, share, None, None, None, None, None)
             continue
         m, y, u, w = values[told], scores.values[told], plane.u[told], plane.w[told]
-        yield Ranked(
-            *own,
-            *_with_interval(m, y, scores.without[:, told]),
-            share,
-            *(held_out_r2(y, increasing_held_out(m, y, blocks(along))) for along in (u, w)),
-            auc(m, y >= scores.level),
-            along_lines(m, y, w),
-            along_lines(m, y, u),
-        )
+        rank, low, high = _with_interval(m, y, scores.without[:, told])
+        r2_h, r2_l = (held_out_r2(y, increasing_held_out(m, y, blocks(along))) for along in (u, w))
+        telling = auc(m, y >= scores.level)
+        along_light, along_blur = along_lines(m, y, w), along_lines(m, y, u)
+        yield Ranked(*own, rank, low, high, share, r2_h, r2_l, telling, along_light, along_blur)
 
 
 def spearman(m: Array, y: Array) -> Array:
@@ -111,7 +107,7 @@ def increasing(m: Array, y: Array) -> tuple[Array, Array]:
 
 
 def blocks(along: Array) -> list[Mask]:
-    """Up to ``MOST_BLOCKS`` stretches of a coordinate, of about as many nodes each, (N,) each; equal ones together."""
+    """Up to ``MOST_BLOCKS`` stretches of a coordinate, of about as many nodes each, (N,); equal ones together."""
     values, which = np.unique(along.round(_DIGITS), return_inverse=True)
     counts = np.bincount(which)
     middle = (np.cumsum(counts) - counts / 2) / len(along)
@@ -171,5 +167,3 @@ def flattery(row: Ranked) -> float:
     """How much better a metric ranks along its better axis than over both."""
     along = [each for each in (row.along_light, row.along_blur) if each is not None]
     return 0.0 if row.spearman is None or not along else max(along) - row.spearman
-
-

@@ -1,7 +1,7 @@
 """Scores of a run at its nodes: means over pictures or kept shares of them, and what they are without each cluster.
 
-Domain: values in the criterion's unit, as a run's surfaces have them; a kept share may pass 1. A node at which nothing
-was measured is NaN. Scores of AP belong to all targets of a size together, the others to each group.
+Domain: values in the criterion's unit, as a run's surfaces have them; a kept share may pass 1. A node at which
+nothing was measured is NaN. Scores of AP belong to all targets of a size together, the others to each group.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ USUAL = {
     "reader": (criteria.CONFIDENCE, criteria.MATCHES),
 }
 """Scores of either kind of model that are mapped, beside the criterion's own."""
-Progress = Callable[[float], object]
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def scores_of(
     plane: Plane,
     criterion: Criterion,
     cluster: str | None = None,
-    progress: Progress = lambda count: None,
+    progress: Progress = lambda done: None,
 ) -> RunScores:
     """The scores that are usual of the run's models, and the criterion's, at the nodes.
 
@@ -103,8 +103,8 @@ def scores_of(
             first = alike[0]
             if too_little(first):
                 withheld.append(
-                    f"{first.model}, {first.group}, {score}: {first.reference:.2g} in sum over the untouched targets, "
-                    "too little to say what is kept of it"
+                    f"{first.model}, {first.group}, {score}: {first.reference:.2g} in sum over the untouched "
+                    "targets, too little to say what is kept of it"
                 )
                 continue
             every.append(at_nodes(alike, plane, enough, sizes_px.get((first.model, first.group), np.nan)))
@@ -126,9 +126,7 @@ def at_nodes(alike: Sequence[Surface], plane: Plane, enough: Criterion, size_px:
                     counts[:, node] += own_counts[:, e, v]
     fullest = max(alike, key=lambda surface: surface.n_targets)
     own = mean_of(sums, counts), _without(sums, counts)
-    return NodeScores(
-        fullest.model, fullest.group, enough, *own, fullest.n_targets, fullest.clean, size_px
-    )
+    return NodeScores(fullest.model, fullest.group, enough, *own, fullest.n_targets, fullest.clean, size_px)
 
 
 def _node_at(plane: Plane) -> Mapping[tuple[object, ...], int]:
@@ -142,8 +140,9 @@ def _without(sums: Array, counts: Array) -> Array:
     left = counts.sum(axis=0) - counts
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(left > 0, (sums.sum(axis=0) - sums) / left, np.nan)
-    counting = (np.abs(sums) + counts > 0).any(axis=1)
-    return np.asarray(np.where(counting[:, None], ratio, np.nan))
+    silent = ~(np.abs(sums) + counts).any(axis=1)
+    ratio[silent] = np.nan
+    return np.asarray(ratio)
 
 
 def _sizes_px(store: Store) -> dict[tuple[str, str], float]:
@@ -151,7 +150,9 @@ def _sizes_px(store: Store) -> dict[tuple[str, str], float]:
     sides: dict[tuple[str, str], list[float]] = defaultdict(list)
     for row in queries.target_boxes(store):
         width, height = row["width_px"], row["height_px"]
-        own = [size for size, (low, high) in zip(SIZES, AREAS_PX2, strict=True) if low <= width * height <= high]
+        own = [
+            size for size, (low, high) in zip(SIZES, AREAS_PX2, strict=True) if low <= width * height <= high
+        ]
         for group in (row["group"], *own):
             sides[row["model"], group].append((width + height) / 2)
     return {key: float(np.mean(each)) for key, each in sides.items()}

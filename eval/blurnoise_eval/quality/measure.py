@@ -200,9 +200,7 @@ class _Scenes:
         )
 
 
-def _condition(
-    scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditions: Conditions
-) -> list[Row]:
+def _condition(scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditions: Conditions) -> list[Row]:
     at = conditions.exposure(camera)
     taker, digital_db = at.amplified
     seen = _with_gain(taker, digital_db)
