@@ -67,8 +67,9 @@ def nodes_of(store: Store) -> RunNodes:
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     camera = Camera.from_dict(manifest["camera"])
-    stated = list(store.about("identity")["plan"]["grid"])
-    plane = plane_of(queries.exposed_conditions(store), camera, stated)
+    plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
+    stated = plan["grid"] if "grid" in plan else plan["further"]
+    plane = plane_of(queries.exposed_conditions(store), camera, list(stated))
     if not plane.nodes:
         raise StoreError(f"run = {str(store.folder)!r}: has no picture that was exposed to light")
     return RunNodes(camera, plane)

@@ -22,11 +22,11 @@ from plans import IMX250
 
 
 def made(**grid: Any) -> Maps:
-    """A detector that needs light and dislikes blur, before sixteen metrics of which the first knows all, the second
-    light alone, and the third nothing."""
+    """A detector that needs light and dislikes blur, before sixteen metrics that know all, but the second light
+    alone, and the third nothing."""
     of = plane(**grid)
-    values = 1 / (1 + np.exp(-of.u)) / (1 + np.exp(of.w - 3))
-    metrics = dict.fromkeys((metric.name for metric in METRICS), of.u - 2 * of.w)
+    values = 1 / (1 + np.exp(-of.u)) / (1 + np.exp(3 * of.w - 3))
+    metrics = dict.fromkeys((metric.name for metric in METRICS), values)
     metrics |= {METRICS[0].name: values**2, METRICS[1].name: of.u}
     metrics |= {METRICS[2].name: np.full(len(of.nodes), np.nan)}
     scores = scores_at(of, values)

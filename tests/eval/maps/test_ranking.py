@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from blurnoise_eval.maps import ranking
@@ -40,7 +42,7 @@ def test_blocks_are_stretches_that_share_no_value() -> None:
     held = ranking.blocks(along)
     assert len(held) == ranking.MOST_BLOCKS
     assert (np.sum(held, axis=0) == 1).all()
-    for one, other in zip(held, held[1:], strict=False):
+    for one, other in pairwise(held):
         assert along[one].max() < along[other].min()
     assert len(ranking.blocks(np.ones(5))) == 1
 
