@@ -54,6 +54,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"deciding"},
         {"bench", "program"},
         {"quality", "calibration"},
+        {"maps"},
         {"cli"},
     ],
     "blurnoise_eval.detectors": [

@@ -143,13 +143,26 @@ def measure(
     ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` and :func:`check` do.
     """
     check(camera, plan)
-    scenes = _Scenes()
-    camera = behind_one_filter(camera)
+    options: Any = {"repeats": plan.repeats, "seed": plan.seed, "threads": threads, "progress": progress}
+    return measure_at(camera, plan.conditions(), **options)
+
+
+def measure_at(
+    camera: Camera,
+    conditions: Sequence[Conditions],
+    *,
+    repeats: int = 1,
+    seed: int = 0,
+    threads: int = 1,
+    progress: Callable[[float], object] = lambda count: None,
+) -> list[Row]:
+    """:func:`measure` under conditions that need not make a grid, their gain a number."""
+    work = partial(_condition, _Scenes(), behind_one_filter(camera), repeats, seed)
     rows: list[Row] = []
     pool = ThreadPoolExecutor(threads)
     with limited_threads(1):  # conditions are worked on side by side, each on one core
         try:
-            for found in pool.map(partial(_condition, scenes, camera, plan), plan.conditions()):
+            for found in pool.map(work, conditions):
                 rows += found
                 progress(1)
         finally:
@@ -187,7 +200,7 @@ class _Scenes:
         )
 
 
-def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Conditions) -> list[Row]:
+def _condition(scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditions: Conditions) -> list[Row]:
     at = conditions.exposure(camera)
     taker, digital_db = at.amplified
     seen = _with_gain(taker, digital_db)
@@ -195,14 +208,14 @@ def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Con
     def frames(name: str) -> Tensor:
         scene: Tensor = getattr(scenes, name)
         dn = simulate(
-            scene.expand(plan.repeats, -1, -1, -1),
+            scene.expand(repeats, -1, -1, -1),
             taker,
             exposure_s=at.exposure_s,
             illuminance_lux=at.illuminance_lux,
             velocity_px_s=at.velocity_px_s,
             temperature_c=at.temperature_c,
             encoding="linear",
-            generator=[cell_seed(plan.seed, name, repeat) for repeat in range(plan.repeats)],
+            generator=[cell_seed(seed, name, repeat) for repeat in range(repeats)],
         )
         return dn if digital_db == 0 else _amplified(dn, seen, digital_db)
 
@@ -222,7 +235,7 @@ def _condition(scenes: _Scenes, camera: Camera, plan: SweepPlan, conditions: Con
             metric.name,
             together(estimates[metric.name]),
             _told(estimates[metric.name]),
-            plan.repeats,
+            repeats,
         )
         for metric in METRICS
     ]

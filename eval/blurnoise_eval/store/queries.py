@@ -166,6 +166,18 @@ def counts(store: Store) -> Row:
     return counted
 
 
+def exposed_conditions(store: Store) -> list[Row]:
+    """Every condition but the untouched one, with the mean gain of its pictures, dB."""
+    query = f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
+    return list(as_set(store, store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}")))
+
+
+def target_boxes(store: Store) -> Iterator[Row]:
+    """Model, group, width_px and height_px of each target, once."""
+    what = 'model, "group", image, target_id, width_px, height_px'
+    return store.rows(f"SELECT DISTINCT {what} FROM targets WHERE clean = 1 ORDER BY {what}")
+
+
 def errors(store: Store) -> list[Row]:
     """What models failed on, and in how many cells, the most frequent first."""
     query = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"

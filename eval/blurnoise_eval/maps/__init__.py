@@ -1,0 +1,1 @@
+"""Maps: which image-quality metric tells how well a detector does, over light and blur together."""

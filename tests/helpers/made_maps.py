@@ -1,0 +1,43 @@
+"""Planes and scores of maps made by hand: a grid of lights, exposures and speeds, and what a made detector keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import product
+from typing import Any
+
+import numpy as np
+from blurnoise_eval.maps.nodes import Plane, plane_of
+from blurnoise_eval.maps.scored import NodeScores
+from blurnoise_eval.scoring.criterion import Criterion
+from numpy.typing import NDArray
+from plans import IMX250, OWN
+
+KEEP = Criterion(0.9, True)
+
+
+def row(exposure_s: float, lux: float, dx: float = 0.0, dy: float = 0.0, **others: float) -> dict[str, Any]:
+    """A condition as the store has it, its gain 0 dB unless stated."""
+    at = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
+    return {"clean": 0, **at, **OWN, "applied_gain_db": 0.0, **others}
+
+
+def plane(
+    exposures_s: Iterable[float] = (0.001, 0.003, 0.01, 0.03, 0.09),
+    lights_lux: Iterable[float] = (1.0, 7.0, 50.0, 360.0),
+    speeds: Iterable[float] = (0.0, 170.0, 600.0),
+) -> Plane:
+    """A grid, no two conditions of which are one experiment."""
+    return plane_of([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
+
+
+def scores_at(
+    plane: Plane,
+    values: NDArray[np.float64],
+    clusters: int = 12,
+    enough: Criterion = KEEP,
+    size_px: float = 50.0,
+) -> NodeScores:
+    """Scores of ``values`` (N,), from which clusters depart a little, each in its way."""
+    own = 0.01 * np.random.default_rng(0).normal(size=(clusters, len(values)))
+    return NodeScores("m", "signs", enough, values, values - own, 30, 0.5, size_px)
