@@ -53,6 +53,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"sweep"},
         {"bench"},
         {"quality", "calibration"},
+        {"paper"},
         {"cli"},
     ],
     "blurnoise_eval.detectors": [

@@ -21,6 +21,7 @@ from blurnoise_eval.cli import (
     inspect,
     measure,
     motion,
+    paper,
     quality,
     report,
     scenes,
@@ -39,6 +40,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
     (compare.compare, "a simulated picture beside a real one of the same chart"),
     (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
+    (paper.paper, "the paper of Lin et al. 2024, rerun: what agrees, and what does not"),
     (motion.motion, "road speed -> px/s and blur length"),
     (chart.chart, "render a test target"),
     (report.report, "write a run's figures, tables and page again"),
@@ -61,7 +63,7 @@ when the picture gets dark, noisy and blurred?
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
+    """Run the command line. Returns 0, 1 where ``paper`` does not agree, 2 for bad input, 130 when interrupted.
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
