@@ -53,7 +53,7 @@ def paper(
     workers = given.threads(threads)
     from blurnoise._core.checks import integer
     from blurnoise._core.rng import LAST_SEED
-    from blurnoise_eval.detectors.ocr import Recogniser
+    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
     from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
     from blurnoise_eval.paper import page, table
     from blurnoise_eval.paper.measurement import Means, Measurements
@@ -63,7 +63,7 @@ def paper(
     networks = rapidocr_models()
     means = Means(
         given.detector(model, contract),
-        None if networks is None else Recogniser(networks[1]),
+        None if networks is None else TextSpotter(networks[0], Recogniser(networks[1])),
         repeats=1 if quick else 3,
         threads=workers,
         seed=seed,

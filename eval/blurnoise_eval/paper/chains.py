@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -36,7 +36,7 @@ def camera_of(chain: Chain, name: str = "lin2024") -> Camera:
 
 def signs(chain: Chain, sizes_px: tuple[int, ...], *, read: bool) -> PictureSet:
     """A stop sign of each size in the middle of 320 px of 18 % grey, to be found or to be read; group "SIZE px"."""
-    frame = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
+    frame: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
     pictures = []
     for place, size in enumerate(sizes_px, 1):
         group = f"{size} px"

@@ -7,7 +7,7 @@ the chart clips; the paper reads on there, and sees MTF50 and SNR rise.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from statistics import median
 from typing import Any
@@ -287,7 +287,7 @@ def _over_exposure(
     return Figure(title, _EXPOSURE, y_label, lines, quoted or (clips,))
 
 
-def _spread(values: Any) -> float:
+def _spread(values: Iterable[float]) -> float:
     """Largest less smallest, as a share of the mean."""
     each = list(values)
     return (max(each) - min(each)) * len(each) / sum(each)

@@ -27,7 +27,7 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.engines import ThreadEngine
 
 CAMERA = "lin2024"
-Progress = Callable[[float], object]
+Progress = Callable[[float], None]
 
 
 class NotRun(Exception):
@@ -185,7 +185,7 @@ class Signs:
 
     @property
     def _cost(self) -> float:
-        return 0.15 if self.read else 0.05
+        return 1.5 if self.read else 0.05
 
 
 @dataclass
@@ -204,4 +204,4 @@ class Measurements:
 
 
 def _ms(row: Mapping[str, Any]) -> float:
-    return round(1e3 * row["exposure_s"], 6)
+    return float(round(1e3 * row["exposure_s"], 6))

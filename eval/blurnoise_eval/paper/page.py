@@ -94,7 +94,7 @@ def _shown(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _seen() -> list[tuple[str, list[dict[str, str]]]]:
+def _seen() -> list[tuple[chains.Chain, list[dict[str, str]]]]:
     """The same sign through both chains, exposure by exposure."""
     shown = []
     for chain in chains.CHAINS:
