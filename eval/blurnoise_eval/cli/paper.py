@@ -14,13 +14,13 @@ from blurnoise_eval.cli._options import Json, Threads
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
-_ITEMS = "table-2, quanta, frequencies, mtf50, mtf50-dx, patch-snr, edge-snr, clipping, sic, neq, detection, maps, ocr, ocr-dx"  # noqa: E501
+ITEM_NAMES = "table-2, quanta, frequencies, mtf50, mtf50-dx, patch-snr, edge-snr, clipping, sic, neq, detection, maps, ocr, ocr-dx"  # noqa: E501
 
 
 def paper(
     *,
     only: Annotated[
-        list[str] | None, Option(metavar="ITEM", help=f"only this item, may be repeated: {_ITEMS}")
+        list[str] | None, Option(metavar="ITEM", help=f"only this item, may be repeated: {ITEM_NAMES}")
     ] = None,
     quick: Annotated[
         bool, Option("--quick", help="one noise field for each condition instead of three")
@@ -47,13 +47,13 @@ def paper(
 
     Pictures go to networks in two chains side by side: as the paper makes them (grey of coded values, taken for
     light, linear 8 bits), and as a camera does. Writes DIR/paper.csv (item, expected, found, rule, verdict) and
-    DIR/paper.html. Exit code 1 where an item that should agree does not. Text is found and read with PP-OCR of the
-    package rapidocr; where that is missing, its items are "not run".
+    DIR/paper.html. Exit code 1 where an item that should agree does not. Text is read with PP-OCR of the package
+    rapidocr; where that is missing, its items are "not run".
     """
     workers = given.threads(threads)
     from blurnoise._core.checks import integer
     from blurnoise._core.rng import LAST_SEED
-    from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
+    from blurnoise_eval.detectors.ocr import Recogniser
     from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
     from blurnoise_eval.paper import page, table
     from blurnoise_eval.paper.measurement import Means, Measurements
@@ -63,7 +63,7 @@ def paper(
     networks = rapidocr_models()
     means = Means(
         given.detector(model, contract),
-        None if networks is None else TextSpotter(networks[0], Recogniser(networks[1])),
+        None if networks is None else Recogniser(networks[1]),
         repeats=1 if quick else 3,
         threads=workers,
         seed=seed,

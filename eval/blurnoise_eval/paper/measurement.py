@@ -27,6 +27,8 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.engines import ThreadEngine
 
 CAMERA = "lin2024"
+READ_FIELDS = 3
+"""Noise fields of a reading, at least: right or wrong, each tells little."""
 Progress = Callable[[float], None]
 
 
@@ -153,11 +155,13 @@ class Signs:
             "illuminance_lux": [self.illuminance_lux],
             "velocity_x_px_s": self.speeds_px_s,
         }
-        return SweepPlan(grid, repeats=means.repeats, seed=means.seed, examples=False)
+        return SweepPlan(grid, repeats=self._fields(means), seed=means.seed, examples=False)
 
     def steps(self, means: Means) -> float:
         """Of progress."""
-        return self._cost * len(self.sizes_px) * (1 + means.repeats * len(self.plan(means).conditions()))
+        return (
+            self._cost * len(self.sizes_px) * (1 + self._fields(means) * len(self.plan(means).conditions()))
+        )
 
     def measure(self, means: Means, progress: Progress) -> dict[tuple[int, float, float], float]:
         """The means over noise fields."""
@@ -183,9 +187,12 @@ class Signs:
                     scores.setdefault(key, []).append(row["confidence"])
         return {key: float(np.mean(values)) for key, values in scores.items()}
 
+    def _fields(self, means: Means) -> int:
+        return max(means.repeats, READ_FIELDS) if self.read else means.repeats
+
     @property
     def _cost(self) -> float:
-        return 1.5 if self.read else 0.05
+        return 0.15 if self.read else 0.05
 
 
 @dataclass

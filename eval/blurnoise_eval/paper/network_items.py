@@ -43,7 +43,7 @@ _READ_MS = {
     (50, FAST): (0.5, 1, 2, 4, 16, 25, 28, 32, 36, 40),
     (32, FAST): (2, 4, 8, 16, 20, 22, 25, 28, 32),
 }
-"""Exposures about the ends that the paper gives, by size and DX: finding text takes a second."""
+"""Exposures about the ends that the paper gives, by size and DX."""
 _READ_BESIDE_MS = (4, 20, 50, 90)
 READ_OVER_EXPOSURE = {
     chain: {

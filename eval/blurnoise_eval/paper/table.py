@@ -10,6 +10,7 @@ from blurnoise_eval.paper.measurement import Measurement, Measurements, NotRun
 
 PAPER = "Lin et al., Optimizing Camera Exposure Time for Automotive Applications, Sensors 2024, 24(16), 5135"
 _SIGNS = "signs of 100, 50 and 32 px, lin2024, 50 lux"
+_READER = "PP-OCR of rapidocr (the paper: v3), in known boxes"
 ITEMS: tuple[Item, ...] = (
     Item(
         "table-2", "Motion blur of road users", "Table 2, eq. 14",
@@ -59,12 +60,12 @@ ITEMS: tuple[Item, ...] = (
         network_items.maps, (network_items.MAP_CHARTS, *network_items.MAP_SIGNS.values()),
     ),
     Item(
-        "ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; PP-OCR of rapidocr (the paper: v3)",
+        "ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; {_READER}",
         network_items.reading,
         tuple(each for of_chain in network_items.READ_OVER_EXPOSURE.values() for each in of_chain.values()),
     ),
     Item(
-        "ocr-dx", "STOP read over speed", "Figure 31", f"{_SIGNS}, 30 ms; PP-OCR of rapidocr (the paper: v3)",
+        "ocr-dx", "STOP read over speed", "Figure 31", f"{_SIGNS}, 30 ms; {_READER}",
         network_items.reading_over_speed, tuple(network_items.READ_AT_30_MS.values()),
     ),
 )  # fmt: skip
