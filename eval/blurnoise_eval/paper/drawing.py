@@ -37,11 +37,14 @@ def png(figure: Figure) -> bytes:
             axes.axvspan(low, high, color=_QUOTED, alpha=0.22, lw=0, zorder=0)
         else:
             axes.axvline(low, color=_QUOTED, lw=1.6, zorder=1)
+        middle = (low * high) ** 0.5 if axes.get_xscale() == "log" else (low + high) / 2
         axes.annotate(
-            what, ((low * high) ** 0.5 if axes.get_xscale() == "log" else (low + high) / 2, 1.0),
-            (2, -9 - 10 * (row % 3)), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5,
-            color="#7a5c00",
+            what, (middle, 1.0), (0, 3 + 9 * (row % 3)), xycoords=("data", "axes fraction"),
+            textcoords="offset points", fontsize=7.5, color="#7a5c00", ha="center",
         )  # fmt: skip
+    if figure.level is not None:
+        axes.axhline(figure.level, color="0.6", lw=0.9, zorder=1)
+        axes.set_ylim(-0.04, 1.04)
     axes.set_xlabel(figure.x_label, fontsize=9)
     axes.set_ylabel(figure.y_label, fontsize=9)
     axes.tick_params(labelsize=8)

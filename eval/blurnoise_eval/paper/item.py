@@ -52,7 +52,7 @@ class Line:
 class Figure:
     """What an item shows: lines, and what the paper says as ranges or places of x.
 
-    quoted: (low, high, what) of x; low equals high for one place.
+    quoted: (low, high, what) of x; low equals high for one place. level: what y, a share, is held to.
     """
 
     title: str
@@ -63,6 +63,7 @@ class Figure:
     logarithmic: bool = True
     points: bool = False
     """Without lines from point to point."""
+    level: float | None = None
 
 
 @dataclass(frozen=True)

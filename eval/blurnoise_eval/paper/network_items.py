@@ -108,7 +108,14 @@ def detection(measured: Measurements) -> Found:
     return Found(
         tuple(checks),
         (
-            Figure("Signs found at rest, 50 lux", _EXPOSURE, _CONFIDENCE, tuple(rest), ((*TOPS_MS, "last"),)),
+            Figure(
+                "Signs found at rest, 50 lux",
+                _EXPOSURE,
+                _CONFIDENCE,
+                tuple(rest),
+                ((*TOPS_MS, "last"),),
+                level=LEVEL,
+            ),
             Figure(
                 "Signs found at 30 ms, 50 lux",
                 _SPEED,
@@ -116,6 +123,7 @@ def detection(measured: Measurements) -> Found:
                 tuple(fast),
                 tuple((dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()),
                 logarithmic=False,
+                level=LEVEL,
             ),
         ),
     )
@@ -155,6 +163,7 @@ def maps(measured: Measurements) -> Found:
                     _CONFIDENCE,
                     (Line("32 px", [numbers[metric, *node].value for node in told], confidence),),
                     points=True,
+                    level=LEVEL,
                 )
                 for metric, name in names.items()
             ]
@@ -195,7 +204,14 @@ def reading(measured: Measurements) -> Found:
         lines = [_drawn(_read(measured, chain, size, dx), size, chain) for chain in CHAINS for size in SIZES]
         quoted_places = tuple((ms, ms, f"{size} px to") for size, ms in by_size.items())
         figures.append(
-            Figure(f"STOP read, DX {dx:g}, 50 lux", _EXPOSURE, _CONFIDENCE, tuple(lines), quoted_places)
+            Figure(
+                f"STOP read, DX {dx:g}, 50 lux",
+                _EXPOSURE,
+                _CONFIDENCE,
+                tuple(lines),
+                quoted_places,
+                level=LEVEL,
+            )
         )
     return Found(tuple(checks), tuple(figures))
 
@@ -229,7 +245,11 @@ def reading_over_speed(measured: Measurements) -> Found:
     quoted = ((100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to"))
     return Found(
         tuple(checks),
-        (Figure("STOP read at 30 ms, 50 lux", _SPEED, _CONFIDENCE, tuple(lines), quoted, logarithmic=False),),
+        (
+            Figure(
+                "STOP read at 30 ms, 50 lux", _SPEED, _CONFIDENCE, tuple(lines), quoted, False, level=LEVEL
+            ),
+        ),
     )
 
 
