@@ -86,7 +86,9 @@ def mtf50_over_speed(measured: Measurements) -> Found:
     found = {speed: numbers["mtf50_x", 30.0, speed] for speed in speeds}
     closed = {speed: mtf50(30e-3 * speed) for speed in speeds}
     told = [speed for speed in speeds if found[speed].told]
-    worst = max((abs(found[speed].value / closed[speed] - 1) for speed in told), default=math.inf)
+    off = {speed: abs(found[speed].value / closed[speed] - 1) for speed in told}
+    worst = max(off.values(), default=math.inf)
+    near = all(off[v] <= CLOSED_FORM or found[v].low <= closed[v] <= found[v].high for v in told)
     falls = all(found[b].value < found[a].value for a, b in pairwise(told))
     text = ", ".join(f"{found[speed].value:.4f} ({closed[speed]:.4f}) at {speed:g}" for speed in told)
     clipped = all(not measured[AT_30_MS]["mtf50_x", 30.0, speed].told for speed in SPEEDS)
@@ -97,8 +99,8 @@ def mtf50_over_speed(measured: Measurements) -> Found:
                 "the same beside the closed form (in brackets)",
                 "pixel x disc x motion",
                 f"{worst:.2%} off at most, told at {len(told)} of {len(speeds)} speeds",
-                f"within {CLOSED_FORM:.0%} where told",
-                worst <= CLOSED_FORM,
+                f"within {CLOSED_FORM:.0%} where told, or within the 95 % interval",
+                near and len(told) > 1,
             ),
             Check(
                 "the same at 50 lux",

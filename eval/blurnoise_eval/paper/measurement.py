@@ -135,9 +135,9 @@ class Saturation:
 
 @dataclass(frozen=True)
 class Signs:
-    """Signs of each size before the detector or the reader: (size, ms, px/s) -> mean confidence.
+    """Signs of each size before the detector or the reader: (size, ms, px/s) -> confidence.
 
-    A reader's is 0 where it reads anything but STOP.
+    A detector's is the mean over noise fields. A reader's is the least of them, 0 where one reads anything but STOP.
     """
 
     chain: chains.Chain
@@ -164,7 +164,7 @@ class Signs:
         )
 
     def measure(self, means: Means, progress: Progress) -> dict[tuple[int, float, float], float]:
-        """The means over noise fields."""
+        """The confidences."""
         model = means.reader if self.read else means.detector
         if model is None:
             raise NotRun("needs PP-OCR's networks: pip install 'blurnoise[ocr]'")
@@ -185,7 +185,8 @@ class Signs:
                 if not row["clean"]:
                     key = (int(row["group"].split()[0]), _ms(row), row["velocity_x_px_s"])
                     scores.setdefault(key, []).append(row["confidence"])
-        return {key: float(np.mean(values)) for key, values in scores.items()}
+        of_fields = np.min if self.read else np.mean
+        return {key: float(of_fields(values)) for key, values in scores.items()}
 
     def _fields(self, means: Means) -> int:
         return max(means.repeats, READ_FIELDS) if self.read else means.repeats

@@ -1,8 +1,8 @@
 """Items of networks: signs found, performance maps, text read (Figures 22 to 31), in both chains.
 
-A sign counts as found or read where its mean confidence over the noise fields is at or above the paper's 0.6; a
-reading that is not STOP has confidence 0. The paper's chain is judged, and the camera's stands beside it; in the maps
-it is the other way round: in their light linear 8 bits leave too little of the picture.
+A sign counts as found where its mean confidence over the noise fields is at or above the paper's 0.6, and as read
+where every noise field's is; a reading that is not STOP has confidence 0. The paper's chain is judged, and the camera's
+stands beside it; in the maps it is the other way round: in their light linear 8 bits leave too little of the picture.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ READ_FROM_MS = ((32, 0.0, 4.0), (50, FAST, 2.0), (100, 0.0, 1.0))
 """Size, DX and ms of Figure 30."""
 READ_TO_MS = {0.0: {32: 40.0, 50: 75.0, 100: 80.0}, FAST: {32: 22.0, 50: 32.0, 100: 43.0}}
 FROM_FACTOR, TO_FACTOR = 2.0, 1.3
-_EXPOSURE, _SPEED, _CONFIDENCE = "Exposure / ms", "Speed / px/s", "Mean confidence"
+_EXPOSURE, _SPEED = "Exposure / ms", "Speed / px/s"
+_CONFIDENCE, _LEAST = "Mean confidence", "Least confidence"
 
 
 def detection(measured: Measurements) -> Found:
@@ -207,7 +208,7 @@ def reading(measured: Measurements) -> Found:
             Figure(
                 f"STOP read, DX {dx:g}, 50 lux",
                 _EXPOSURE,
-                _CONFIDENCE,
+                _LEAST,
                 tuple(lines),
                 quoted_places,
                 level=LEVEL,
@@ -245,11 +246,7 @@ def reading_over_speed(measured: Measurements) -> Found:
     quoted = ((100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to"))
     return Found(
         tuple(checks),
-        (
-            Figure(
-                "STOP read at 30 ms, 50 lux", _SPEED, _CONFIDENCE, tuple(lines), quoted, False, level=LEVEL
-            ),
-        ),
+        (Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, tuple(lines), quoted, False, level=LEVEL),),
     )
 
 

@@ -10,7 +10,7 @@ from blurnoise_eval.paper.measurement import Measurement, Measurements, NotRun
 
 PAPER = "Lin et al., Optimizing Camera Exposure Time for Automotive Applications, Sensors 2024, 24(16), 5135"
 _SIGNS = "signs of 100, 50 and 32 px, lin2024, 50 lux"
-_READER = "PP-OCR of rapidocr (the paper: v3), in known boxes"
+_READER = "PP-OCR of rapidocr (the paper: v3) in known boxes; read: STOP in every noise field"
 ITEMS: tuple[Item, ...] = (
     Item(
         "table-2", "Motion blur of road users", "Table 2, eq. 14",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
+from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.paper import chart_items, network_items
 from blurnoise_eval.paper.chains import CHAINS
 from blurnoise_eval.paper.item import Found
@@ -97,6 +99,15 @@ def test_mtf50_over_speed(off: float, agrees: bool) -> None:
     )
     assert verdicts(found) == [True, agrees, None]
     assert found.checks[2].found == "told"
+
+
+@pytest.mark.parametrize(("low", "agrees"), [(0.98, True), (1.01, False)])
+def test_mtf50_may_miss_the_closed_form_within_its_interval(low: float, agrees: bool) -> None:
+    def value(name: str, ms: float, v: float) -> Estimate:
+        closed = chart_items.mtf50(1e-3 * ms * v)
+        return Estimate(1.02 * closed, low * closed, 1.05 * closed)
+
+    assert verdicts(chart_items.mtf50_over_speed(charts(value)))[1] == agrees
 
 
 @pytest.mark.parametrize(("rise", "agrees"), [(0.01, True), (0.03, False)])
@@ -209,6 +220,28 @@ def test_without_a_reader_text_is_not_run() -> None:
     item = network_items.READ_AT_30_MS["paper"]
     with pytest.raises(NotRun, match="blurnoise\\[ocr\\]"):
         item.measure(Means(None, None), lambda steps: None)  # type: ignore[arg-type]
+
+
+class Reads:
+    """A reader that reads STOP in all but every third picture."""
+
+    name, path, sha256, non_finite_values_here = "reads", Path("reads.onnx"), "", 0
+
+    def __init__(self) -> None:
+        self.seen = 0
+
+    def read(self, image: Any, boxes_xyxy: Any) -> list[Reading]:
+        self.seen += 1
+        return [Reading("STEP" if self.seen % 3 == 0 else "STOP", 0.9)] * len(boxes_xyxy)
+
+
+def test_a_reading_counts_where_every_noise_field_does() -> None:
+    steps: list[float] = []
+    item = Signs("paper", True, (32,), (5, 20), (0.0,))
+    means = Means(None, Reads(), repeats=1)  # type: ignore[arg-type]
+    found = item.measure(means, steps.append)
+    assert found == {(32, 5.0, 0.0): 0.0, (32, 20.0, 0.0): 0.0}  # of three fields each, one is read wrong
+    assert sum(steps) == pytest.approx(item.steps(means))
 
 
 def test_both_chains_are_measured() -> None:
