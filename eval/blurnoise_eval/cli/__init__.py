@@ -40,7 +40,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
     (compare.compare, "a simulated picture beside a real one of the same chart"),
     (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
-    (paper.paper, "the paper of Lin et al. 2024, rerun: what agrees, and what does not"),
+    (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),
     (motion.motion, "road speed -> px/s and blur length"),
     (chart.chart, "render a test target"),
     (report.report, "write a run's figures, tables and page again"),

@@ -1,8 +1,8 @@
 """Items of networks: signs found, performance maps, text read (Figures 22 to 31), in both chains.
 
 A sign counts as found where its mean confidence over the noise fields is at or above the paper's 0.6, and as read
-where every noise field's is; a reading that is not STOP has confidence 0. The paper's chain is judged, and the camera's
-stands beside it; in the maps it is the other way round: in their light linear 8 bits leave too little of the picture.
+where that of every noise field is; a reading that is not STOP has confidence 0. The paper's chain is judged, and the
+camera's stands beside it. In the maps it is the other way round: in their light linear 8 bits leave too little.
 """
 
 from __future__ import annotations

@@ -240,7 +240,7 @@ def test_a_reading_counts_where_every_noise_field_does() -> None:
     item = Signs("paper", True, (32,), (5, 20), (0.0,))
     means = Means(None, Reads(), repeats=1)  # type: ignore[arg-type]
     found = item.measure(means, steps.append)
-    assert found == {(32, 5.0, 0.0): 0.0, (32, 20.0, 0.0): 0.0}  # of three fields each, one is read wrong
+    assert found == {(32, 5.0, 0.0): 0.0, (32, 20.0, 0.0): 0.0}  # of eight fields each, some are read wrong
     assert sum(steps) == pytest.approx(item.steps(means))
 
 
