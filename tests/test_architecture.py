@@ -54,7 +54,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"deciding"},
         {"bench", "program"},
         {"quality", "calibration"},
-        {"maps"},
+        {"maps", "paper"},
         {"cli"},
     ],
     "blurnoise_eval.detectors": [

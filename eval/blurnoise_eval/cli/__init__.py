@@ -23,6 +23,7 @@ from blurnoise_eval.cli import (
     maps,
     measure,
     motion,
+    paper,
     program,
     quality,
     report,
@@ -43,6 +44,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
     (compare.compare, "a simulated picture beside a real one of the same chart"),
     (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
+    (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),
     (program.program, "a finished run -> exposure and gain for every light, as cameras hold them"),
     (motion.motion, "road speed -> px/s and blur length"),
     (chart.chart, "render a test target"),
@@ -67,7 +69,7 @@ when the picture gets dark, noisy and blurred?
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
+    """Run the command line. Returns 0, 1 where ``paper`` does not agree, 2 for bad input, 130 when interrupted.
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """

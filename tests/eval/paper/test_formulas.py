@@ -1,0 +1,56 @@
+"""Items that need no simulation, against the paper's numbers."""
+
+from __future__ import annotations
+
+import pytest
+from blurnoise_eval.paper import formulas
+from blurnoise_eval.paper.item import Found
+from blurnoise_eval.paper.measurement import Means, Measurements
+
+NONE = Measurements(Means(None, None))  # type: ignore[arg-type]
+
+
+def verdicts(found: Found) -> list[bool | None]:
+    return [check.agrees for check in found.checks]
+
+
+def test_every_row_of_table_2() -> None:
+    found = formulas.table_2(NONE)
+    assert [check.found for check in found.checks] == [
+        "3.9380 px",
+        "1.9691 px",
+        "0.9845 px",
+        "1.9691 px",
+        "3.9374 px",
+        "9.8435 px",
+        "19.6751 px",
+        "39.3502 px",
+        "19.6869 px",
+    ]
+    assert verdicts(found) == [True] * 9
+
+
+def test_quanta_of_white() -> None:
+    (check,) = formulas.quanta(NONE).checks
+    assert check.found == "982.1 e- x 5.88 = 5774.6"
+    assert check.agrees
+
+
+def test_frequencies_of_signs() -> None:
+    found = formulas.frequencies(NONE)
+    assert [check.found for check in found.checks] == [
+        "0.039-0.121 cycles/px",
+        "0.080-0.232 cycles/px",
+        "0.139-0.348 cycles/px",
+    ]
+    assert verdicts(found) == [True] * 3
+
+
+def test_another_number_differs(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = formulas.TABLE_2[3]
+    monkeypatch.setattr(formulas, "TABLE_2", (row, row._replace(printed_px=row.printed_px + 0.006)))
+    assert verdicts(formulas.table_2(NONE)) == [True, False]
+    monkeypatch.setattr(formulas, "QUANTA", formulas.QUANTA * 1.002)
+    assert verdicts(formulas.quanta(NONE)) == [False]
+    monkeypatch.setattr(formulas, "FREQUENCIES", {100: (0.03, 0.1), 50: (0.08, 0.31), 32: (0.125, 0.3)})
+    assert verdicts(formulas.frequencies(NONE)) == [False, False, True]
