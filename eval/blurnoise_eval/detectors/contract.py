@@ -22,6 +22,8 @@ from blurnoise._core.validation import Characters, check_fields
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 
 METADATA_KEY = "blurnoise.contract"
+EXPORTER = "metadata of an Ultralytics export"
+"""Source of what that exporter's code fixes, such as values 0-1."""
 
 EXAMPLE = (
     '{"family": "yolox", "classes": ["stop sign", "yield"], "colour": "bgr", "value_range": "0-255", '

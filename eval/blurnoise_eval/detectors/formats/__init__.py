@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.detectors.contract import (
+    EXPORTER,
     FIELDS,
     Contract,
     ModelError,
@@ -40,9 +41,9 @@ from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 
 # By what shows a family, the surest first: where one kind of evidence is there, later ones are not asked.
 _BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
-    (ppyoloe, rtdetr),  # inputs beside the picture
+    (ppyoloe, rtdetr, torchvision),  # inputs beside the picture, answers without a batch
     (detr, rfdetr, mmdeploy, yolov6e2e),  # names of outputs
-    (tfod, torchvision),  # the picture's own form: bytes with the channels last, or no batch
+    (tfod,),  # the picture's own form: bytes with the channels last
     (yolov5, yolov8, yolox, yolov6, fastestdet, nanodet, nanodetplus),  # numbers of grid cells
     (yolov10, yolov7),  # rows of six or seven
 )
@@ -135,9 +136,10 @@ def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Foun
         if told := probe.told_apart(set(by_name), signature.answer(blob)):
             family, layout = by_name[told[0]]
             return _Found(family, layout, f"{layout.why}; {told[1]}")
+    lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
-        f"the graph fits several output families ({', '.join(by_name)}): state which, under 'family' in a "
-        f"contract or with --contract\n{signature.describe()}"
+        f"the graph fits several output families ({', '.join(by_name)}), and nothing in it tells which: write "
+        f"{lines} into <model>.contract.json, or give --contract\n{signature.describe()}"
     )
 
 
@@ -147,7 +149,7 @@ def _assumed(found: _Found, signature: Signature) -> Contract:
     base = preset(name)
     known = exported_fields(signature.metadata)
     if found.exported:
-        sources = dict.fromkeys(FIELDS, f"preset {name} (metadata of an Ultralytics export)")
+        sources = dict.fromkeys(FIELDS, f"preset {name} ({EXPORTER})")
     else:
         sources = dict.fromkeys(FIELDS, f"assumed: preset {name}, which the graph suggests")
     sources["family"] = f"{'graph' if found.sure else 'assumed'}: {found.why}"
