@@ -147,7 +147,7 @@ def _probed(
     from blurnoise_eval.drawing.annotate import drawn_example
 
     output = output or Path(f"{detector.name}-{path.stem}-probe.png")
-    answers = detector.detect(picture)
+    answers = detector.detect(picture).leading
     rows = [
         {"class": detector.contract.classes[number], "score": float(score), "box_xyxy": box.tolist()}
         for box, score, number in zip(answers.boxes_xyxy, answers.scores, answers.class_ids, strict=True)

@@ -1,7 +1,7 @@
 """Checks of a detector's answer to a picture: what in it suggests that its contract, or its export, is wrong.
 
 Another colour order is suspected where it gives markedly higher scores. For a value range these prove nothing: values
-255 times too large make a network certain of more than there is, and values 255 times too small leave it next to blind.
+255 times too large make a network certain of more than there is, values 255 times too small leave it next to blind.
 So one that sees with 0-1 takes 0-1, and one that is blind with it takes 0-255, unless that overdrives it. What an
 exporter's code fixes, as its metadata say, is not doubted.
 Measured with the right contracts of two real detectors on 35 photographs: no alarm. With red and blue swapped
@@ -47,7 +47,7 @@ def suspicions(detector: Detector, image: NDArray[np.uint8]) -> list[str]:
         zero = "every score is exactly 0: is it an int8 export whose one output scale rounds all scores away?"
         return [zero, *_better_readings(detector, image, np.zeros(0, np.float32))]
     try:
-        own = detector.decode(outputs, placement, min_score=COUNTED_SCORE).scores
+        own = detector.decode(outputs, placement, min_score=COUNTED_SCORE).leading.scores
     except ModelError as error:
         return [str(error)]
     return _better_readings(detector, image, own)
@@ -118,7 +118,7 @@ def _scores(detector: Detector, image: NDArray[np.uint8], contract: Contract) ->
     outputs = detector.run(blob)
     try:
         if all(np.isfinite(output).all() for output in outputs):
-            return detector.decode(outputs, placement, min_score=COUNTED_SCORE).scores
+            return detector.decode(outputs, placement, min_score=COUNTED_SCORE).leading.scores
     except ModelError:
         pass
     return np.zeros(0, np.float32)

@@ -28,7 +28,7 @@ from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
 
-_DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
+_DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4"), ("leads", "?")])
 
 
 class StoreError(ValueError):
@@ -288,10 +288,11 @@ def _pack(detections: Detections) -> bytes:
     packed["box_xyxy"] = detections.boxes_xyxy
     packed["score"] = detections.scores
     packed["class_id"] = detections.class_ids
+    packed["leads"] = True if detections.leads is None else detections.leads
     return packed.tobytes()
 
 
 def unpack(packed: bytes) -> Detections:
     """Detections as the column ``detections`` holds them."""
     found = np.frombuffer(packed, _DETECTION)
-    return Detections(found["box_xyxy"], found["score"], found["class_id"])
+    return Detections(found["box_xyxy"], found["score"], found["class_id"], found["leads"])

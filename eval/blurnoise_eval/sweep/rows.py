@@ -36,7 +36,7 @@ def cell_result(
         "n_targets": len(rows),
         "target_confidence": float(confidences.mean()) if rows else None,
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
-        "n_detections": len(sight.detections),
+        "n_detections": len(sight.detections.leading),
         "saturated": frame.saturated,
         "applied_gain_db": frame.gain_db,
         "snr_db": frame.snr_db,

@@ -15,6 +15,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "rtdetr"
 UNKNOWN = "whether it takes mean and std of ImageNet, as DEIMv2 does where its backbone is DINOv3"
+SEVERAL_CLASSES = False  # one a box is all that the graph tells
 
 
 def describe(signature: Signature) -> Layout | None:

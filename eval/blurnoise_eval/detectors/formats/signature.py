@@ -129,6 +129,9 @@ class Family(Protocol):
 
     NAME: str
     UNKNOWN: str  # what neither the graph nor a preset tells; empty if nothing
+    SEVERAL_CLASSES: (
+        bool  # whether the family's own evaluator counts a box with every class that reaches its threshold
+    )
 
     def describe(self, signature: Signature) -> Layout | None:
         """Return how this family reads the graph's outputs; None if they do not have its layout."""
