@@ -53,7 +53,8 @@ def inspect(
     with --probe it says where the opposite would find markedly more.
 
     Presets: yolov5 yolov6 yolov6e2e yolov7 yolov8 yolov10 yolox rtdetr detr rfdetr ppyoloe
-    mmdeploy nanodet nanodetplus fastestdet torchvision tfod; of text recognisers: ppocr.
+    mmdeploy nanodet nanodetplus fastestdet yolofastestv2 anchors torchvision tfod; of text
+    recognisers: ppocr.
     """
     if output and not probe:
         raise ValueError("output: goes with --probe, whose picture it shows")

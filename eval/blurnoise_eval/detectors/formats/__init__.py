@@ -17,6 +17,7 @@ from blurnoise_eval.detectors.contract import (
     stated_contract,
 )
 from blurnoise_eval.detectors.formats import (
+    anchors,
     detr,
     fastestdet,
     mmdeploy,
@@ -28,6 +29,7 @@ from blurnoise_eval.detectors.formats import (
     rtdetr,
     tfod,
     torchvision,
+    yolofastestv2,
     yolov5,
     yolov6,
     yolov6e2e,
@@ -44,8 +46,13 @@ _BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
     (ppyoloe, rtdetr, torchvision),  # inputs beside the picture, answers without a batch
     (detr, rfdetr, mmdeploy, yolov6e2e),  # names of outputs
     (tfod,),  # the picture's own form: bytes with the channels last
-    (yolov5, yolov8, yolox, yolov6, fastestdet, nanodet, nanodetplus),  # numbers of grid cells
+    (yolov5, yolov8, yolox, yolov6, fastestdet, nanodet, nanodetplus, yolofastestv2),  # numbers of grid cells
     (yolov10, yolov7),  # rows of six or seven
+    (anchors,),  # none: the contract's head tells
+)
+_HEAD_EXAMPLE = (
+    '"head": {"strides": [8, 16, 32], "anchors": [[10,13, 16,30, 33,23], [30,61, 62,45, 59,119], '
+    '[116,90, 156,198, 373,326]], "boxes": "yolov5"}'
 )
 FAMILIES: tuple[Family, ...] = tuple(family for families in _BY_EVIDENCE for family in families)
 
@@ -77,14 +84,31 @@ def resolve(
     named = [family for family in FAMILIES if stated.family == family.NAME]
     if not named:
         raise ModelError(f"family {stated.family!r}: must be one of {', '.join(f.NAME for f in FAMILIES)}")
-    layout = named[0].describe(signature) if signature.outputs else None
+    family = _with_head(named[0], stated)
+    layout = family.describe(signature) if signature.outputs else None
     if layout is None:
         raise ModelError(
             f"the contract ({stated.sources['family']}) says {stated.family}, "
             f"but the graph has no outputs of that shape:\n{signature.describe()}"
         )
     _check_class_count(stated, layout.classes)
-    return named[0], _fitted(stated, signature), layout
+    return family, _fitted(stated, signature), layout
+
+
+def _with_head(family: Family, contract: Contract) -> Family:
+    """The family with the anchors and classes that the contract states."""
+    heads = {anchors.NAME, yolofastestv2.NAME}
+    if family.NAME not in heads:
+        if contract.head is not None:
+            raise ModelError(
+                f"head: goes with the families {', '.join(sorted(heads))}, not with {family.NAME}"
+            )
+        return family
+    if contract.head is None:
+        raise ModelError(
+            f"family {family.NAME!r} needs the head's anchors in its contract, for example {_HEAD_EXAMPLE}"
+        )
+    return anchors.WithAnchors(family.NAME, contract.head, len(contract.classes), family.UNKNOWN)
 
 
 def _recognise(signature: Signature) -> _Found:
@@ -98,7 +122,8 @@ def _recognise(signature: Signature) -> _Found:
             (family, layout), exported = fitting[0], order < len(families)
             return _Found(family, layout, f"metadata {exporter}; " * exported + layout.why, exported)
     raise ModelError(
-        f"the graph fits no output family known here ({', '.join(family.NAME for family in FAMILIES)})\n"
+        f"the graph fits no output family known here ({', '.join(family.NAME for family in FAMILIES)}); a head with "
+        f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
         f"{signature.describe()}"
     )
 
