@@ -19,7 +19,7 @@ Grid = dict[str, tuple[float, ...]]
 CAMERAS = ("imx250", "imx250c", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
-    "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "torchvision", "tfod", "ppocr",
+    "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "yolofastestv2", "anchors", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
 SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"

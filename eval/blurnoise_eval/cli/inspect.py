@@ -53,7 +53,8 @@ def inspect(
     with --probe it says where the opposite would find markedly more.
 
     Presets: yolov5 yolov6 yolov6e2e yolov7 yolov8 yolov10 yolox rtdetr detr rfdetr ppyoloe
-    mmdeploy nanodet nanodetplus fastestdet torchvision tfod; of text recognisers: ppocr.
+    mmdeploy nanodet nanodetplus fastestdet yolofastestv2 anchors torchvision tfod; of text
+    recognisers: ppocr.
     """
     if output and not probe:
         raise ValueError("output: goes with --probe, whose picture it shows")
@@ -147,7 +148,7 @@ def _probed(
     from blurnoise_eval.drawing.annotate import drawn_example
 
     output = output or Path(f"{detector.name}-{path.stem}-probe.png")
-    answers = detector.detect(picture)
+    answers = detector.detect(picture).leading
     rows = [
         {"class": detector.contract.classes[number], "score": float(score), "box_xyxy": box.tolist()}
         for box, score, number in zip(answers.boxes_xyxy, answers.scores, answers.class_ids, strict=True)

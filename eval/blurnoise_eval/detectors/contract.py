@@ -19,9 +19,12 @@ from pydantic import BeforeValidator
 from blurnoise._core.checks import shown
 from blurnoise._core.documents import json_of, read_document
 from blurnoise._core.validation import Characters, check_fields
+from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 
 METADATA_KEY = "blurnoise.contract"
+EXPORTER = "metadata of an Ultralytics export"
+"""Source of what that exporter's code fixes, such as values 0-1."""
 
 EXAMPLE = (
     '{"family": "yolox", "classes": ["stop sign", "yield"], "colour": "bgr", "value_range": "0-255", '
@@ -52,6 +55,21 @@ def _listed(value: object) -> object:
 
 def _square(value: object) -> object:
     return (value, value) if isinstance(value, int) else value
+
+
+def _head(value: object) -> object:
+    """A head as a file states it."""
+    if not isinstance(value, Mapping):
+        return value
+    if missing := [name for name in ("strides", "anchors") if name not in value]:
+        raise ValueError(f"head: missing key {', '.join(map(repr, missing))}")
+    if unknown := [name for name in value if name not in AnchorHead.__dataclass_fields__]:
+        known = ", ".join(AnchorHead.__dataclass_fields__)
+        raise ValueError(f"head: unknown key {shown(unknown)[1:-1]}; known are {known}")
+    try:
+        return AnchorHead(**value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"head: {error}") from None
 
 
 Colour = Literal["rgb", "bgr"]
@@ -110,8 +128,9 @@ class Contract(Sourced):
     resize: "letterbox" (aspect kept, centred), "letterbox-top-left", "stretch", or "none" (the picture enters
     at its own size). pad_value: grey around a letterboxed picture, 0 to 255. classes: names by class id.
     input_size_px: (height, width), or None where the graph says. nms_iou: overlap above which the weaker box
-    of a class is dropped, None where the graph has dropped it itself. sources: for each field where it came
-    from. Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
+    of a class is dropped, None where the graph has dropped it itself. head: the anchors of a head that has them.
+    sources: for each field where it came from. Raises ``ValueError`` or ``TypeError`` naming field, value and what is
+    allowed.
     """
 
     family: str
@@ -124,6 +143,9 @@ class Contract(Sourced):
     pad_value: Annotated[int, Ge(0), Le(255)] = 114
     input_size_px: _Size = None
     nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65
+    head: Annotated[
+        AnchorHead | None, BeforeValidator(_head), "must be a mapping with strides and anchors"
+    ] = None
     sources: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
@@ -171,6 +193,9 @@ _PRESETS = (
              resize="letterbox", pad_value=0, input_size_px=(320, 320), nms_iou=0.6),
     Contract("nanodetplus", COCO80, colour="bgr", value_range="0-255", mean=_NANODET[0], std=_NANODET[1],
              resize="stretch", input_size_px=(320, 320), nms_iou=0.6),
+    Contract("anchors", COCO80, input_size_px=(640, 640), nms_iou=0.6),
+    Contract("yolofastestv2", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.4,
+             head=YOLO_FASTEST_V2),
     Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
 )
 # fmt: on

@@ -154,7 +154,7 @@ class Judged:
         for name, _, each in self.found:
             pictures[self._clusters[name]] += 1
             targets = self._targets.get(self.truth.image_ids[name], ())
-            certain = each[each.scores >= least]
+            certain = each[each.scores >= least].leading
             for class_id in np.unique(certain.class_ids):
                 category = self.truth.category_of.get(int(class_id))
                 if category is None:

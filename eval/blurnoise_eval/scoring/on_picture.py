@@ -93,14 +93,14 @@ class View(ABC):
 
 
 class DetectorView(View):
-    """Confidence in a target: the highest score of its class that overlaps it. Crowds are no targets.
+    """Confidence in a target: the highest score of its class that overlaps it, whichever class leads. No crowds.
 
     ``confidence``: with the target's box at mid-exposure; ``confidence_swept``: with all that it covers during the
     exposure. Without labels, what the detector finds in the untouched picture at FOUND_SCORE or above is the target.
     """
 
     def __init__(self, model: Detector, picture: Picture, image8: Picture8) -> None:
-        self._detect = model.detect
+        self._look = model.look
         self._classes = model.contract.classes
         ids = {name: index for index, name in enumerate(self._classes)}
         self._asked: list[tuple[int, Target, int]] | None = None
@@ -115,17 +115,19 @@ class DetectorView(View):
     def _answer(
         self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]:
-        found = self._detect(image)
         if self._asked is None:
-            self._asked = self._own_targets(found)
+            found, own = self._look(image, range(len(self._classes)))
+            self._asked = self._own_targets(found.leading)
+        else:
+            found, own = self._look(image, [number for *_, number in self._asked])
         targets, ids = [target for _, target, _ in self._asked], [number for *_, number in self._asked]
         boxes = _boxes(targets, move_boxes, image)
-        confidences = swept = target_confidences(found, boxes, ids).tolist()
+        confidences = swept = _confidences(found, own, boxes, ids)
         if sweep_boxes is not None and boxes:
             size_px = image.shape[1], image.shape[0]
             covered = swept_within(_boxes(targets, sweep_boxes, image), boxes, size_px)
             if not np.array_equal(covered, boxes):
-                swept = target_confidences(found, covered.tolist(), ids).tolist()
+                swept = _confidences(found, own, covered.tolist(), ids)
         rows = zip(self._asked, boxes, confidences, swept, strict=True)
         return found, [
             _row(index, target, box, confidence) | {"confidence_swept": of_swept}
@@ -184,6 +186,16 @@ def view(model: Model, picture: Picture, image8: Picture8) -> View:
     """The model before the picture; what it says of the untouched picture is known from then on."""
     kind = DetectorView if isinstance(model, Detector) else ReaderView
     return kind(model, picture, image8)  # type: ignore[arg-type]  # each its own kind of model
+
+
+def _confidences(
+    found: Detections, own: Detections, boxes: Sequence[Sequence[float]], class_ids: Sequence[int]
+) -> list[float]:
+    """In each target: of what was found, or of the classes' own scores where others lead."""
+    confidences = target_confidences(found, boxes, class_ids)
+    if own is not found:
+        confidences = np.maximum(confidences, target_confidences(own, boxes, class_ids))
+    return list(confidences.tolist())
 
 
 def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Picture8) -> list[Box]:

@@ -28,7 +28,9 @@ from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
 
-_DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
+_DETECTION = np.dtype(
+    [("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")]
+)  # class ~c: one that does not lead
 
 
 class StoreError(ValueError):
@@ -301,11 +303,15 @@ def _pack(detections: Detections) -> bytes:
     packed = np.empty(len(detections), _DETECTION)
     packed["box_xyxy"] = detections.boxes_xyxy
     packed["score"] = detections.scores
-    packed["class_id"] = detections.class_ids
+    leads = True if detections.leads is None else detections.leads
+    packed["class_id"] = np.where(leads, detections.class_ids, ~detections.class_ids)
     return packed.tobytes()
 
 
 def unpack(packed: bytes) -> Detections:
     """Detections as the column ``detections`` holds them."""
     found = np.frombuffer(packed, _DETECTION)
-    return Detections(found["box_xyxy"], found["score"], found["class_id"])
+    leads = found["class_id"] >= 0
+    return Detections(
+        found["box_xyxy"], found["score"], np.where(leads, found["class_id"], ~found["class_id"]), leads
+    )

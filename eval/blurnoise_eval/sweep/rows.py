@@ -36,7 +36,7 @@ def cell_result(
         "n_targets": len(rows),
         "target_confidence": float(confidences.mean()) if rows else None,
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
-        "n_detections": len(sight.detections),
+        "n_detections": len(sight.detections.leading),
         "saturated": frame.saturated,
         "applied_exposure_s": taken and taken.exposure_s,
         "applied_gain_db": taken and taken.gain_db,

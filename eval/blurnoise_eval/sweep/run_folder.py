@@ -309,7 +309,7 @@ def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> f
 def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
     classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
     for cell in queries.examples(store):
-        found = cell.pop("detections")
+        found = cell.pop("detections").leading
         rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
         names = classes[cell["model"]]
         yield {

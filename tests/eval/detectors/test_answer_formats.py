@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -148,9 +149,14 @@ def bins(distances: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def graph(
     path: Path, family: str, *, opset: int = 17, dtype: int = TensorProto.FLOAT, batch: int | str = 1,
-    size: tuple[int | str, int | str] = SIZE_PX, mean: float = 1.0,
+    size: tuple[int | str, int | str] = SIZE_PX, mean: float = 1.0, squeezed: bool = False,
+    names: Mapping[str, str] | None = None, asks: bool = True,
 ) -> Path:  # fmt: skip
-    """Write a detector whose scores grow with the picture's mean: 0 for 0, ``SCORES`` for ``mean``."""
+    """Write a detector whose scores grow with the picture's mean: 0 for 0, ``SCORES`` for ``mean``.
+
+    squeezed: outputs without their batch. names: of outputs, others than the family's. asks: for inputs beside
+    the picture, where the family does.
+    """
     kind = helper.tensor_dtype_to_np_dtype(dtype)
     taken = TensorProto.UINT8 if family == "tfod" else dtype
     mean = mean * 255 if family == "tfod" else mean
@@ -168,7 +174,9 @@ def graph(
         helper.make_node("Cast", ["flat"], ["brightness"], to=dtype),
     ]
     outputs = []
-    for name, (base, gain) in tensors(family).items():
+    for own, (whole_base, whole_gain) in tensors(family).items():
+        name = (names or {}).get(own, own)
+        base, gain = (each[0] if squeezed and each.ndim > 1 else each for each in (whole_base, whole_gain))
         integral = base.dtype in (np.int64, np.int32)
         constants.append(numpy_helper.from_array(base if integral else base.astype(kind), f"{name}_base"))
         if integral:
@@ -184,7 +192,7 @@ def graph(
     forms = {"nhwc": [batch, *size, 3], "chw": [3, *size]}
     form = forms.get(AXES.get(family, ""), [batch, 3, *size])
     inputs = [helper.make_tensor_value_info("images", taken, form)]
-    for name, kind_of, shape in EXTRAS.get(family, ()):
+    for name, kind_of, shape in EXTRAS.get(family, ()) if asks else ():
         inputs.insert(0, helper.make_tensor_value_info(name, kind_of, [batch, *shape]))
         nodes.append(helper.make_node("Identity", [name], [f"{name}_seen"]))
     made = helper.make_graph(nodes, family, inputs, outputs, constants)
@@ -231,6 +239,33 @@ def test_families_are_recognised_and_what_is_assumed_is_said(family: str, tmp_pa
     assert contract.classes == (COCO91 if family in ("tfod", "torchvision") else COCO80)
     assert "does not show how many" in " ".join(contract.assumptions)
     assert contract.sources["family"].startswith("graph: output")
+
+
+@pytest.mark.parametrize("batch", [1, "n"])
+@pytest.mark.parametrize(
+    "names", [None, {"labels": "3120", "boxes": "3125", "scores": "3130"}], ids=["named", "numbered"]
+)
+def test_an_input_that_asks_for_sizes_shows_deim_where_answers_have_no_batch(
+    names: dict[str, str] | None, batch: int | str, tmp_path: Path
+) -> None:
+    path = graph(tmp_path / "m.onnx", "rtdetr", squeezed=True, names=names, batch=batch)
+    detector = Detector(path)
+    assert (detector.contract.family, detector.contract.classes) == ("rtdetr", COCO80)
+    found = detector.detect(np.full((128, 192, 3), 255, np.uint8))
+    np.testing.assert_allclose(found.boxes_xyxy, 2 * BOXES_XYXY[[2, 0, 1]], rtol=1e-5)
+    np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], rtol=1e-5)
+    assert found.class_ids.tolist() == [0, 2, 2]
+
+
+def test_where_nothing_tells_deim_from_torchvision_both_are_named(tmp_path: Path) -> None:
+    """The names of one, the ranks of both, and no second input: classes counted from 0, or from 1."""
+    path = graph(tmp_path / "m.onnx", "rtdetr", squeezed=True, asks=False)
+    with pytest.raises(ModelError, match=r'write "family": "rtdetr" or "family": "torchvision" into <model>'):
+        Detector(path)
+    for family in ("rtdetr", "torchvision"):
+        found = Detector(path, contract=family).detect(np.full((*SIZE_PX, 3), 255, np.uint8))
+        assert found.class_ids.tolist() == [0, 2, 2]
+        np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], rtol=1e-5)
 
 
 @pytest.mark.parametrize("family", ["rfdetr", "detr", "yolov8", "nanodet", "nanodetplus", "yolov6"])

@@ -56,8 +56,9 @@ class Fake:
         self._found = found
         self.contract = type("Contract", (), {"classes": ("square",)})()
 
-    def detect(self, image: NDArray[np.uint8]) -> Detections:
-        return Detections(np.array([self._found(image)]), np.array([1.0]), np.array([0]))
+    def look(self, image: NDArray[np.uint8], _: object) -> tuple[Detections, Detections]:
+        found = Detections(np.array([self._found(image)]), np.array([1.0]), np.array([0]))
+        return found, found
 
 
 def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:

@@ -239,10 +239,10 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
         evaluate(model, datasets.image_folder(tmp_path / "wrong"), plan=PLAN, output=folder)
     with monkeypatch.context() as broken:
 
-        def detect(*_: Any) -> Any:
+        def look(*_: Any) -> Any:
             raise ModelError("no kernel for this")
 
-        broken.setattr(Detector, "detect", detect)
+        broken.setattr(Detector, "look", look)
         with pytest.raises(ModelError, match="no kernel"):
             evaluate(infinite, good, plan=PLAN, output=folder, threads=1)
         with Store(folder) as store:

@@ -73,13 +73,13 @@ class Failing:
     """A detector that throws on some pictures."""
 
     def __init__(self, detector: Detector, fails: Sequence[int]) -> None:
-        self._detect, self._fails, self._calls = detector.detect, set(fails), 0
+        self._look, self._fails, self._calls = detector.look, set(fails), 0
 
-    def __call__(self, image: NDArray[np.uint8]) -> Any:
+    def __call__(self, image: NDArray[np.uint8], *asked: Any) -> Any:
         self._calls += 1
         if self._calls - 1 in self._fails:
             raise ModelError("m.onnx: fails on a picture (bad shape)")
-        return self._detect(image)
+        return self._look(image, *asked)
 
 
 class StubReader:
@@ -152,7 +152,7 @@ def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> N
 def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
     first: Detector, second: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(first, "detect", Failing(first, [1, 4, 5]))
+    monkeypatch.setattr(first, "look", Failing(first, [1, 4, 5]))
     data, cells = run(tmp_path, [first, second])
     failed = [cell for cell in cells if cell["error"]]
     assert len(failed) == 3
@@ -169,7 +169,7 @@ def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
 def test_a_model_that_does_nothing_but_fail_ends_the_sweep(
     first: Detector, second: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(first, "detect", Failing(first, range(10_000)))
+    monkeypatch.setattr(first, "look", Failing(first, range(10_000)))
     with pytest.raises(ModelError, match=r"bad shape.*every one of 8"):
         run(tmp_path, [second, first])
 

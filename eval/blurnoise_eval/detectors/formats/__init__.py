@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.detectors.contract import (
+    EXPORTER,
     FIELDS,
     Contract,
     ModelError,
@@ -16,6 +17,7 @@ from blurnoise_eval.detectors.contract import (
     stated_contract,
 )
 from blurnoise_eval.detectors.formats import (
+    anchors,
     detr,
     fastestdet,
     mmdeploy,
@@ -27,6 +29,7 @@ from blurnoise_eval.detectors.formats import (
     rtdetr,
     tfod,
     torchvision,
+    yolofastestv2,
     yolov5,
     yolov6,
     yolov6e2e,
@@ -40,11 +43,16 @@ from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 
 # By what shows a family, the surest first: where one kind of evidence is there, later ones are not asked.
 _BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
-    (ppyoloe, rtdetr),  # inputs beside the picture
+    (ppyoloe, rtdetr, torchvision),  # inputs beside the picture, answers without a batch
     (detr, rfdetr, mmdeploy, yolov6e2e),  # names of outputs
-    (tfod, torchvision),  # the picture's own form: bytes with the channels last, or no batch
-    (yolov5, yolov8, yolox, yolov6, fastestdet, nanodet, nanodetplus),  # numbers of grid cells
+    (tfod,),  # the picture's own form: bytes with the channels last
+    (yolov5, yolov8, yolox, yolov6, fastestdet, nanodet, nanodetplus, yolofastestv2),  # numbers of grid cells
     (yolov10, yolov7),  # rows of six or seven
+    (anchors,),  # none: the contract's head tells
+)
+_HEAD_EXAMPLE = (
+    '"head": {"strides": [8, 16, 32], "anchors": [[10,13, 16,30, 33,23], [30,61, 62,45, 59,119], '
+    '[116,90, 156,198, 373,326]], "boxes": "yolov5"}'
 )
 FAMILIES: tuple[Family, ...] = tuple(family for families in _BY_EVIDENCE for family in families)
 
@@ -76,14 +84,31 @@ def resolve(
     named = [family for family in FAMILIES if stated.family == family.NAME]
     if not named:
         raise ModelError(f"family {stated.family!r}: must be one of {', '.join(f.NAME for f in FAMILIES)}")
-    layout = named[0].describe(signature) if signature.outputs else None
+    family = _with_head(named[0], stated)
+    layout = family.describe(signature) if signature.outputs else None
     if layout is None:
         raise ModelError(
             f"the contract ({stated.sources['family']}) says {stated.family}, "
             f"but the graph has no outputs of that shape:\n{signature.describe()}"
         )
     _check_class_count(stated, layout.classes)
-    return named[0], _fitted(stated, signature), layout
+    return family, _fitted(stated, signature), layout
+
+
+def _with_head(family: Family, contract: Contract) -> Family:
+    """The family with the anchors and classes that the contract states."""
+    heads = {anchors.NAME, yolofastestv2.NAME}
+    if family.NAME not in heads:
+        if contract.head is not None:
+            raise ModelError(
+                f"head: goes with the families {', '.join(sorted(heads))}, not with {family.NAME}"
+            )
+        return family
+    if contract.head is None:
+        raise ModelError(
+            f"family {family.NAME!r} needs the head's anchors in its contract, for example {_HEAD_EXAMPLE}"
+        )
+    return anchors.WithAnchors(family.NAME, contract.head, len(contract.classes), family.UNKNOWN)
 
 
 def _recognise(signature: Signature) -> _Found:
@@ -97,7 +122,8 @@ def _recognise(signature: Signature) -> _Found:
             (family, layout), exported = fitting[0], order < len(families)
             return _Found(family, layout, f"metadata {exporter}; " * exported + layout.why, exported)
     raise ModelError(
-        f"the graph fits no output family known here ({', '.join(family.NAME for family in FAMILIES)})\n"
+        f"the graph fits no output family known here ({', '.join(family.NAME for family in FAMILIES)}); a head with "
+        f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
         f"{signature.describe()}"
     )
 
@@ -135,9 +161,10 @@ def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Foun
         if told := probe.told_apart(set(by_name), signature.answer(blob)):
             family, layout = by_name[told[0]]
             return _Found(family, layout, f"{layout.why}; {told[1]}")
+    lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
-        f"the graph fits several output families ({', '.join(by_name)}): state which, under 'family' in a "
-        f"contract or with --contract\n{signature.describe()}"
+        f"the graph fits several output families ({', '.join(by_name)}), and nothing in it tells which: write "
+        f"{lines} into <model>.contract.json, or give --contract\n{signature.describe()}"
     )
 
 
@@ -147,7 +174,7 @@ def _assumed(found: _Found, signature: Signature) -> Contract:
     base = preset(name)
     known = exported_fields(signature.metadata)
     if found.exported:
-        sources = dict.fromkeys(FIELDS, f"preset {name} (metadata of an Ultralytics export)")
+        sources = dict.fromkeys(FIELDS, f"preset {name} ({EXPORTER})")
     else:
         sources = dict.fromkeys(FIELDS, f"assumed: preset {name}, which the graph suggests")
     sources["family"] = f"{'graph' if found.sure else 'assumed'}: {found.why}"

@@ -17,17 +17,38 @@ FloatArray = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Boxes (N, 4) = (left, top, right, bottom) px of the network's input, scores (N,), class ids (N,)."""
+    """Boxes (N, 4) = (left, top, right, bottom) px of the network's input, scores (N,), class ids (N,).
+
+    class_scores: (N, classes), of each box with every class, where the graph tells; ``scores`` and ``class_ids`` are
+    then those of the class that leads. leads: (N,) whether the class does, None: all do.
+    """
 
     boxes_xyxy: FloatArray
     scores: FloatArray
     class_ids: NDArray[np.int64]
+    class_scores: FloatArray | None = None
+    leads: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.scores)
 
     def __getitem__(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Candidates:
-        return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index])
+        each, leads = (
+            None if values is None else values[index] for values in (self.class_scores, self.leads)
+        )
+        return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index], each, leads)
+
+    def with_classes(self, min_score: float, class_ids: NDArray[np.int64] | None = None) -> Candidates:
+        """Every box once with each class whose own score reaches ``min_score``, of ``class_ids`` or of all.
+
+        As they are where the graph tells one class a box.
+        """
+        if self.class_scores is None:
+            return self
+        scores = self.class_scores if class_ids is None else self.class_scores[:, class_ids]
+        box, column = np.nonzero(scores >= min_score)
+        own = column if class_ids is None else class_ids[column]
+        return Candidates(self.boxes_xyxy[box], scores[box, column], own, leads=own == self.class_ids[box])
 
 
 def all_finite(values: FloatArray) -> bool:
@@ -45,30 +66,45 @@ def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]
 
 
 def select(
-    boxes_cxcywh: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64], min_score: float
+    boxes_cxcywh: FloatArray,
+    scores: FloatArray,
+    class_ids: NDArray[np.int64],
+    min_score: float,
+    class_scores: FloatArray | None = None,
 ) -> Candidates:
     """Keep finite boxes whose score reaches ``min_score`` (NaN does not), as corners.
 
-    boxes_cxcywh: (N, 4) = centre x, y, width, height, px.
+    boxes_cxcywh: (N, 4) = centre x, y, width, height, px. class_scores: (N, classes), if the graph tells them.
     """
     strong = np.flatnonzero(scores >= min_score)
-    return from_centres(boxes_cxcywh[strong], scores[strong], class_ids[strong])
+    each = None if class_scores is None else class_scores[strong]
+    return from_centres(boxes_cxcywh[strong], scores[strong], class_ids[strong], each)
 
 
-def from_centres(boxes_cxcywh: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64]) -> Candidates:
+def from_centres(
+    boxes_cxcywh: FloatArray,
+    scores: FloatArray,
+    class_ids: NDArray[np.int64],
+    class_scores: FloatArray | None = None,
+) -> Candidates:
     """Those whose box (centre x, y, width, height) is finite, as corners."""
     half = boxes_cxcywh[:, 2:] / 2
     corners = np.empty(boxes_cxcywh.shape, np.float32)
     np.subtract(boxes_cxcywh[:, :2], half, out=corners[:, :2])
     np.add(boxes_cxcywh[:, :2], half, out=corners[:, 2:])
-    return finite(Candidates(corners, scores, class_ids))
+    return finite(Candidates(corners, scores, class_ids, class_scores))
 
 
 def select_corners(
-    boxes_xyxy: FloatArray, scores: FloatArray, class_ids: NDArray[np.int64], min_score: float
+    boxes_xyxy: FloatArray,
+    scores: FloatArray,
+    class_ids: NDArray[np.int64],
+    min_score: float,
+    class_scores: FloatArray | None = None,
 ) -> Candidates:
     """Keep finite boxes (N, 4) = (left, top, right, bottom), px, whose score reaches ``min_score``."""
-    return finite(Candidates(boxes_xyxy, scores, class_ids)[np.flatnonzero(scores >= min_score)])
+    every = Candidates(boxes_xyxy, scores, class_ids, class_scores)
+    return finite(every[np.flatnonzero(scores >= min_score)])
 
 
 def finite(candidates: Candidates) -> Candidates:
@@ -90,15 +126,36 @@ def best(candidates: Candidates, max_detections: int) -> Candidates:
     return candidates[np.argsort(-candidates.scores, kind="stable")[:max_detections]]
 
 
-def suppress(candidates: Candidates, nms_iou: float, max_detections: int) -> Candidates:
+def suppress(
+    candidates: Candidates, nms_iou: float, max_detections: int, *, per_class: int | None = None
+) -> Candidates:
     """Greedy non-maximum suppression within each class: at most ``max_detections``, highest score first.
 
     A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``.
-    Runs onnxruntime's own NonMaxSuppression.
+    ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own NonMaxSuppression, on the
+    strongest first: weaker ones cannot change what these leave.
     """
     if len(candidates) <= 1:
         return candidates
-    ordered = candidates[np.argsort(-candidates.scores, kind="stable")]
+    most = 4 * max_detections
+    while True:
+        ordered = _strongest(candidates, most)
+        kept = _suppressed(ordered, nms_iou, per_class or max_detections)[:max_detections]
+        if len(kept) >= max_detections or len(ordered) == len(candidates):
+            return kept
+        most *= 4
+
+
+def _strongest(candidates: Candidates, most: int) -> Candidates:
+    """The ``most`` with the highest scores, and those that equal the last, highest first, equals in their order."""
+    if len(candidates) > most:
+        weakest = np.partition(candidates.scores, -most)[-most]
+        candidates = candidates[np.flatnonzero(candidates.scores >= weakest)]
+    return candidates[np.argsort(-candidates.scores, kind="stable")]
+
+
+def _suppressed(ordered: Candidates, nms_iou: float, per_class: int) -> Candidates:
+    """Of candidates with the highest score first, at most ``per_class`` of one class."""
     count = len(ordered)
     present = np.bincount(ordered.class_ids) > 0
     rows = (np.cumsum(present) - 1)[ordered.class_ids]
@@ -108,12 +165,11 @@ def suppress(candidates: Candidates, nms_iou: float, max_detections: int) -> Can
     feed = {
         "boxes": ordered.boxes_xyxy[None],
         "scores": ranks,
-        "most": np.array([max_detections], np.int64),
+        "most": np.array([per_class], np.int64),
         "iou": np.array([nms_iou], np.float32),
         "least": np.zeros(1, np.float32),
     }
-    kept = np.sort(_suppression().run(None, feed)[0][:, 2])[:max_detections]
-    return ordered[kept]
+    return ordered[np.sort(_suppression().run(None, feed)[0][:, 2])]
 
 
 @lru_cache(maxsize=1)

@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "detr"
 UNKNOWN = ""
+SEVERAL_CLASSES = False  # PostProcess: max over the classes
 
 
 def describe(signature: Signature) -> Layout | None:
@@ -30,6 +31,6 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     """Score = largest softmax but the last; (centre x, y, width, height) as shares of the input."""
     logits, boxes = (output[0] for output in outputs)
     powers = np.exp(logits - logits.max(axis=1, keepdims=True))
-    scores, class_ids = best_class(powers[:, :-1] / powers.sum(axis=1, keepdims=True))
+    class_scores = powers[:, :-1] / powers.sum(axis=1, keepdims=True)
     input_whwh = np.array([size_px[1], size_px[0]] * 2, np.float32)
-    return select(boxes * input_whwh, scores, class_ids, min_score)
+    return select(boxes * input_whwh, *best_class(class_scores), min_score, class_scores)

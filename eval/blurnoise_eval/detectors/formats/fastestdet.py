@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "fastestdet"
 UNKNOWN = ""
+SEVERAL_CLASSES = False  # handle_preds: argmax over the classes
 STRIDE = 16
 
 
@@ -47,4 +48,6 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     boxes = np.empty((len(kept), 4), np.float32)
     boxes[:, :2] = (np.tanh(rows[:, 1:3]) + cell_xy) * (input_wh / np.array([width, height], np.float32))
     boxes[:, 2:] = 0.5 * (1 + np.tanh(rows[:, 3:5] / 2)) * input_wh  # the sigmoid, without overflow
-    return from_centres(boxes, scores[strong], class_ids[strong])
+    each = np.maximum(rows[:, 5:], 0) ** 0.4
+    each *= rows[:, :1] ** 0.6
+    return from_centres(boxes, scores[strong], class_ids[strong], each)

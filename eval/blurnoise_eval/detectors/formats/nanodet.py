@@ -13,6 +13,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "nanodet"
 UNKNOWN = ""
+SEVERAL_CLASSES = True  # multiclass_nms
 BINS = 8  # of a side's distance, 0 to 7 strides
 SIDES = 4 * BINS
 
@@ -67,4 +68,6 @@ def candidates(
     centres = centres_px[kept]
     corners = np.concatenate([centres - reach[:, :2], centres + reach[:, 2:]], axis=1)
     edge = np.array([size_px[1], size_px[0]] * 2, np.float32)
-    return select_corners(np.clip(corners, 0, edge), scores[kept], class_ids[kept], min_score)
+    return select_corners(
+        np.clip(corners, 0, edge), scores[kept], class_ids[kept], min_score, class_scores[kept]
+    )

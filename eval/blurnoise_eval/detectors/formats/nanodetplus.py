@@ -14,6 +14,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "nanodetplus"
 UNKNOWN = ""
+SEVERAL_CLASSES = True  # multiclass_nms
 
 
 def describe(signature: Signature) -> Layout | None:

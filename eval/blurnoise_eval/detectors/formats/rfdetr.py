@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "rfdetr"
 UNKNOWN = "whether one of the class slots, and which, stands for the background"
+SEVERAL_CLASSES = True  # PostProcess: the best of all queries and classes
 
 
 def describe(signature: Signature) -> Layout | None:
@@ -27,7 +28,8 @@ def describe(signature: Signature) -> Layout | None:
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
     """Score = sigmoid of the largest logit; (centre x, y, width, height) as shares of the input."""
     boxes, logits = outputs[0][0], outputs[1][0]
-    best, class_ids = best_class(logits)
-    scores = 0.5 * (1 + np.tanh(best / 2))  # the sigmoid, without overflow
+    class_scores = 0.5 * (1 + np.tanh(logits / 2))  # the sigmoid, without overflow
+    _, class_ids = best_class(logits)  # large ones all give 1
+    scores = class_scores[np.arange(len(class_ids)), class_ids]
     input_whwh = np.array([size_px[1], size_px[0]] * 2, np.float32)
-    return select(boxes * input_whwh, scores.astype(np.float32), class_ids, min_score)
+    return select(boxes * input_whwh, scores, class_ids, min_score, class_scores)

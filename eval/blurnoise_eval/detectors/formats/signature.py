@@ -21,6 +21,8 @@ DTYPES = {
     "tensor(uint8)": np.uint8,
 }
 """The types that a picture's input may have."""
+SIZES = "orig_target_sizes"
+"""The input by which RT-DETR, D-FINE and DEIM ask for the pictures' width and height."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,19 @@ class Signature:
         found = {output.name.split(":")[0]: output for output in self.outputs}
         return [found[name] for name in names] if found.keys() >= set(names) else None
 
+    @property
+    def asks_for_size(self) -> bool:
+        """Whether a second input asks for the pictures' sizes, as RT-DETR's deployment and its heirs do."""
+        return any(entry.name == SIZES for entry in self.inputs[1:])
+
+    def of_one_picture(self) -> list[TensorInfo] | None:
+        """Boxes [N, 4], integer labels [N] and other scores [N], without a batch; None where these are not all."""
+        boxes = [output for output in self.outputs if len(output.shape) == 2 and output.shape[1] == 4]
+        flat = [output for output in self.outputs if len(output.shape) == 1]
+        labels = [output for output in flat if output.type in ("tensor(int64)", "tensor(int32)")]
+        scores = [output for output in flat if output not in labels]
+        return [*boxes, *labels, *scores] if len(boxes) == len(labels) == len(scores) == 1 else None
+
     def describe(self) -> str:
         """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
         lines = [f"  input {entry}" for entry in self.inputs] + [
@@ -114,6 +129,9 @@ class Family(Protocol):
 
     NAME: str
     UNKNOWN: str  # what neither the graph nor a preset tells; empty if nothing
+    SEVERAL_CLASSES: (
+        bool  # whether the family's own evaluator counts a box with every class that reaches its threshold
+    )
 
     def describe(self, signature: Signature) -> Layout | None:
         """Return how this family reads the graph's outputs; None if they do not have its layout."""
@@ -148,7 +166,7 @@ def extra_feeds(
     """
     height, width = size_px
     known: dict[str, NDArray[np.generic]] = {
-        "orig_target_sizes": np.array([[width, height]], np.int64),  # RT-DETR
+        SIZES: np.array([[width, height]], np.int64),  # RT-DETR
         "im_shape": np.array([[height, width]], np.float32),  # PaddleDetection
         "scale_factor": np.ones((1, 2), np.float32),  # (y, x)
         "pixel_mask": np.ones((1, height, width), np.int64),  # DETR

@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature,
 
 NAME = "tfod"
 UNKNOWN = BAKED
+SEVERAL_CLASSES = False  # one a box is all that the graph tells
 _NAMES = ("num_detections", "detection_boxes", "detection_scores", "detection_classes")
 
 

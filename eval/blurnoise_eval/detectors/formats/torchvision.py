@@ -12,19 +12,13 @@ from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature
 
 NAME = "torchvision"
 UNKNOWN = BAKED
+SEVERAL_CLASSES = False  # one a box is all that the graph tells
 
 
 def describe(signature: Signature) -> Layout | None:
     """One [N, 4], one [N] of integers and one [N] of floats: the order differs between its models."""
-    if signature.size_px is None:
-        return None
-    boxes = [o for o in signature.outputs if len(o.shape) == 2 and o.shape[1] == 4]
-    flat = [o for o in signature.outputs if len(o.shape) == 1]
-    labels = [o for o in flat if o.type in ("tensor(int64)", "tensor(int32)")]
-    scores = [o for o in flat if o not in labels]
-    if not len(boxes) == len(labels) == len(scores) == 1:
-        return None
-    return Layout.by_name([*boxes, *labels, *scores])
+    found = None if signature.size_px is None or signature.asks_for_size else signature.of_one_picture()
+    return None if found is None else Layout.by_name(found)
 
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:

@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature
 
 NAME = "yolov10"
 UNKNOWN = BAKED
+SEVERAL_CLASSES = False  # one a box is all that the graph tells
 
 
 def describe(signature: Signature) -> Layout | None:

@@ -13,6 +13,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "yolov5"
 UNKNOWN = ""  # YOLOv7 exported with --grid has the same layout and the same pre-processing
+SEVERAL_CLASSES = True  # val.py: multi_label
 
 
 def describe(signature: Signature) -> Layout | None:
@@ -26,5 +27,5 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     """Score = objectness · class; (centre x, y, width, height) in px."""
     rows = outputs[0][0]
     rows = rows[rows[:, 4] >= min_score]
-    class_scores, class_ids = best_class(rows[:, 5:])
-    return select(rows[:, :4], rows[:, 4] * class_scores, class_ids, min_score)
+    class_scores = rows[:, 5:] * rows[:, 4:5]
+    return select(rows[:, :4], *best_class(class_scores), min_score, class_scores)

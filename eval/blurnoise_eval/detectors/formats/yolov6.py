@@ -9,10 +9,11 @@ from blurnoise_eval.detectors.formats.grids import STRIDES, STRIDES_64, layout_b
 from blurnoise_eval.detectors.formats.signature import Layout, Signature
 from blurnoise_eval.detectors.formats.yolov5 import decode
 
-__all__ = ["NAME", "UNKNOWN", "decode", "describe"]
+__all__ = ["NAME", "SEVERAL_CLASSES", "UNKNOWN", "decode", "describe"]
 
 NAME = "yolov6"
 UNKNOWN = ""
+SEVERAL_CLASSES = True  # Evaler: multi_label
 
 
 def describe(signature: Signature) -> Layout | None:

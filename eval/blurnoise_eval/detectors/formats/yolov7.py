@@ -15,6 +15,7 @@ from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature
 
 NAME = "yolov7"
 UNKNOWN = BAKED
+SEVERAL_CLASSES = False  # one a box is all that the graph tells
 
 
 def describe(signature: Signature) -> Layout | None:

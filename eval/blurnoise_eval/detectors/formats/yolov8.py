@@ -16,6 +16,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "yolov8"
 UNKNOWN = ""
+SEVERAL_CLASSES = True  # DetectionValidator: multi_label
 _STRIDES = ((8,), STRIDES, STRIDES_64)
 
 
@@ -41,5 +42,4 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
         columns = columns.T
     # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
     kept = columns[:, columns[4:].max(axis=0) >= min_score].T
-    class_scores, class_ids = best_class(kept[:, 4:])
-    return select(kept[:, :4], class_scores, class_ids, min_score)
+    return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])

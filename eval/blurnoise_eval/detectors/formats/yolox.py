@@ -13,6 +13,7 @@ from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
 NAME = "yolox"
 UNKNOWN = "whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet"
+SEVERAL_CLASSES = False  # postprocess: torch.max over the classes
 
 
 def describe(signature: Signature) -> Layout | None:
@@ -29,8 +30,8 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     """
     rows = outputs[0][0]
     kept = np.flatnonzero(rows[:, 4] >= min_score)
-    class_scores, class_ids = best_class(rows[:, 5:][kept])
-    scores = rows[kept, 4] * class_scores
+    class_scores = rows[kept, 5:] * rows[kept, 4:5]
+    scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
     kept = kept[strong]
     column_row, stride = (values[kept] for values in grid(size_px))
@@ -39,4 +40,4 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
         np.exp(boxes[:, 2:], out=boxes[:, 2:])
         boxes *= stride
-    return from_centres(boxes, scores[strong], class_ids[strong])
+    return from_centres(boxes, scores[strong], class_ids[strong], class_scores[strong])

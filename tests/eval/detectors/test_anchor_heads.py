@@ -1,0 +1,251 @@
+"""Heads with anchors, in every form of their outputs, against plain loops over levels, cells and anchors."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
+from blurnoise_eval.detectors.contract import COCO80, ModelError, parse_contract, preset
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.formats.anchors import WithAnchors
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+SIZE_PX, NAMES = (64, 96), ("first", "second", "third", "fourth")
+ANCHORS = (((10.0, 13.0), (16.0, 30.0)), ((30.0, 61.0), (62.0, 45.0)), ((59.0, 119.0), (116.0, 90.0)))
+HEADS = {
+    "yolov3": AnchorHead((8, 16, 32), ANCHORS, "yolov3"),
+    "yolov4": AnchorHead((8, 16, 32), ANCHORS, "yolov4", xy_scales=(1.2, 1.1, 1.05)),
+    "yolov5": AnchorHead((8, 16, 32), ANCHORS, "yolov5"),
+    "activated": AnchorHead((32, 16, 8), ANCHORS, "yolov3", activated=True),  # the coarsest first, as darknet
+}
+FORMS = (
+    "planes",
+    "channels last",
+    "anchors first",
+    "anchors last",
+    "rows by anchor",
+    "rows by cell",
+    "cells",
+)
+
+
+def sigmoid(x: float) -> float:
+    return 1 / (1 + math.exp(-x))
+
+
+def raw(head: AnchorHead, seed: int = 0) -> list[NDArray[np.float64]]:
+    """What a head answers, for each stride (rows, columns, anchors, 5 + classes)."""
+    rng = np.random.default_rng(seed)
+    values = []
+    for stride in head.strides:
+        shape = (SIZE_PX[0] // stride, SIZE_PX[1] // stride, head.per_cell, 5 + len(NAMES))
+        level = rng.normal(0, 1.5, shape).astype(np.float32).astype(float)
+        if head.activated:
+            level[..., [0, 1, 4, 5, 6, 7, 8]] = 1 / (1 + np.exp(-level[..., [0, 1, 4, 5, 6, 7, 8]]))
+        values.append(level)
+    return values
+
+
+def shaped(levels: list[NDArray[np.float64]], form: str) -> list[NDArray[np.float32]]:
+    """The levels as graphs give them."""
+    rows, columns = ([level.shape[axis] for level in levels] for axis in (0, 1))
+    whole = [level.reshape(*level.shape[:2], -1) for level in levels]
+    if form == "planes":
+        made = [level.transpose(2, 0, 1)[None] for level in whole]
+    elif form == "channels last":
+        made = [level[None] for level in whole]
+    elif form == "anchors first":
+        made = [level.transpose(2, 0, 1, 3)[None] for level in levels]
+    elif form == "anchors last":
+        made = [level[None] for level in levels]
+    else:
+        width = levels[0].shape[3]
+        order = (2, 0, 1, 3) if form == "rows by anchor" else (0, 1, 2, 3)
+        parts = [level.transpose(order).reshape(-1, width) for level in levels]
+        if form == "cells":
+            parts = [level.reshape(r * c, -1) for level, r, c in zip(whole, rows, columns, strict=True)]
+        made = [np.concatenate(parts)[None]]
+    return [np.ascontiguousarray(each, np.float32) for each in made]
+
+
+def plain(head: AnchorHead, levels: list[NDArray[np.float64]], min_score: float) -> list[tuple[float, ...]]:
+    """Box by box: score, left, top, right, bottom, class of the largest score."""
+    squash = (lambda x: x) if head.activated else sigmoid
+    found = []
+    for level, stride, anchors, scale in zip(levels, head.strides, head.anchors, head.scales, strict=True):
+        for row in range(level.shape[0]):
+            for column in range(level.shape[1]):
+                for anchor, (width, height) in enumerate(anchors):
+                    x, y, w, h, objectness, *classes = level[row, column, anchor]
+                    scores = [squash(objectness) * squash(each) for each in classes]
+                    if max(scores) < min_score:
+                        continue
+                    if head.boxes == "yolov5":
+                        cx, cy = (2 * squash(x) - 0.5 + column) * stride, (2 * squash(y) - 0.5 + row) * stride
+                        wide, high = (2 * squash(w)) ** 2 * width, (2 * squash(h)) ** 2 * height
+                    else:
+                        cx = (squash(x) * scale - 0.5 * (scale - 1) + column) * stride
+                        cy = (squash(y) * scale - 0.5 * (scale - 1) + row) * stride
+                        wide, high = math.exp(w) * width, math.exp(h) * height
+                    box = (cx - wide / 2, cy - high / 2, cx + wide / 2, cy + high / 2)
+                    found.append((max(scores), *box, scores.index(max(scores))))
+    return sorted(found)
+
+
+def constant_graph(
+    path: Path, outputs: list[NDArray[np.float32]], size_px: tuple[int, int] = SIZE_PX
+) -> Path:
+    """A graph that answers the same to every picture."""
+    nodes = [
+        helper.make_node("ReduceMean", ["images"], ["mean"], keepdims=0),
+        helper.make_node("Mul", ["mean", "none"], ["zero"]),
+    ]
+    held = [numpy_helper.from_array(np.float32(0), "none")]
+    infos = []
+    for number, values in enumerate(outputs):
+        nodes.append(helper.make_node("Add", [f"held{number}", "zero"], [f"out{number}"]))
+        held.append(numpy_helper.from_array(values, f"held{number}"))
+        infos.append(helper.make_tensor_value_info(f"out{number}", TensorProto.FLOAT, values.shape))
+    taken = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, *size_px])]
+    made = helper.make_graph(nodes, "anchors", taken, infos, held)
+    onnx.save(helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    return path
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("kind", HEADS)
+def test_every_form_is_decoded_as_plain_loops_do(kind: str, form: str, tmp_path: Path) -> None:
+    head = HEADS[kind]
+    if form.startswith("rows"):
+        head = replace(head, order=form.split()[-1])
+    levels = raw(head)
+    contract = replace(preset("anchors"), classes=NAMES, head=head, resize="stretch", input_size_px=None)
+    outputs = shaped(levels, form)
+    path = constant_graph(tmp_path / "m.onnx", outputs[::-1])  # levels are told by their sizes
+    detector = Detector(path, contract=contract)
+    assert detector.contract.family == "anchors"
+    answer = detector.run(detector.prepare(np.zeros((*SIZE_PX, 3), np.uint8))[0])
+    found = detector.family.decode(answer, SIZE_PX, 0.3)
+    expected = plain(head, levels, 0.3)
+    assert len(found) == len(expected) > 20
+    order = np.argsort(found.scores)
+    np.testing.assert_allclose(found.scores[order], [row[0] for row in expected], rtol=1e-5)
+    np.testing.assert_allclose(found.boxes_xyxy[order], [row[1:5] for row in expected], rtol=1e-4, atol=1e-3)
+    assert found.class_ids[order].tolist() == [row[5] for row in expected]
+
+
+def fastest_v2(side_px: int, classes: int) -> tuple[list[NDArray[np.float32]], NDArray[np.float64]]:
+    """The two levels of a square input, cells by [12 box, 3 objectness, classes], and them in rows."""
+    rng = np.random.default_rng(2)
+    levels = []
+    for stride in (16, 32):
+        level = rng.uniform(0, 1, (side_px // stride, side_px // stride, 15 + classes)) ** 2
+        level[..., 15:] /= level[..., 15:].sum(axis=-1, keepdims=True)
+        levels.append(level.astype(np.float32))
+    return levels, np.concatenate([level.reshape(-1, 15 + classes) for level in levels])
+
+
+@pytest.mark.parametrize("form", ["rows", "rows with a batch", "levels"])
+def test_yolo_fastest_v2_is_recognised_and_decoded_as_its_own_code_does(form: str, tmp_path: Path) -> None:
+    """605 = 22 x 22 + 11 x 11 rows of 95 = 12 + 3 + 80; the loops follow ``handel_preds`` and the deployed code."""
+    levels, rows = fastest_v2(352, 80)
+    outputs = {"rows": [rows], "rows with a batch": [rows[None]], "levels": [level[None] for level in levels]}
+    made = [np.asarray(each, np.float32) for each in outputs[form]]
+    assert form != "rows" or made[0].shape == (605, 95)
+    detector = Detector(constant_graph(tmp_path / "m.onnx", made, (352, 352)))
+    contract = detector.contract
+    assert (contract.family, contract.colour, contract.nms_iou) == ("yolofastestv2", "bgr", 0.4)
+    assert contract.classes == COCO80
+    assert "head = " in " ".join(contract.assumptions)
+    expected, start = [], 0
+    anchors = [12.64, 19.39, 37.88, 51.48, 55.71, 138.31, 126.91, 78.23, 131.57, 214.55, 279.92, 258.87]
+    for number, stride in enumerate((16, 32)):
+        side = 352 // stride
+        for cell in range(side * side):
+            row = rows[start + cell]
+            for q in range(3):
+                width, height = anchors[6 * number + 2 * q : 6 * number + 2 * q + 2]
+                cx = (row[4 * q] * 2 - 0.5 + cell % side) * stride
+                cy = (row[4 * q + 1] * 2 - 0.5 + cell // side) * stride
+                wide, high = (row[4 * q + 2] * 2) ** 2 * width, (row[4 * q + 3] * 2) ** 2 * height
+                score = row[12 + q] * row[15:].max()
+                box = (cx - wide / 2, cy - high / 2, cx + wide / 2, cy + high / 2)
+                expected.append((score, *box, int(row[15:].argmax())))
+        start += side * side
+    answer = detector.run(detector.prepare(np.zeros((352, 352, 3), np.uint8))[0])
+    found = detector.family.decode(answer, (352, 352), 0.02)
+    strong = sorted(each for each in expected if each[0] >= 0.02)
+    order = np.argsort(found.scores)
+    assert len(found) == len(strong) > 50
+    np.testing.assert_allclose(found.scores[order], [row[0] for row in strong], rtol=1e-5)
+    np.testing.assert_allclose(found.boxes_xyxy[order], [row[1:5] for row in strong], rtol=1e-4, atol=1e-2)
+    assert found.class_ids[order].tolist() == [row[5] for row in strong]
+
+
+def test_a_contract_file_states_anchors_strides_and_layout(tmp_path: Path) -> None:
+    """As darknet's files list them; another's anchors take the place of COCO's."""
+    _, rows = fastest_v2(64, len(NAMES))
+    path = constant_graph(tmp_path / "m.onnx", [rows.astype(np.float32)], (64, 64))
+    stated: dict[str, Any] = {"family": "yolofastestv2", "classes": list(NAMES), "nms_iou": None}
+    stated["head"] = {"strides": [16, 32], "anchors": [[2, 4, 6, 8, 10, 12], [20, 30, 40, 50, 60, 61]]}
+    stated["head"]["activated"] = True
+    path.with_name("m.contract.json").write_text(json.dumps(stated))
+    own = Detector(path)
+    assert own.contract.head == AnchorHead(
+        (16, 32), (((2, 4), (6, 8), (10, 12)), ((20, 30), (40, 50), (60, 61))), activated=True
+    )
+    again = parse_contract(json.loads(json.dumps(own.contract.to_dict())), "file x")
+    assert again == own.contract
+    blob = np.zeros((1, 3, 64, 64), np.float32)
+    with_own = own.family.decode(own.run(blob), (64, 64), 0.1).boxes_xyxy
+    with_cocos = WithAnchors("x", YOLO_FASTEST_V2, len(NAMES)).decode(own.run(blob), (64, 64), 0.1).boxes_xyxy
+    sizes, cocos = with_own[:, 2:] - with_own[:, :2], with_cocos[:, 2:] - with_cocos[:, :2]
+    wide = cocos[:, 0] > 1
+    widths = np.array([(2, 12.64), (6, 37.88), (10, 55.71), (20, 126.91), (40, 131.57), (60, 279.92)])
+    alike = np.isclose((sizes[wide, 0] / cocos[wide, 0])[:, None], widths[:, 0] / widths[:, 1], rtol=1e-3)
+    assert alike.any(axis=1).all()  # each box has the ratio of one anchor
+    assert alike.any(axis=0).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"head": None}, "family 'anchors' needs the head's anchors in its contract, for example .head."),
+        ({"head": {"strides": [8, 16, 32]}}, "head: missing key 'anchors'"),
+        ({"head": {"strides": [8], "anchors": [[1, 2, 3]]}}, "head: anchors = .*widths and heights in turn"),
+        (
+            {"head": {"strides": [8, 16], "anchors": [[1, 2]]}},
+            "head: anchors: .*equally many for each stride",
+        ),
+        ({"head": {"strides": [8, 8], "anchors": [[1, 2], [3, 4]]}}, "head: strides = .*must differ"),
+        ({"head": {"strides": [8], "anchors": [[1, 2]], "boxes": "yolov2"}}, "head: boxes = 'yolov2'"),
+        (
+            {"head": {"strides": [8], "anchors": [[1, 2]], "boxes": "yolov4"}},
+            "head: xy_scales: must be given",
+        ),
+        ({"head": {"strides": [8], "anchors": [[1, -2]]}}, "head: anchors = "),
+        ({"head": {"strides": [8], "anchors": [[1, 2]], "anchor": 3}}, "head: unknown key 'anchor'"),
+        ({"family": "yolov8", "head": {"strides": [8], "anchors": [[1, 2]]}}, "head: goes with the families"),
+    ],
+)
+def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"))
+    stated = {"family": "anchors", "classes": list(NAMES), **change}
+    path.with_name("m.contract.json").write_text(json.dumps(stated))
+    with pytest.raises(ModelError, match=message) as caught:
+        Detector(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_graph_tells_how_anchors_are_stated(tmp_path: Path) -> None:
+    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"))
+    with pytest.raises(ModelError, match='a contract with "family": "anchors" and "head": '):
+        Detector(path)
