@@ -100,6 +100,7 @@ class Decision(Evaluation):
 
     @cached_property
     def data(self) -> RunData:
+        """Everything that the page shows; of a search without what a grid would need."""
         data = super().data
         if self.decided is None:
             return data
