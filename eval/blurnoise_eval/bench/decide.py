@@ -332,7 +332,7 @@ def _bisected(truth: Truth, on: _Lines, width: float) -> tuple[Array, int]:
 
 def _median_of(rows: Sequence[Row], **about: Any) -> Row:
     """Of the same method drawn several times."""
-    middle = {
+    middle: dict[str, Any] = {
         name: float(np.median([getattr(row, name) for row in rows])) for name in ("median", "high", "wrong")
     }
     missed = int(np.median([row.missed for row in rows]))

@@ -160,14 +160,19 @@ class Search:
 
     @cached_property
     def precise(self) -> bool:
-        """Whether what the nodes leave open is less than what pictures do, wherever a line may cross a level."""
+        """Whether what the nodes leave open is less than what pictures do: at edges found, with ``CAUTION``, and
+        wherever else a line may cross a level."""
+        shape = self._on_lines.shape[:2]
         for known in self._known:
-            mean, sigma, error = known.on(self._on_lines.reshape(-1, 2))
-            unsure = CAUTION * sigma
-            steep = np.abs(np.gradient(mean.reshape(self._on_lines.shape[:2]), self._stops, axis=1)).ravel()
-            coarse = unsure > np.maximum.reduce([error, _PRECISE_STOPS * steep, np.full(len(mean), _PRECISE)])
-            if any((coarse & (np.abs(mean - level) <= unsure)).any() for level in self.levels):
-                return False
+            mean, sigma, error = (each.reshape(shape) for each in known.on(self._on_lines.reshape(-1, 2)))
+            steep = np.abs(np.gradient(mean, self._stops, axis=1))
+            enough = np.maximum(np.maximum(error, _PRECISE), _PRECISE_STOPS * steep)
+            for level in self.levels:
+                turns = (mean[:, 1:] >= level) != (mean[:, :-1] >= level)
+                edge = np.pad(turns, ((0, 0), (0, 1))) | np.pad(turns, ((0, 0), (1, 0)))
+                possible = np.abs(mean - level) <= CAUTION * sigma
+                if (edge & (CAUTION * sigma > enough)).any() or (possible & (sigma > enough)).any():
+                    return False
         return True
 
     @cached_property
