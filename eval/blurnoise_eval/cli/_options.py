@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
 from inspect import Parameter, signature
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Option
 
@@ -128,6 +128,14 @@ GreyAnchor = Annotated[
         help="what of a picture is 18 % reflectance: its mean, a percentile, a region in px (default: its brightness "
         "is taken for reflectance)",
     ),
+]
+Cfa = Annotated[
+    Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"] | None,
+    Option(help="colour filters in place of the camera's; none: a sensor for each colour, mono: one for all"),
+]
+FrameRate = Annotated[float, Option(metavar="HZ", help="bounds an automatic exposure")]
+Mains = Annotated[
+    Literal["0", "50", "60"], Option(help="Hz; automatic exposures of whole periods of its light, 0: any")
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
 

@@ -11,24 +11,40 @@ if TYPE_CHECKING:
 
     from blurnoise.camera import Camera
     from blurnoise.capture import Capture
+    from blurnoise.colour import Cfa
     from blurnoise.hdr import Flicker
+    from blurnoise.spectra import Curve
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.scoring.on_picture import Model
 
 
-def camera(name: str, f_number: float | None = None) -> Camera:
-    """The camera of a preset's name or a file, with the lens's f-number if that is given: light and diffraction."""
+def camera(name: str, f_number: float | None = None, cfa: Cfa | None = None) -> Camera:
+    """The camera of a preset's name or a file, with the lens's f-number (light and diffraction) and the colour
+    filters if these are given."""
     from dataclasses import replace
 
     from blurnoise_eval.drawing.photon_transfer import find
     from blurnoise_eval.grid.conditions import with_lens
 
     camera = find(name)
-    if f_number is None:
-        return camera
-    sources = {**camera.sources, "f_number": "given on the command line"}
-    return replace(with_lens(camera, f_number=f_number), sources=sources)
+    stated = "given on the command line"
+    if cfa is not None:
+        camera = replace(camera, cfa=cfa, sources={**camera.sources, "cfa": stated})
+    if f_number is not None:
+        sources = {**camera.sources, "f_number": stated}
+        camera = replace(with_lens(camera, f_number=f_number), sources=sources)
+    return camera
+
+
+def illuminant(name: str) -> str | Curve:
+    """The spectrum of a name, checked, or of a CSV file."""
+    from blurnoise.spectra import Curve, illuminant
+
+    if name.lower().endswith(".csv"):
+        return Curve.from_csv(name)
+    illuminant(name)
+    return name
 
 
 def light(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import CameraName, FNumber, GreyAnchor, Json, or_auto
+from blurnoise_eval.cli._options import CameraName, Cfa, FNumber, FrameRate, GreyAnchor, Json, Mains, or_auto
 from blurnoise_eval.cli.console import print_facts, print_stages
 from blurnoise_eval.grid.axes import AUTOMATIC
 
@@ -48,10 +48,15 @@ def simulate(
             help="analogue as far as the camera goes, then digital, which native numbers are before; auto: to 18 %",
         ),
     ] = 0.0,
-    frame_rate: Annotated[float, Option(metavar="HZ", help="bounds an automatic exposure")] = 30.0,
-    mains: Annotated[
-        Literal["0", "50", "60"], Option(help="Hz; automatic exposures of whole periods of its light, 0: any")
-    ] = "0",
+    frame_rate: FrameRate = 30.0,
+    mains: Mains = "0",
+    illuminant: Annotated[
+        str,
+        Option(
+            metavar="NAME|FILE.csv",
+            help="the light's spectrum: D50, D55, D65, D75, planck:2856 or a file of nm and power",
+        ),
+    ] = "D55",
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     fidelity: Annotated[
         Literal["auto", "full"],
@@ -100,6 +105,7 @@ def simulate(
     ] = None,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
+    cfa: Cfa = None,
     f_number: FNumber = None,
     as_json: Json = False,
 ) -> None:
@@ -113,7 +119,7 @@ def simulate(
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
     """
-    taker = given.camera(camera, f_number)
+    taker = given.camera(camera, f_number, cfa)
     from dataclasses import asdict
 
     import torch
@@ -130,6 +136,7 @@ def simulate(
     from blurnoise_eval.datasets import write_picture
 
     integer("seed", seed, 0, LAST_SEED)
+    lit_by = given.illuminant(illuminant)
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
     exposure_s = exposure_ms / 1e3
@@ -138,8 +145,11 @@ def simulate(
             f"gain = {gain_db:g}: goes with a stated exposure; with an automatic one it is set, too"
         )
     if AUTOMATIC in (exposure_ms, gain_db):
-        metered: dict[str, Any] = {"mean_light": float(mean_luma(scene, taker)[0]), "illuminance_lux": lux}
-        metered["temperature_c"] = temperature_c
+        metered: dict[str, Any] = {
+            "mean_light": float(mean_luma(scene, taker, lit_by)[0]),
+            "illuminance_lux": lux,
+        }
+        metered |= {"temperature_c": temperature_c, "illuminant": lit_by}
         if exposure_ms == AUTOMATIC:
             exposure_s = auto.setting(taker, **metered).exposure_s
         gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
@@ -155,20 +165,21 @@ def simulate(
         temperature_c=temperature_c,
         generator=[seed],
         flicker=lamp,
+        illuminant=lit_by,
         fidelity=fidelity,
         tolerance_dn=tolerance_dn,
     )
     dn = frames[0]
     first = taker.at_gain(captures[0].gain_db).camera
-    white_e = photoelectrons(taker, lux, exposure_s)
+    white_e = photoelectrons(taker, lux, exposure_s, lit_by)
     if bit_depth == "native":
         outputs = [each.to(torch.int32).numpy().astype("uint16") for each in frames]
     else:
         if len(captures) == 1:
-            seen = develop_8bit(dn, taker, digital_db)
+            seen = develop_8bit(dn, taker, digital_db, lit_by)
         else:
             shown_e = max(1e-9, white_e * positive("hdr_white", hdr_white) / 10 ** (digital_db / 20))
-            picture = developed(fuse(frames, taker, captures), taker, white_e=shown_e)
+            picture = developed(fuse(frames, taker, captures), taker, white_e=shown_e, illuminant=lit_by)
             seen = picture.mul(255.0).round().to(torch.uint8)
         outputs = [in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()]
     for place, out in enumerate(outputs, 1):
@@ -180,6 +191,7 @@ def simulate(
         illuminance_lux=lux,
         displacement_px=(dx * exposure_s, dy * exposure_s),
         temperature_c=temperature_c,
+        illuminant=lit_by,
         tolerance_dn=tolerance_dn,
     )
     facts: dict[str, Any] = {
@@ -196,7 +208,7 @@ def simulate(
     }
     if taker.cfa != "none":
         facts["cfa"] = taker.cfa
-        per_lux_s = filter_electrons(taker)
+        per_lux_s = filter_electrons(taker, lit_by)
         facts |= {f"white_electrons_{each}": e * lux * exposure_s for each, e in per_lux_s.items() if each}
         if taker.ccm is not None:
             facts["outside_gamut_percent"] = 100 * outside_share(scene, taker)

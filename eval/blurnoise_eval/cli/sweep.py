@@ -10,7 +10,18 @@ from typing import Annotated, Literal
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import FAMILIES, CameraName, GreyAnchor, Grid, Json, axis_options, one_of
+from blurnoise_eval.cli._options import (
+    FAMILIES,
+    CameraName,
+    Cfa,
+    FrameRate,
+    GreyAnchor,
+    Grid,
+    Json,
+    Mains,
+    axis_options,
+    one_of,
+)
 from blurnoise_eval.cli.console import print_assumptions
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 
@@ -91,10 +102,13 @@ def sweep(
         float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
     ] = 100.0,
     grid: Grid,
+    frame_rate: FrameRate = 30.0,
+    mains: Mains = "0",
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
+    cfa: Cfa = None,
     keep: Keep = None,
     threshold: Threshold = None,
     score: Score = None,
@@ -123,7 +137,8 @@ def sweep(
     Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
     goes on where it was when the same command is given again.
     """
-    exposed_by = given.camera(camera)
+    exposed_by = given.camera(camera, cfa=cfa)
+    from blurnoise import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate
@@ -146,7 +161,8 @@ def sweep(
         max_megapixels=max_megapixels,
         reads=given.read(models),
     )
-    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor)
+    auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
+    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor, auto_exposure=auto)
     for each in models if model or ocr else ():
         print_assumptions(each.contract, each.path)
     done = evaluate(

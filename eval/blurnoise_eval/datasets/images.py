@@ -14,6 +14,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
+from blurnoise_eval.datasets import openexr
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
 
@@ -50,14 +51,12 @@ def decode(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
 def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArray[np.float32]:
     """Read linear light, (H, W) or (H, W, 3): floats as they stand in the file, integers over their full scale.
 
-    Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, and .exr where it was built with OpenEXR. Raises
+    Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, the package OpenEXR .exr. Raises
     :class:`UnreadablePicture` as :func:`decode` does, and for light that is negative or not finite.
     """
     found = _stored(path, max_megapixels)
     if found is None and path.suffix.lower() == ".exr":
-        raise UnreadablePicture(
-            f"{path}: this build of OpenCV reads no OpenEXR; convert it to .hdr or 32-bit .tiff"
-        )
+        found = _openexr(path, max_megapixels)
     if found is None or (found.dtype not in (np.uint8, np.uint16) and found.dtype.kind != "f"):
         raise UnreadablePicture(f"{path}: not a picture of floats, 8 or 16 bits that OpenCV can decode")
     most = float(np.iinfo(found.dtype).max) if found.dtype.kind == "u" else 1.0
@@ -67,17 +66,36 @@ def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArra
     return light
 
 
+def _check_size(path: Path, size_px: tuple[int, int], max_megapixels: float) -> None:
+    width, height = size_px
+    if width * height > 1e6 * max_megapixels:
+        raise UnreadablePicture(
+            f"{path}: {width} x {height} px, {width * height / 1e6:.0f} megapixels; "
+            f"must be at most {max_megapixels:g}"
+        )
+
+
+def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
+    try:
+        _check_size(path, openexr.size_px(path), max_megapixels)
+        return openexr.read(path)
+    except ImportError:
+        raise UnreadablePicture(
+            f"{path}: needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
+        ) from None
+    except (RuntimeError, ValueError) as error:
+        if isinstance(error, UnreadablePicture):
+            raise
+        raise UnreadablePicture(f"{path}: {error}") from None
+
+
 def _stored(path: Path, max_megapixels: float) -> NDArray[Any] | None:
     """What the file holds, of any type; None where OpenCV cannot decode it."""
     try:
         check_regular(path)
         header = _header(path)
-        if header and header.size_px[0] * header.size_px[1] > 1e6 * max_megapixels:
-            width, height = header.size_px
-            raise UnreadablePicture(
-                f"{path}: {width} x {height} px, {width * height / 1e6:.0f} megapixels; "
-                f"must be at most {max_megapixels:g}"
-            )
+        if header:
+            _check_size(path, header.size_px, max_megapixels)
         data = np.fromfile(path, np.uint8)
     except OSError as error:
         raise UnreadablePicture(f"{path}: {error.strerror or error}") from None

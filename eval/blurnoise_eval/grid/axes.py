@@ -100,9 +100,11 @@ def milliseconds(exposure_s: float, digits: int = 3) -> str:
 
 AXES: tuple[Axis, ...] = (
     Axis(
-        "exposure_s", "exposure_s", "--exposure-ms", "exposure times, ms", "Exposure", "ms", 1e-3, 0.0, 3600.0,
-        own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True,
-        text=lambda value: f"{milliseconds(value)} ms", slug=lambda value: f"{1e3 * value:g}ms",
+        "exposure_s", "exposure_s", "--exposure-ms",
+        "exposure times, ms; auto: as the camera sets it for each picture", "Exposure", "ms",
+        1e-3, 0.0, 3600.0, own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True, automatic=True,
+        text=lambda value: "automatic exposure" if value == AUTOMATIC else f"{milliseconds(value)} ms",
+        slug=lambda value: "auto" if value == AUTOMATIC else f"{1e3 * value:g}ms",
         default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 20, 30, 60, 90)),
     ),
     Axis(

@@ -38,6 +38,7 @@ from blurnoise_eval.grid.axes import (
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
 MOST_REPEATS = 1_000_000
+_STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}
 _LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
 
 
@@ -98,13 +99,15 @@ class Conditions(Mapping[str, float | None]):
 
     @property
     def displacement_px(self) -> tuple[float, float]:
-        """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it."""
-        x, y = (float(np.float32(v) * np.float32(self.exposure_s)) for v in velocity_of(self.stated))
+        """Motion during the exposure, px, in single precision as :func:`blurnoise.simulate` computes it; during a
+        second where the camera sets the exposure."""
+        exposure_s = np.float32(1.0 if self.exposure_s == AUTOMATIC else self.exposure_s)
+        x, y = (float(np.float32(v) * exposure_s) for v in velocity_of(self.stated))
         return x, y
 
     @property
     def blur_px(self) -> float:
-        """Length of the motion blur, px."""
+        """Length of the motion blur, px, where the exposure is stated."""
         return blur_px(self.stated)
 
     @property
@@ -118,14 +121,17 @@ class Conditions(Mapping[str, float | None]):
         return {each.name: stated.get(each.name, each.own(camera)) for each in AXES}
 
     @property
-    def automatic(self) -> bool:
-        """Whether the camera sets its gain itself."""
-        return self["gain_db"] == AUTOMATIC
+    def automatic(self) -> frozenset[str]:
+        """The axes on which the camera sets the value itself."""
+        return frozenset(name for name, value in self.stated.items() if value == AUTOMATIC)
 
-    def exposure(self, camera: Camera, seed: int = 0, *, automatic_gain_db: float = 0.0) -> Exposure:
+    def exposure(
+        self, camera: Camera, seed: int = 0, *, automatic: Mapping[str, float] = _STAND_INS
+    ) -> Exposure:
         """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it.
 
-        automatic_gain_db: what the camera sets, where the gain is left to it.
+        automatic: what the camera sets on the axes that are left to it; by default stand-ins, 0 dB and 1 ms, for what
+        does not depend on them.
         """
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
@@ -135,7 +141,7 @@ class Conditions(Mapping[str, float | None]):
             if value is None:
                 continue
             if each.automatic and value == AUTOMATIC:
-                value = automatic_gain_db
+                value = automatic[each.name]
             if place == "camera":
                 lens[part] = value
             elif part:
@@ -166,7 +172,7 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
-    auto_exposure: what sets the gain where it is left to the camera.
+    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -177,6 +183,8 @@ class SweepPlan:
     auto_exposure: AutoExposure = USUAL
 
     def __post_init__(self) -> None:
+        if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
+            object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:
@@ -187,7 +195,15 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        if AUTOMATIC in checked["exposure_s"]:
+            if len(checked["exposure_s"]) > 1:
+                raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
+            if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
+                raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
+            checked["gain_db"] = (AUTOMATIC,)
         longest = checked["exposure_s"][-1]
+        if longest == AUTOMATIC:
+            longest = self.auto_exposure.limit_s
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * longest, "displacement_px")
@@ -228,7 +244,7 @@ class SweepPlan:
         """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any, and no
         auto-exposure where it sets nothing."""
         values = asdict(self)
-        if AUTOMATIC not in self.values("gain_db"):
+        if not any(AUTOMATIC in self.values(name) for name in NAMES):
             del values["auto_exposure"]
         if self.grey_anchor is None:
             del values["grey_anchor"]

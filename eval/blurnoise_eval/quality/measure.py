@@ -162,10 +162,11 @@ def check(camera: Camera, plan: SweepPlan) -> None:
 
     Its meter would set another for every chart.
     """
-    if AUTOMATIC in plan.values("gain_db"):
-        raise ValueError(
-            "gain_db = 'auto': must be numbers; the charts have no one mean for a camera to meter"
-        )
+    for name in plan.grid:
+        if AUTOMATIC in plan.values(name):
+            raise ValueError(
+                f"{name} = 'auto': must be numbers; the charts have no one mean for a camera to meter"
+            )
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

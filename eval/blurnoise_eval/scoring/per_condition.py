@@ -55,18 +55,20 @@ def score_rows(
     picture are in one), None where it cannot be told. truth_of: a model's truth, None for a reader. moves: where
     the conditions of a row have moved the truth's boxes, and what these sweep. cluster: a pattern on pictures'
     names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. by_size: "ap" or "ap50" of the sizes, too.
-    Pictures that could not be read do not count; those on which the model failed count as answered by nothing.
+    Where the camera has set the exposure, a row's is the mean over its pictures. Pictures that could not be read do
+    not count; those on which the model failed count as answered by nothing.
     """
     clusters = numbered(queries.pictures_seen(store), cluster)
     for model in models:
         truth = truth_of(model)
         every = _sums(store, model, clusters)
-        for row in queries.condition_counts(store, model):
+        counted = queries.condition_counts(store, model)
+        for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
             cells = [] if truth is None else list(queries.detections_at(store, model, row))
             sums = every.get(tuple(row[name] for name in CONDITIONS), {})
-            judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(row)), clusters)
+            judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(as_set)), clusters)
             progress(1)
-            shared = {name: row[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
+            shared = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
             of_run = judged.mean("exact_match") if truth is None else judged.coco["ap"]
             sizes = judged.precision_by_size(by_size) if by_size else {}

@@ -5,11 +5,11 @@ Rows come as the store gives them: a dictionary each, keyed by column, one at a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import SETTING, VELOCITY
+from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of
 from blurnoise_eval.store.schema import CONDITIONS, SORTED
 from blurnoise_eval.store.store import Store, unpack
 
@@ -18,13 +18,30 @@ _SHARED = ", ".join(CONDITIONS)
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pictures have NULLs
 
 
+def _mean(column: str) -> str:
+    """Of values that may all be the same; then that value, to the bit."""
+    return f"CASE WHEN MIN({column}) = MAX({column}) THEN MIN({column}) ELSE AVG({column}) END AS {column}"
+
+
+def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
+    """The rows; where the camera has set the exposure of each picture, with the mean over the pictures, s, in its
+    setting."""
+    where = ", ".join(SETTING)
+    query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM cells WHERE exposure_s = ? GROUP BY {where}"
+    means = {setting_of(row): row["applied_exposure_s"] for row in store.rows(query, AUTOMATIC)}
+    for row in rows:
+        if row["exposure_s"] == AUTOMATIC:
+            row = {**row, "exposure_s": means[setting_of(row)]}
+        yield row
+
+
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, untouched first: numbers of pictures, errors and targets, mean gain, dB, signal to
     noise, dB, brightness and saturated share of the pictures."""
     same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
       SELECT seen.*, n_targets FROM (
-        SELECT model, {_SHARED}, blur_px, COUNT(*) AS n_images, COUNT(error) AS errors,
+        SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
           AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
           AVG(saturated) AS saturated
         FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
@@ -86,10 +103,12 @@ def exposed_targets(store: Store) -> Iterator[Row]:
     """Rows of targets in exposed pictures, with the ``saturated`` share of the picture's values and their mean, its
     ``brightness``; those of a model, group and setting of further axes together."""
     order = ", ".join(f"targets.{name}" for name in SETTING)
-    return store.rows(
-        "SELECT targets.*, cells.saturated, cells.brightness FROM targets JOIN cells USING (cell_id, model)"
-        " WHERE targets.clean = 0"
-        f' ORDER BY targets.model, "group", {order}'
+    return as_set(
+        store,
+        store.rows(
+            "SELECT targets.*, cells.saturated, cells.brightness FROM targets JOIN cells USING (cell_id, model)"
+            f' WHERE targets.clean = 0 ORDER BY targets.model, "group", {order}'
+        ),
     )
 
 
@@ -165,7 +184,7 @@ def examples(store: Store) -> list[Row]:
     """Cells whose picture was kept, their detections unpacked: by picture, exposure, speed, then the rest."""
     order = ", ".join(("image", "clean DESC", "exposure_s", *VELOCITY, *SETTING))
     found = store.rows(f"SELECT * FROM cells WHERE example IS NOT NULL ORDER BY {order}")
-    return [{**cell, "detections": unpack(cell["detections"])} for cell in found]
+    return [{**cell, "detections": unpack(cell["detections"])} for cell in as_set(store, found)]
 
 
 def targets_of(store: Store, cell_id: str, model: str) -> Iterator[Row]:

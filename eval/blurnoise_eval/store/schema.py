@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 5  # of the tables below
+VERSION = 6  # of the tables below
+UPGRADES = {
+    5: "ALTER TABLE cells ADD COLUMN applied_exposure_s REAL; UPDATE cells SET applied_exposure_s = exposure_s;"
+}
+"""What makes the tables of an older version those below."""
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
@@ -19,7 +23,7 @@ _SHARED = (
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
-  detection_rate REAL, n_detections INTEGER, saturated REAL, applied_gain_db REAL,
+  detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
   snr_db REAL, brightness REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
   example TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);

@@ -75,7 +75,12 @@ class Store:
                 self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             self._db.row_factory = sqlite3.Row
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version != schema.VERSION:
+            if version in schema.UPGRADES:
+                if self.read_only:
+                    self._db = opened.enter_context(closing(_copied(self._db, opened)))
+                changes = f"{schema.UPGRADES[version]} PRAGMA user_version = {schema.VERSION}"
+                self._db.executescript(f"BEGIN; {changes}; COMMIT")
+            elif version != schema.VERSION:
                 if self._db.execute("SELECT name FROM sqlite_master").fetchone():
                     raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
                 if self.read_only:
@@ -273,6 +278,15 @@ def _connect_to_read(path: Path, opened: ExitStack) -> sqlite3.Connection:
             shutil.copyfile(file, folder / file.name)
         return sqlite3.connect(folder / path.name)
     return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+
+
+def _copied(db: sqlite3.Connection, opened: ExitStack) -> sqlite3.Connection:
+    """A copy that can be written."""
+    folder = Path(opened.enter_context(TemporaryDirectory()))
+    copy = sqlite3.connect(folder / RUN_FILE)
+    db.backup(copy)
+    copy.row_factory = sqlite3.Row
+    return copy
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -22,25 +22,25 @@ from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.radiometry import dark_electrons, photoelectrons
 from blurnoise_eval.datasets import Image, UnreadablePicture, eight_bit
-from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.matching import MoveBoxes
 
 
 class Frame(NamedTuple):
-    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, where it moves boxes and what they
-    sweep.
+    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, how it was taken, where that moves
+    boxes and what they sweep.
 
-    saturated: the share of its values at a limit of well, converter or picture. gain_db: with which it was taken.
-    snr_db: of a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture.
+    saturated: the share of its values at a limit of well, converter or picture. snr_db: of a pixel with the
+    picture's mean light. brightness: its mean value, 0-1. None of the untouched picture.
     """
 
     cell: Cell
     image: NDArray[np.uint8]
     simulate_ms: float
+    exposure: Exposure | None = None
     move_boxes: MoveBoxes | None = None
     sweep_boxes: MoveBoxes | None = None
     saturated: float | None = None
-    gain_db: float | None = None
     snr_db: float | None = None
     brightness: float | None = None
 
@@ -80,30 +80,45 @@ def frames(
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     exposures = []
     for cell, at in exposed:
-        exposure = at.exposure(camera, cell.seed)
-        if at.automatic:
-            gain_db = auto_exposure.gain_db(
-                exposure.camera,
-                mean_light=scene.mean_light(camera),
-                illuminance_lux=exposure.illuminance_lux,
-                exposure_s=exposure.exposure_s,
-                temperature_c=exposure.temperature_c,
-            )
-            exposure = replace(exposure, gain_db=gain_db)
-        exposures.append(exposure)
+        exposures.append(_set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure))
     taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
         yield Frame(
             cell,
             frame.picture,
             frame.simulate_ms,
+            exposure,
             box_mover(exposure),
             box_sweeper(exposure),
             saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
-            gain_db=exposure.gain_db,
             snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
         )
+
+
+def _set(
+    at: Conditions, seed: int, mean_light: float, camera: Camera, auto_exposure: AutoExposure
+) -> Exposure:
+    """How a picture of ``mean_light`` is taken: as stated, and as the camera sets what is left to it."""
+    exposure = at.exposure(camera, seed)
+    if not at.automatic:
+        return exposure
+    if "exposure_s" in at.automatic:
+        setting = auto_exposure.setting(
+            exposure.camera,
+            mean_light=mean_light,
+            illuminance_lux=exposure.illuminance_lux,
+            temperature_c=exposure.temperature_c,
+        )
+        return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
+    gain_db = auto_exposure.gain_db(
+        exposure.camera,
+        mean_light=mean_light,
+        illuminance_lux=exposure.illuminance_lux,
+        exposure_s=exposure.exposure_s,
+        temperature_c=exposure.temperature_c,
+    )
+    return replace(exposure, gain_db=gain_db)
 
 
 def brightest(exposure: Exposure) -> int:

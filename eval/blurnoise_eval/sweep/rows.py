@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Sight
 from blurnoise_eval.store.store import CellResult
@@ -18,7 +18,7 @@ def cell_result(
     frame: Frame, model: str, camera: Camera, sight: Sight, example: str | None, example_png: bytes | None
 ) -> CellResult:
     """The rows of one cell and model. example: where the picture is kept in the run's folder, as PNG."""
-    cell, at = frame.cell, frame.cell.conditions
+    cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
     shared = {
         "cell_id": cell.cell_id,
         "model": model,
@@ -27,7 +27,7 @@ def cell_result(
         "repeat": cell.repeat,
         "clean": at is None,
         **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
-        "blur_px": at and at.blur_px,
+        "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
     }
     rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]
     confidences = np.array([row["confidence"] for row in rows])
@@ -38,7 +38,8 @@ def cell_result(
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
         "n_detections": len(sight.detections),
         "saturated": frame.saturated,
-        "applied_gain_db": frame.gain_db,
+        "applied_exposure_s": taken and taken.exposure_s,
+        "applied_gain_db": taken and taken.gain_db,
         "snr_db": frame.snr_db,
         "brightness": frame.brightness,
         "simulate_ms": frame.simulate_ms,

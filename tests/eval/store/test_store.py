@@ -8,6 +8,7 @@ import math
 import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     cell |= {
         "n_detections": len(detections),
         "saturated": 0.25,
+        "applied_exposure_s": 0.01,
         "applied_gain_db": 6.0,
         "snr_db": 20.0,
         "brightness": 0.4,
@@ -319,6 +321,28 @@ def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
     database.close()
     with pytest.raises(StoreError, match="another version"):
         Store(tmp_path)
+
+
+@pytest.mark.parametrize("read_only", [False, True])
+def test_run_of_the_version_before_is_read(
+    tmp_path: Path, read_only: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The exposure that was taken is the one that was stated; a file that cannot be written stays as it is."""
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0), clean_result(1)])
+    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
+        database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s; PRAGMA user_version = 5")
+    before = (tmp_path / RUN_FILE).read_bytes()
+    if read_only:
+        monkeypatch.setattr("blurnoise_eval.store.store._writable", lambda path: False)
+    with Store(tmp_path) as store:
+        cells = list(store.cells())
+        assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
+        assert len(cells) == 2
+        assert len(list(store.targets())) > 0
+    assert ((tmp_path / RUN_FILE).read_bytes() == before) == read_only
+    with Store(tmp_path) as again:
+        assert list(again.cells()) == cells
 
 
 def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
