@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.scoring.plane import STILL_PX
 from blurnoise_eval.sweep.blocks import Block
@@ -25,6 +26,8 @@ from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.files import write_whole
 
 EXPOSURE_S = 0.01
+GAINS: tuple[tuple[str, float | None], ...] = (("fixed", None), ("automatic", AUTOMATIC))
+"""How the gain is set, and what of it conditions state."""
 _CELLS = 64  # that a worker is given at once
 Array = NDArray[np.float64]
 
@@ -64,6 +67,37 @@ class Planes:
         values |= {name: tuple(found[name].tolist()) for name in ("groups", "clusters")}
         values |= {name: found[name].astype(float) for name in ("places", "sums", "clean", "targets")}
         return cls(**values)
+
+
+def kept(
+    folder: Path,
+    detector: Detector,
+    pictures: PictureSet,
+    camera: Camera,
+    places: Array,
+    progress: Callable[[float], object] = lambda pictures: None,
+) -> list[Planes]:
+    """A plane for each of ``GAINS``: those in the folder, if they are of the same, or else computed and written.
+
+    A file is planes-GAIN.npz. Raises ``OSError``.
+    """
+    found = []
+    for name, gain_db in GAINS:
+        path = folder / f"planes-{name}.npz"
+        clusters = tuple(picture.name for picture in pictures)
+        made = Planes.read(path) if path.is_file() else None
+        same = made is not None and (made.model, made.camera, made.clusters) == (
+            detector.name,
+            camera.name,
+            clusters,
+        )
+        if made is None or not same or not np.array_equal(made.places, places):
+            made = computed(detector, pictures, camera, places, gain_db, progress)
+            made.write(path)
+        else:
+            progress(len(pictures))
+        found.append(made)
+    return found
 
 
 def conditions_at(place: Sequence[float], gain_db: float | None = None) -> Conditions:
@@ -115,6 +149,6 @@ def computed(
         for (group, place), value in own.items():
             values[names.index(group), cluster, place] = value
     clusters = tuple(picture.name for picture in pictures)
-    gain = "fixed" if gain_db is None else "automatic" if np.isinf(gain_db) else f"{gain_db:g} dB"
+    gain = next((name for name, each in GAINS if each == gain_db), f"{gain_db:g} dB")
     sums, targets, clean = values[..., :-2], values[..., -2], values[..., -1]
     return Planes(detector.name, camera.name, gain, places, names, clusters, sums, clean, targets)

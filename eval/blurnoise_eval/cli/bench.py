@@ -14,7 +14,9 @@ from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
-What = Literal["simulate", "sweep", "blur", "noise", "metrics", "edges", "intervals", "augment", "training"]
+What = Literal[
+    "simulate", "sweep", "blur", "noise", "metrics", "edges", "intervals", "decide", "augment", "training"
+]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
 TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}
 TRAINING_QUICK = {"scenes": 96, "pictures": 480, "seeds": 2, "held_out": 8}
@@ -33,7 +35,7 @@ def bench(
     what: Annotated[What, Argument(metavar="WHAT", help="see above")],
     *,
     model: Annotated[
-        Path | None, Option(metavar="M.onnx", help="for sweep (default: the built-in one)")
+        Path | None, Option(metavar="M.onnx", help="for sweep and decide (default: the built-in one)")
     ] = None,
     contract: Annotated[
         str | None,
@@ -47,7 +49,7 @@ def bench(
         Path | None,
         Option(
             metavar="DIR",
-            help="for sweep (default: rendered signs); for training: the folder of --coco's photographs",
+            help="for sweep (default: rendered signs); for decide and training: the folder of --coco's photographs",
         ),
     ] = None,
     threads: Threads = None,
@@ -83,7 +85,7 @@ def bench(
         _training(
             metavar="FILE",
             help="photographs to judge by, too: COCO instances with the category 'stop sign'; all pictures count, "
-            "those without a sign by what is found in them",
+            "those without a sign by what is found in them; for decide: in place of rendered signs",
         ),
     ] = None,
     replications: Annotated[
@@ -103,6 +105,7 @@ def bench(
       metrics    every way to measure a slanted edge, time beside error
       edges      edges that deceive, and honest ones: how many of them are withheld or flagged
       intervals  how often intervals hold the truth, in populations made for it
+      decide     how many conditions a search for windows asks, beside grids and bisection, and how far off it is
       sweep      a sweep against bare onnxruntime
       augment    what the augmentations cost beside a training step
       training   whether training with the exposure augmentation helps
@@ -117,15 +120,15 @@ def bench(
     DIR/models/ARM-SEED.onnx. The same command goes on where it was stopped.
     """
     asked: dict[str, tuple[object, tuple[str, ...]]] = {
-        "model": (model, ("sweep",)),
-        "contract": (contract, ("sweep",)),
+        "model": (model, ("sweep", "decide")),
+        "contract": (contract, ("sweep", "decide")),
         "heavy": (heavy, ("sweep",)),
-        "images": (images, ("sweep", "training")),
+        "images": (images, ("sweep", "decide", "training")),
         "pictures": (pictures, ("training",)),
         "scenes": (scenes, ("training",)),
         "seeds": (seeds, ("edges", "training")),
         "held-out": (held_out, ("training",)),
-        "coco": (coco, ("training",)),
+        "coco": (coco, ("decide", "training")),
         "replications": (replications is not None, ("intervals",)),
         "seed": (seed is not None, ("intervals",)),
     }
@@ -138,6 +141,8 @@ def bench(
         _sweep(model, contract, images, workers, heavy=heavy, as_json=as_json)
     elif what == "augment":
         _augment(workers, quick=quick, as_json=as_json)
+    elif what == "decide":
+        _decide(folder, model, contract, coco, images, workers, quick=quick, as_json=as_json)
     elif what == "training":
         asked_for = {"scenes": scenes, "pictures": pictures, "seeds": seeds, "held_out": held_out}
         usual = TRAINING_QUICK if quick else TRAINING
@@ -218,6 +223,43 @@ def _room(
     for line in bench.losses():
         say(line)
     say(f"open {folder / f'{what}.png'}")
+
+
+def _decide(
+    folder: Path,
+    model: Path | None,
+    contract: str | None,
+    coco: Path | None,
+    images: Path | None,
+    threads: int,
+    *,
+    quick: bool,
+    as_json: bool,
+) -> None:
+    """Searches replayed on dense planes of a detector, which are made where the folder does not hold them."""
+    from blurnoise_eval import datasets
+    from blurnoise_eval.bench import decide, decide_planes, decide_view
+
+    if images and not coco:
+        raise ValueError("images: goes with --coco, whose photographs it holds")
+    extent = decide.QUICK if quick else decide.FULL
+    detector = given.detector(model, contract)
+    pictures = datasets.coco(coco, images=images) if coco else datasets.rendered_signs(count=extent.pictures)
+    folder.mkdir(parents=True, exist_ok=True)
+    places = decide.nodes_of(extent)
+    with ProgressBar("ask", len(decide_planes.GAINS) * len(pictures)) as advance:
+        planes = decide_planes.kept(folder, detector, pictures, given.camera("imx250"), places, advance)
+    with ProgressBar("bench", decide.steps(planes, extent)) as advance:
+        bench = decide.measure(planes, extent, threads, advance)
+    decide.write(bench, folder)
+    decide_view.write(bench, folder)
+    if as_json:
+        say_json(bench.document())
+        return
+    show(*decide_view.tables(bench))
+    for line in bench.losses():
+        say(line)
+    say(f"open {folder / 'decide.png'}")
 
 
 def _augment(threads: int, *, quick: bool, as_json: bool) -> None:

@@ -148,15 +148,15 @@ class Search:
             )
         if self._answers_check(at):
             self._checks.append(self._check(at, value))
-            surprises = sum(check.surprising for check in self._checks)
-            last = surprises >= _CHECKS or len(self._places) >= self.most_nodes
-            self._not_smooth = self._checks[-1].surprising and last
         told = _not_among(self._places, at)
         self._places = np.concatenate([self._places[told], at])
         self._values = np.concatenate([self._values.reshape(questions, -1)[:, told], value], axis=1)
         self._errors = np.concatenate([self._errors.reshape(questions, -1)[:, told], error], axis=1)
         for name in ("_next", "_known", "precise"):
             self.__dict__.pop(name, None)
+        surprises = sum(check.surprising for check in self._checks)
+        spent = surprises > 0 and len(self._places) >= self.most_nodes and not self.precise
+        self._not_smooth |= surprises >= _CHECKS or spent
 
     @cached_property
     def precise(self) -> bool:
