@@ -23,7 +23,6 @@ from blurnoise_eval.cli._options import (
 from blurnoise_eval.cli.console import print_assumptions
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 from blurnoise_eval.cli.sweep import sweep
-from blurnoise_eval.system.terminal import say
 
 _asked = partial(Option, rich_help_panel="What is asked; LIST is 1,5,10 or start:stop:step, RANGE low:high")
 _stops = partial(Option, rich_help_panel="When it is enough")
@@ -139,6 +138,4 @@ def decide(
         progress=True,
         command=" ".join(["blurnoise", *sys.argv[1:]]),
     )
-    for line in done.how() if not as_json else ():
-        say(line)
-    tell(done, as_json=as_json)
+    tell(done, as_json=as_json, first=done.how())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -47,7 +48,7 @@ Cluster = Annotated[
 
 
 def report(
-    run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep")],
+    run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep or a decision")],
     *,
     keep: Keep = None,
     threshold: Threshold = None,
@@ -67,14 +68,15 @@ def report(
 
     The sweep itself is not repeated.
     """
-    from blurnoise_eval.sweep.evaluation import Evaluation
+    from blurnoise_eval.deciding.decision import Decision
 
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
-    tell(Evaluation(run, **enough, cluster=cluster, output=output, progress=True), as_json=as_json)
+    done = Decision(run, **enough, cluster=cluster, output=output, progress=True)
+    tell(done, as_json=as_json, first=done.how())
 
 
-def tell(done: Evaluation, *, as_json: bool) -> None:
-    """Write a run's tables, figures and page; the answer in the terminal."""
+def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
+    """Write a run's tables, figures and page; the answer in the terminal, after what is to be said ``first``."""
     from blurnoise_eval.report.findings import missing_text
 
     page = done.report()
@@ -84,6 +86,7 @@ def tell(done: Evaluation, *, as_json: bool) -> None:
         say_json(done.summary)
         return
     print_opening(done.data)
+    say(*first)
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
