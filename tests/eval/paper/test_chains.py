@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -12,7 +14,7 @@ from blurnoise.encoding import srgb_from_linear
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.radiometry import photoelectrons
 
-SIDE = {"height_px": 320, "width_px": 320}
+SIDE: Any = {"height_px": 320, "width_px": 320}
 
 
 def test_the_paper_s_light_is_the_grey_of_coded_values() -> None:

@@ -139,8 +139,8 @@ def test_capacity_and_quanta() -> None:
 
     for item in (chart_items.capacity, chart_items.quanta_of_picture):
         assert verdicts(item(charts(value))) == [True, True]
-        assert verdicts(item(charts(lambda *at: value(*at, late=0.02)))) == [True, False]
-        assert verdicts(item(charts(lambda *at: value(*at, peak=12.0)))) == [False, True]
+        assert verdicts(item(charts(lambda name, ms, v: value(name, ms, v, late=0.02)))) == [True, False]
+        assert verdicts(item(charts(lambda name, ms, v: value(name, ms, v, peak=12.0)))) == [False, True]
         assert verdicts(item(charts(lambda name, ms, v: value(name, ms, 0)))) == [True, False]
 
 
