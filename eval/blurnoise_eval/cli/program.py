@@ -136,7 +136,7 @@ def program(
         objective=objective,
         tail=tail,
     )
-    made = make(Response(scenario, found.planes), found.metering, limits, stages)
+    made = make(Response(scenario, found.planes, found.exposures_s), found.metering, limits, stages)
     output.mkdir(parents=True, exist_ok=True)
     about: dict[str, Any] = {
         "run": str(run),

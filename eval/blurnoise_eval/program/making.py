@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.deciding.search import CAUTION
+from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program.limits import STEPS_PER_STOP, Limits
 from blurnoise_eval.program.metering import Metering
 from blurnoise_eval.program.response import Response
@@ -269,10 +270,10 @@ def _rivals(response: Response, metering: Metering, limits: Limits, fixed_s: flo
         rivals.append(Rival("best fixed time", None, "none was tested at every light"))
     else:
         rivals.append(held("best fixed time", lambda light: fixed_s))
-    rivals += [
-        held(name, partial(_divided_s, stages.no_longer(limits.rule.limit_s), metering))
-        for name, stages in STOCK.items()
-    ]
+    longest_s = limits.rule.limit_s
+    for name, stages in STOCK.items():
+        within = name if stages.times_s[-1] <= longest_s else f"{name}, to {milliseconds(longest_s)} ms"
+        rivals.append(held(within, partial(_divided_s, stages.no_longer(longest_s), metering)))
     rivals.append(_flicker(response, metering, limits))
     return rivals
 

@@ -29,14 +29,15 @@ GREY = 0.18
 
 @dataclass(frozen=True)
 class Material:
-    """A model's planes by targets, and what goes with them. lights_lux: from the least to the greatest; speeds_px_s:
-    each that was asked for. notes: what was left out or assumed."""
+    """A model's planes by targets, and what goes with them. lights_lux, exposures_s: from the least to the greatest;
+    speeds_px_s: each that was asked for. notes: what was left out or assumed."""
 
     model: str
     criterion: Criterion
     planes: Mapping[str, Predicted]
     metering: Metering
     lights_lux: tuple[float, float]
+    exposures_s: tuple[float, float]
     speeds_px_s: tuple[float, ...]
     notes: tuple[str, ...]
 
@@ -87,6 +88,7 @@ def read(
         },
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         lights_lux=(min(line.illuminance_lux for line in lines), max(line.illuminance_lux for line in lines)),
+        exposures_s=exposures,
         speeds_px_s=tuple(sorted({line.speed_px_s for line in lines})),
         notes=tuple(notes),
     )

@@ -5,6 +5,7 @@ Domain: lux, s; values in the criterion's unit. Nothing is said of places that t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,10 +39,14 @@ class Uncertain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Planes of a model by the name of the targets, and a scenario of these."""
+    """Planes of a model by the name of the targets, and a scenario of these.
+
+    asked_s: the exposures between which the planes are known to hold.
+    """
 
     scenario: Scenario
     planes: Mapping[str, Predicted]
+    asked_s: tuple[float, float] = (0.0, math.inf)
 
     @cached_property
     def clusters(self) -> tuple[str, ...]:
@@ -83,10 +88,12 @@ class Response:
 
     @property
     def exposures_s(self) -> tuple[float, float]:
-        """From the shortest to the longest that was tested at any of the lights."""
+        """From the shortest to the longest that was asked for, and tested at any of the lights."""
         lights = self.scenario.lights_lux
         low, high = self._range
-        return float(low[0] / lights[-1]), float(high[0] / lights[0])
+        return max(float(low[0] / lights[-1]), self.asked_s[0]), min(
+            float(high[0] / lights[0]), self.asked_s[1]
+        )
 
     @property
     def _range(self) -> tuple[Array, Array]:

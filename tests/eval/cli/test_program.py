@@ -11,7 +11,7 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.program.stages import Stages
 
 pytestmark = pytest.mark.slow
-GRID = ["--exposure-ms", "0.5,4,32", "--lux", "2,40", "--dx", "0,800", "--limit", "1", "--examples", "none"]
+GRID = ["--exposure-ms", "0.5,4,32", "--lux", "2,40", "--dx", "0,800", "--limit", "1"]
 
 
 @pytest.fixture(scope="module")
