@@ -71,5 +71,5 @@ def maps(
     for sentence in told.sentences(found, criterion.score):
         say(*wrap(sentence, _COLUMNS))
     show(*told.table(found, criterion.score))
-    say("In brackets: 95 % over pictures, none below 8. Last: nodes where the metric is told.")
+    say("told: share of nodes; in brackets 95 % over pictures, none below 8 of them")
     say(f"open {output / 'figures'}, {files[0]}")

@@ -91,8 +91,8 @@ def maps_of(
     cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it. repeats:
     noise fields of each chart. progress: told 1 for every node, and for every condition of a model whose AP is new.
     """
+    scores, withheld = scores_of(store, run.plane, criterion, cluster, progress)  # first: it may be refused
     metrics = _metrics(run, repeats, seed, threads, progress)
-    scores, withheld = scores_of(store, run.plane, criterion, cluster, progress)
     predictors = [predictor_of(run.plane, each) for each in scores]
     return Maps(
         run.camera,

@@ -24,6 +24,8 @@ FEWEST_ON_LINE = 5
 """Nodes of equal light, or of equal blur, from which on they count as a line."""
 MOST_BLOCKS = 5
 """Of light, or of blur, that are held out in turn."""
+RIGHT, FLATTERED = 0.8, 0.2
+"""Rank correlation from which a metric seems to rank right along one axis, and the loss over both that misleads."""
 _DIGITS = 6  # of log2 H and log2 L by which nodes stand on one line
 Mask = NDArray[np.bool_]
 
@@ -157,13 +159,13 @@ def surest(rows: Sequence[Ranked]) -> Ranked | None:
     return max(told, key=lambda row: (row.low if row.low is not None else row.spearman) or -1.0, default=None)
 
 
-def most_flattered(rows: Sequence[Ranked], least: float = 0.2) -> Ranked | None:
-    """The metric that misleads: along one axis it ranks far better than over both; by ``least`` more at least."""
-    gaps = {row.metric: row for row in rows if flattery(row) >= least}
-    return max(gaps.values(), key=flattery, default=None)
+def most_flattered(rows: Sequence[Ranked]) -> Ranked | None:
+    """The metric that misleads: along one axis it ranks right (``RIGHT``), over both worst in comparison, by
+    ``FLATTERED`` or more."""
+    return max((row for row in rows if flattery(row) >= FLATTERED), key=flattery, default=None)
 
 
 def flattery(row: Ranked) -> float:
-    """How much better a metric ranks along its better axis than over both."""
-    along = [each for each in (row.along_light, row.along_blur) if each is not None]
-    return 0.0 if row.spearman is None or not along else max(along) - row.spearman
+    """How much better a metric ranks along an axis on which it ranks right than over both; 0 without such an axis."""
+    along = max((each for each in (row.along_light, row.along_blur) if each is not None), default=0.0)
+    return along - row.spearman if row.spearman is not None and along >= RIGHT else 0.0

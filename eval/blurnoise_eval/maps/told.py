@@ -76,36 +76,40 @@ def closed_form(found: Predictor | None) -> str:
     edges = found.edges
     if not edges.measured:
         return f"{text}; no end of a window to hold it against." if found.r2_h is not None else text
-    off = "" if edges.off_stops is None else f", is {edges.off_stops:.2f} stop off at the others"
-    return f"{text}; it misses {edges.missed} of {edges.measured} ends of windows{off}: measure those."
+    off = "" if edges.off_stops is None else f" and is {edges.off_stops:.2f} stop off at the others"
+    return f"{text}; fitted to all, it misses {edges.missed} of {edges.measured} ends of windows{off}: measure ends."
 
 
 def table(maps: Maps, score: str) -> Iterator[Table]:
-    """For each model the metrics, the best first: rank correlation, 95 % interval and share told by group."""
+    """For each model the metrics, the best first: share of nodes at which each is told (those of the first
+    group), and rank correlation with its 95 % interval by group."""
     for model, groups in by_model(maps.scores, score):
         shown = sorted(groups, key=lambda each: -each.n_targets)[:MOST_GROUPS]
         shown = [each for each in groups if each in shown]
         title = f"{model}: rank correlation of {shown[0].enough.title} with each metric"
         made = Table(title=title, title_justify="left", padding=(0, 1, 0, 0), box=None, header_style="bold")
         made.add_column("metric", no_wrap=True)
+        made.add_column("told", justify="right")
         for scores in shown:
             made.add_column(scores.group, justify="right")
         rows = {scores.group: {row.metric: row for row in maps.of(scores)} for scores in shown}
         first = rows[shown[0].group]
         for metric in sorted(_TITLE_OF, key=lambda name: -(first[name].spearman or -2.0)):
-            made.add_row(_TITLE_OF[metric], *(_cell(rows[scores.group][metric]) for scores in shown))
+            cells = (_cell(rows[scores.group][metric]) for scores in shown)
+            made.add_row(_TITLE_OF[metric], f"{first[metric].share_told:.0%}", *cells)
         yield made
 
 
 def _cell(row: Ranked) -> str:
     if row.spearman is None:
-        return f"cannot tell {_share(row)}"
-    between = "" if row.low is None else f" ({row.low:.2f} {row.high:.2f})"
-    return f"{row.spearman:.2f}{between} {_share(row)}"
+        return "cannot tell"
+    ends = () if row.low is None or row.high is None else (row.low, row.high)
+    return f"{row.spearman:.2f}" + (f" ({' '.join(map(_short, ends))})" if ends else "")
 
 
-def _share(row: Ranked) -> str:
-    return f"{100 * row.share_told:3.0f}%"
+def _short(value: float) -> str:
+    """'.88', '-.44', '1.00'."""
+    return f"{value:.2f}".replace("0.", ".", 1)
 
 
 def summary(maps: Maps, score: str) -> dict[str, Any]:

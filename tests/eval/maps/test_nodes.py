@@ -36,6 +36,10 @@ def test_gain_tells_apart_what_the_camera_sets_too() -> None:
     assert node.conditions["gain_db"] == 12
     (plain,) = plane_of([row(0.01, 50.0)], IMX250, ()).nodes
     assert node.white_share == pytest.approx(plain.white_share * 10**0.6)
+    digital = replace(IMX250, analogue_gain_max_db=0.0)
+    (after,) = plane_of([row(0.01, 50.0, applied_gain_db=12.0)], digital, ()).nodes
+    assert after.white_share == pytest.approx(plain.white_share * 10**0.6)
+    assert after.snr_log2 == pytest.approx(plain.snr_log2)  # it adds neither light nor noise
 
 
 def test_dark_charge_that_counts_tells_exposures_apart() -> None:

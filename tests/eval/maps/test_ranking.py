@@ -35,6 +35,8 @@ def test_the_increasing_curve_pools_what_falls() -> None:
     places, fitted = ranking.increasing(np.array([1, 2, 3, 4, 4, 5.0]), np.array([0, 3, 1, 4, 6, 9.0]))
     assert places.tolist() == [1, 2, 3, 4, 5]
     assert fitted == pytest.approx([0, 2, 2, 5, 9])
+    weighed = ranking.increasing(np.array([1, 1, 1, 2.0]), np.array([4, 4, 4, 0.0]))[1]
+    assert weighed == pytest.approx([3, 3])  # three nodes of the one place against one
 
 
 def test_blocks_are_stretches_that_share_no_value() -> None:
