@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 6  # of the tables below
+VERSION = 5  # of the tables below
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))

@@ -16,6 +16,7 @@ from blurnoise._core.checks import in_range
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
@@ -262,6 +263,7 @@ def _note(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
         if isinstance(model, Detector):
             some = [image for _, image in datasets.sample(pictures, _SUSPECTED_PICTURES)]
             about["suspicions"] = common_suspicions(model, some)
+            about["baked"] = baked(model, some)
     store.set_about("manifest", manifest)
 
 
