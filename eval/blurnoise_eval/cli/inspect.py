@@ -100,16 +100,21 @@ def _look_at_detector(
     output: Path | None,
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
     """The detector, what is known of it, and what it finds in the picture, which comes from ``probe``."""
+    from blurnoise_eval.detectors.baked import baked, baked_text
     from blurnoise_eval.detectors.contract_checks import suspicions
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.formats import probe as drawn
 
     detector = Detector(model, contract=contract)
-    facts = {
+    seen = drawn.picture() if picture is None else picture
+    limits = baked(detector, [seen])
+    facts: dict[str, Any] = {
         "recognised": _recognised(detector),
         "unknown": [detector.family.UNKNOWN] if detector.family.UNKNOWN else [],
-        "warnings": suspicions(detector, drawn.picture() if picture is None else picture),
+        "warnings": suspicions(detector, seen),
     }
+    if limits is not None:
+        facts |= {"baked": limits, "limits": baked_text(limits)}
     if picture is None or probe is None:
         return detector, facts, None
     return detector, facts, _probed(detector, probe, picture, output)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import matplotlib
 import numpy as np
 
+from blurnoise_eval.detectors.baked import UNSEEN_SCORE
 from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.settings import Setting
@@ -60,6 +61,13 @@ def points(data: RunData) -> list[Point]:
 def model_names(data: RunData) -> list[str]:
     """The run's models, in its order."""
     return [model["name"] for model in data.manifest["models"]]
+
+
+def unseen_below(data: RunData, model: str) -> float | None:
+    """The lowest score that ever leaves a model's graph; None where that hides nothing."""
+    about = next(each for each in data.manifest["models"] if each["name"] == model)
+    lowest = (about.get("baked") or {}).get("lowest_score")
+    return None if lowest is None or lowest < UNSEEN_SCORE else float(lowest)
 
 
 def largest_groups(data: RunData, count: int) -> list[str]:

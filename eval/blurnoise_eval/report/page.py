@@ -22,6 +22,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
+from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, SPEED, velocity_text
 from blurnoise_eval.report import captions, figures, findings, interactive, tables
@@ -140,7 +141,11 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
 
 
 def _contract(model: dict[str, Any]) -> dict[str, Any]:
-    facts = {key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model}
+    facts: dict[str, str] = {
+        key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model
+    }
+    if model.get("baked"):
+        facts["limits"] = baked_text(model["baked"])
     return {"facts": facts, "fields": findings.sourced(model["contract"])}
 
 

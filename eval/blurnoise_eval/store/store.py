@@ -28,9 +28,8 @@ from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
 
-_DETECTION = np.dtype(
-    [("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")]
-)  # class ~c: one that does not lead
+_DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
+"""A class that is not the first of its box is held as its complement, a number below 0."""
 
 
 class StoreError(ValueError):
@@ -303,15 +302,13 @@ def _pack(detections: Detections) -> bytes:
     packed = np.empty(len(detections), _DETECTION)
     packed["box_xyxy"] = detections.boxes_xyxy
     packed["score"] = detections.scores
-    leads = True if detections.leads is None else detections.leads
-    packed["class_id"] = np.where(leads, detections.class_ids, ~detections.class_ids)
+    leads, class_ids = detections.leads, detections.class_ids
+    packed["class_id"] = class_ids if leads is None else np.where(leads, class_ids, ~class_ids)
     return packed.tobytes()
 
 
 def unpack(packed: bytes) -> Detections:
     """Detections as the column ``detections`` holds them."""
     found = np.frombuffer(packed, _DETECTION)
-    leads = found["class_id"] >= 0
-    return Detections(
-        found["box_xyxy"], found["score"], np.where(leads, found["class_id"], ~found["class_id"]), leads
-    )
+    class_ids, leads = found["class_id"], found["class_id"] >= 0
+    return Detections(found["box_xyxy"], found["score"], np.where(leads, class_ids, ~class_ids), leads)

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
@@ -288,6 +289,7 @@ def note_models(store: Store, models: Sequence[Model], pictures: PictureSet) -> 
         if isinstance(model, Detector):
             some = [image for _, image in datasets.sample(pictures, _SUSPECTED_PICTURES)]
             about["suspicions"] = common_suspicions(model, some)
+            about["baked"] = baked(model, some)
     store.set_about("manifest", manifest)
 
 

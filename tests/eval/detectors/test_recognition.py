@@ -78,6 +78,7 @@ def test_families_are_told_apart_by_their_cells(
     assumed = " ".join(contract.assumptions)
     for field in ("colour", "value_range", "mean", "std", "resize", "pad_value", "classes"):
         assert f"{field} = " in assumed
+    assert "head" not in assumed
     assert "contract.json" in assumed
 
 

@@ -44,6 +44,20 @@ def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None
     assert "only the speed changes" in figures.confidence_blur(data).get_supxlabel()
 
 
+def test_what_never_leaves_a_graph_is_grey(tmp_path: Path) -> None:
+    """Of the model whose lowest score is 0.25, not of those that hide nothing; the note says what grey is."""
+    data = made_run(tmp_path, n_examples=0, models=("first", "second"))
+    limits = {"pictures": 8, "lowest_score": 0.25, "most_boxes": 30, "greatest_iou": 0.6}
+    data.manifest["models"][0]["baked"] = limits
+    data.manifest["models"][1]["baked"] = {**limits, "lowest_score": 0.0012}
+    figure = figures.confidence_exposure(data)
+    bands = [[patch.get_bbox().y1 for patch in axes.patches] for axes in figure.axes]
+    assert bands[0] == [0.25]
+    assert bands[4] == []
+    assert "Grey: below the lowest score that leaves the graph." in figure.get_supxlabel()
+    assert measured.unseen_below(made_run(tmp_path / "other", n_examples=0), "yolox-nano") is None
+
+
 def test_every_model_has_its_own_panels(tmp_path: Path) -> None:
     one = figures.confidence_exposure(made_run(tmp_path, n_examples=0))
     assert one.axes[0].get_title() == "stop sign 100 px, 10 lux (n = 12)"

@@ -93,6 +93,19 @@ def test_cells_and_detections_come_back(tmp_path: Path) -> None:
         assert list(store.targets())[1] == result(1).targets[0]
 
 
+def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path: Path) -> None:
+    """Class 0 among them, which has no negative; what says nothing of it leads."""
+    boxes, scores = np.zeros((4, 4), np.float32), np.array([0.9, 0.5, 0.4, 0.1], np.float32)
+    ids, leads = np.array([0, 0, 79, 3]), np.array([True, False, False, True])
+    with Store(tmp_path / "run", create=True) as store:
+        store.add([result(0, detections=Detections(boxes, scores, ids, leads))])
+        store.add([result(1, detections=Detections(boxes, scores, ids))])
+        several, single = (store.detections(f"cell{number}", "m") for number in (0, 1))
+    assert several.class_ids.tolist() == single.class_ids.tolist() == ids.tolist()
+    assert several.leading.class_ids.tolist() == [0, 3]
+    assert len(single.leading) == 4
+
+
 def test_facts_and_skipped_pictures_come_back(tmp_path: Path) -> None:
     facts = {"seed": 3, "nested": [1, None, {"λ": 0.1}]}
     with Store(tmp_path, create=True) as store:

@@ -177,6 +177,8 @@ def _assumed(found: _Found, signature: Signature) -> Contract:
         sources = dict.fromkeys(FIELDS, f"preset {name} ({EXPORTER})")
     else:
         sources = dict.fromkeys(FIELDS, f"assumed: preset {name}, which the graph suggests")
+    if base.head is None:
+        sources["head"] = f"preset {name}"  # there is nothing to state
     sources["family"] = f"{'graph' if found.sure else 'assumed'}: {found.why}"
     if "classes" not in known:
         if count not in (0, len(base.classes)):

@@ -33,9 +33,8 @@ class Candidates:
         return len(self.scores)
 
     def __getitem__(self, index: NDArray[np.int64] | NDArray[np.bool_] | slice) -> Candidates:
-        each, leads = (
-            None if values is None else values[index] for values in (self.class_scores, self.leads)
-        )
+        each = None if self.class_scores is None else self.class_scores[index]
+        leads = None if self.leads is None else self.leads[index]
         return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index], each, leads)
 
     def with_classes(self, min_score: float, class_ids: NDArray[np.int64] | None = None) -> Candidates:

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from blurnoise_eval.drawing.annotate import short_text
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import largest_groups, spread
+from blurnoise_eval.report.measured import largest_groups, spread, unseen_below
 from blurnoise_eval.report.settings import Setting, Settings
 
 MAX_PANELS = 12
@@ -77,12 +77,16 @@ def panels(data: RunData, settings: Settings) -> Panels:
     notes = [f"{shown} of {every} {what} shown." for what, (shown, every) in counts.items() if shown < every]
     if special := settings.special_text(data.manifest["camera"]):
         notes.append(f"Held: {special}.")
+    if any(unseen_below(data, model) is not None for model in shown_models):
+        notes.append("Grey: below the lowest score that leaves the graph.")
     found = Panels(figure, dict(zip(keys, grid, strict=False)), notes)
     for (model, group, at), axes in found:
         n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
         between = "\n" if settings.further else ", "
         title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {n_targets})"
         _dress(axes, title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
+        if (unseen := unseen_below(data, model)) is not None:
+            axes.axhspan(-0.03, unseen, color="0.88", lw=0, zorder=0)
         axes.axhline(data.manifest["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
     return found
 
