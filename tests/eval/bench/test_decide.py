@@ -15,6 +15,7 @@ from blurnoise_eval.bench.decide_planes import Planes
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.deciding.nodes import FLOOR
+from blurnoise_eval.deciding.search import Search
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan
@@ -93,16 +94,22 @@ def test_losses_are_named(bench: decide.Bench) -> None:
     assert "0.300 of the grid's calls" in loss
 
 
-@pytest.mark.parametrize("gain", ["fixed", "automatic"])
-def test_replay_of_a_detector(gain: str) -> None:
-    """The built-in detector before 8 pictures of signs, as ``blurnoise bench decide`` makes it: few, and cliffs."""
-    found = decide.measure([Planes.read(DATA / f"planes-{gain}.npz")], Extent(8, SCENARIOS[:1], 1))
-    end = rows(found, "search")[-1]
-    grid = next(row for row in rows(found, "grid") if row.share == 1)
-    assert end.own_end
-    assert end.share <= 0.5
-    assert end.median <= max(0.05, grid.median)
-    assert end.wrong < next(row for row in rows(found, "random nodes") if row.calls == 60).wrong
+@pytest.mark.slow
+def test_replay_of_a_detector() -> None:
+    """The built-in detector before 8 pictures of signs, as ``blurnoise bench decide`` makes it: few, and cliffs. With
+    46 nodes half of the edges are nearer than by the grid of 200 conditions."""
+    truth = Truth(Planes.read(DATA / "planes-fixed.npz"))
+    on = decide._Lines(truth, SCENARIOS[0])
+    about = {"plane": "", "scenario": "", "method": "", "calls": 0, "share": 0.0}
+    grid = on.row(decide._between(truth, on, np.geomspace(*decide.EXPOSURES, 10)), **about)
+    search = Search(on.lines, decide.EXPOSURES, decide.LEVELS)
+    while len(search.nodes) < 46:
+        places = search.ask()
+        search.tell(places, *truth.seen(places))
+    row = on.row(decide._surfaces(truth, on, search.nodes)[0], **about)
+    assert truth.questions == 3
+    assert row.median <= grid.median
+    assert row.missed <= 2
 
 
 @pytest.mark.slow
