@@ -75,6 +75,11 @@ class PictureSet:
             labels = dict.fromkeys(t.label for picture in self.pictures for t in picture.targets or ())
             object.__setattr__(self, "categories", {label: n for n, label in enumerate(labels, start=1)})
 
+    @property
+    def labelled(self) -> bool:
+        """Whether any of them says what is in it."""
+        return any(picture.targets is not None for picture in self.pictures)
+
     def __len__(self) -> int:
         return len(self.pictures)
 

@@ -86,12 +86,14 @@ def stated(
     *,
     rendered: bool,
     reads: bool,
+    labelled: bool = True,
 ) -> Criterion:
     """The criterion of a run: as stated, else ``KEPT`` of what the untouched pictures give, and ``ENOUGH`` for
     ``rendered`` pictures, whose every target a model should find.
 
-    reads: of text; on pictures of one's own such models are asked for exact matches. Raises ``ValueError`` for both
-    a threshold and a share to keep, or a score that such models do not have.
+    reads: of text; on pictures of one's own such models are asked for exact matches. labelled: whether the pictures
+    say what is in them. Raises ``ValueError`` for both a threshold and a share to keep, or a score that such models
+    do not have, or not on such pictures.
     """
     if threshold is not None and keep is not None:
         raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; state one of them")
@@ -102,4 +104,6 @@ def stated(
     if found.score not in known and (reads or found.alarms_per_picture is None):
         kind = "text recognisers" if reads else "detectors"
         raise ValueError(f"score = {score!r}: must be one of {', '.join(known)} for {kind}")
+    if found.alarms_per_picture is not None and not labelled:
+        raise ValueError(f"score = {score!r}: needs pictures with labels, which tell false alarms")
     return found

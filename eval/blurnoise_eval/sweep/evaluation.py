@@ -84,9 +84,8 @@ def evaluate(
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
-    stated(
-        threshold, keep, score, rendered=shown.kind == "rendered", reads=not isinstance(opened[0], Detector)
-    )
+    of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
+    stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
     facts: dict[str, Any] = {
         "command": command,
         "engine": engine if isinstance(engine, str) else repr(engine),

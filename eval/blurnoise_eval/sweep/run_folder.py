@@ -88,7 +88,7 @@ def open_run(
                 "kind": pictures.kind,
                 "source": pictures.source,
                 "count": len(pictures),
-                "labelled": any(picture.targets is not None for picture in pictures),
+                "labelled": pictures.labelled,
                 "notes": list(pictures.notes),
             },
             "seed": plan.seed,

@@ -36,14 +36,14 @@ def criterion_of(
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     reads = any(model["kind"] == "reader" for model in manifest["models"])
     rendered = manifest["images"]["kind"] == "rendered"
-    return criteria.stated(threshold, keep, score, rendered=rendered, reads=reads)
+    labelled = manifest["images"]["labelled"]
+    return criteria.stated(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
 
 
 def grouped_surfaces(store: Store, criterion: Criterion, cluster: str | None) -> Iterator[list[Surface]]:
     """The surfaces of a run, those of one model and group together. cluster: a pattern on pictures' names.
 
-    Of a score of targets; those of AP are :func:`~.scoring.score_surfaces.score_surfaces`. Raises ``ValueError`` for
-    recall at a rate of false alarms, where pictures have no labels to tell these by.
+    Of a score of targets; those of AP are :func:`~.scoring.score_surfaces.score_surfaces`.
     """
     value_of = _value_of(store, criterion)
     clean = {_target(row): value_of(row) for row in queries.untouched_targets(store)}
@@ -89,16 +89,10 @@ def _value_of(store: Store, criterion: Criterion) -> Callable[[Row], float | Non
 
 
 def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
-    """By model, the confidence above which the untouched pictures give at most ``rate`` false alarms each.
-
-    Raises ``ValueError`` for a run without labels.
-    """
-    manifest = store.about("manifest")
-    if not manifest["images"]["labelled"]:
-        raise ValueError(f"score = '{criteria.RECALL}{rate:g}': pictures without labels tell of no alarms")
+    """By model, the confidence above which the untouched pictures give at most ``rate`` false alarms each."""
     truth_of = truths(store)
     found = {}
-    for model in manifest["models"]:
+    for model in store.about("manifest")["models"]:
         name = model["name"]
         clean = [row for row in queries.condition_counts(store, name) if row["clean"]]
         cells = [cell for row in clean for cell in queries.detections_at(store, name, row)]

@@ -56,6 +56,12 @@ def test_what_cannot_be(options: dict[str, Any], reads: bool, message: str) -> N
     assert "\n" not in str(raised.value)
 
 
+def test_alarms_need_labels() -> None:
+    with pytest.raises(ValueError, match=r"^score = 'recall@1': needs pictures with labels"):
+        stated(score="recall@1", rendered=False, reads=False, labelled=False)
+    assert stated(score="ap", rendered=False, reads=False, labelled=False).score == "ap"
+
+
 def test_in_words() -> None:
     assert Criterion(0.9, kept=True).text == "keeps 0.9 of its confidence"
     assert Criterion(0.6, kept=False).text == "mean confidence 0.6"
