@@ -213,7 +213,9 @@ def test_the_gain_is_that_applied_and_none_beyond_what_was_tested(tmp_path: Path
 def test_where_each_light_has_its_own_exposure_none_is_proposed_for_all(tmp_path: Path) -> None:
     """As where the camera sets it: what is tested under one light is not under another."""
     data = made_run(tmp_path, {"sign": 0.95}, exposures_s=(0.016,), lights_lux=(200.0,), n_examples=0)
-    bright = [a | {"exposures_s": [0.0123], "best_s": 0.0123, "recommended_s": 0.0123} for a in data.answers[:1]]
+    bright = [
+        a | {"exposures_s": [0.0123], "best_s": 0.0123, "recommended_s": 0.0123} for a in data.answers[:1]
+    ]
     dark = [a | {"illuminance_lux": 10.0} for a in data.answers[:1]]
     data = replace(data, answers=dark + bright)
     assert opening(data).sentences == (
