@@ -9,6 +9,8 @@ from typing import Any
 
 from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.report.settings import Settings, settings_of
+from blurnoise_eval.scoring.criterion import CONFIDENCE, Criterion
+from blurnoise_eval.scoring.matching import FOUND_SCORE
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,23 @@ class RunData:
     answers: list[dict[str, Any]]
     endurances: list[dict[str, Any]]
     examples: list[dict[str, Any]]
+
+    @cached_property
+    def criterion(self) -> Criterion:
+        """What is enough: what the answers' values are held to."""
+        row = self.manifest["criterion"]
+        return Criterion(row["level"], row["kept"], row["score"])
+
+    @property
+    def found_from(self) -> float:
+        """The confidence from which a target in an example counts as found: that asked for, where such a one is."""
+        asked = not self.criterion.kept and self.criterion.score == CONFIDENCE
+        return self.criterion.level if asked else FOUND_SCORE
+
+    @cached_property
+    def highest(self) -> float:
+        """The greatest value of all answers, at least 1: what is kept may be more than that."""
+        return max([1.0, *(float(answer["best_value"]) for answer in self.answers)])
 
     @cached_property
     def exposed(self) -> list[dict[str, Any]]:

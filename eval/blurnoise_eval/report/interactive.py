@@ -22,7 +22,7 @@ from blurnoise_eval.report.measured import (
 from blurnoise_eval.report.scores import CHOICES
 from blurnoise_eval.report.settings import axis_label, word
 from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
-from blurnoise_eval.report.words import WORKS
+from blurnoise_eval.report.words import WORKS, title_text
 from blurnoise_eval.scoring.registry import Score
 
 
@@ -59,7 +59,9 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
     untouched = {row["model"]: row for row in data.scores if row["clean"]}
     values = [settings.values(axis) for axis in settings.axes]
     return {
-        "threshold": data.manifest["threshold"],
+        "threshold": data.criterion.level,
+        "shown": title_text(data.criterion),
+        "highest": data.highest,
         "axes": [
             _axis(EXPOSURE, [EXPOSURE.text(exposure_s) for exposure_s in exposures], "plasma"),
             _axis(SPEED, [velocity_text(velocity) for velocity in velocities], "viridis"),
@@ -95,7 +97,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
         ],
         "clean": [[_short(untouched.get(model, {}).get(score.name)) for score in chosen] for model in models],
         "clean_confidence": [
-            [_short(clean_confidence(data, model, group)) for group in groups] for model in models
+            [_short(_untouched(data, model, group)) for group in groups] for model in models
         ],
         "windows": [
             [
@@ -144,3 +146,11 @@ def _places(axis: Axis, tested: list[float]) -> list[float | None]:
 def _short(value: float | None) -> float | None:
     kept = finite(value)
     return None if kept is None else round(kept, 4)
+
+
+def _untouched(data: RunData, model: str, group: str) -> float | None:
+    """What the untouched pictures have in the unit of the answers: of what is kept, all."""
+    known = [each for each in data.answers if (each["model"], each["group"]) == (model, group)]
+    if data.criterion.kept:
+        return 1.0 if known else None
+    return finite(known[0]["clean_value"]) if known else clean_confidence(data, model, group)

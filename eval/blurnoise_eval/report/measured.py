@@ -16,6 +16,7 @@ from blurnoise_eval.detectors.baked import UNSEEN_SCORE
 from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.settings import Setting
+from blurnoise_eval.scoring.criterion import CONFIDENCE
 
 T = TypeVar("T", bound=Hashable)
 
@@ -63,11 +64,17 @@ def model_names(data: RunData) -> list[str]:
     return [model["name"] for model in data.manifest["models"]]
 
 
-def unseen_below(data: RunData, model: str) -> float | None:
-    """The lowest score that ever leaves a model's graph; None where that hides nothing."""
+def unseen_below(data: RunData, model: str, group: str) -> float | None:
+    """The lowest score that ever leaves a model's graph, where confidence is drawn, as the share of the untouched
+    pictures' if that is; None where it hides nothing."""
     about = next(each for each in data.manifest["models"] if each["name"] == model)
     lowest = (about.get("baked") or {}).get("lowest_score")
-    return None if lowest is None or lowest < UNSEEN_SCORE else float(lowest)
+    if lowest is None or lowest < UNSEEN_SCORE or data.criterion.score != CONFIDENCE:
+        return None
+    if not data.criterion.kept:
+        return float(lowest)
+    clean = clean_confidence(data, model, group)
+    return float(lowest) / clean if clean else None
 
 
 def largest_groups(data: RunData, count: int) -> list[str]:

@@ -25,12 +25,11 @@ from plotly.offline import get_plotlyjs
 from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, SPEED, velocity_text
-from blurnoise_eval.report import captions, figures, findings, interactive, tables
+from blurnoise_eval.report import captions, figures, findings, interactive, tables, words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.settings import word
-from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.system.files import write_whole
 
 MAX_GROUPS = 12  # target groups on the page
@@ -118,7 +117,9 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "failures": tables.failures(data, groups),
         "opening": told,
         "deciding": tables.deciding(data, told.rows, MAX_ROWS),
-        "asked": Criterion(*(manifest["criterion"][name] for name in ("level", "kept", "score"))),
+        "asked": data.criterion,
+        "shown": words.title_text(data.criterion),
+        "found_from": data.found_from,
         "swept": findings.swept(data),
         "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
         "n_settings": len(tables.shown_settings(data)),
@@ -151,7 +152,7 @@ def _contract(model: dict[str, Any]) -> dict[str, Any]:
 
 def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
     """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
-    threshold = data.manifest["threshold"]
+    threshold = data.found_from
     names = model_names(data)
     shown = []
     for example in spread_examples(data, MAX_PICTURES):

@@ -13,7 +13,7 @@ from blurnoise_eval.grid.axes import EXPOSURE, speed_px_s, velocity_of
 from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, gain_at
-from blurnoise_eval.report.measured import clean_confidence, finite, model_names, spread
+from blurnoise_eval.report.measured import finite, model_names, spread
 from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.settings import Setting
 
@@ -142,8 +142,7 @@ def model_answers(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
     for model in model_names(data):
         own = [answer for answer in data.answers if answer["model"] == model]
         parts = [
-            _group_answers(data, [answer for answer in own if answer["group"] == group])
-            | {"clean": clean_confidence(data, model, group), "group": group}
+            _group_answers(data, [answer for answer in own if answer["group"] == group]) | {"group": group}
             for group in groups
             if any(answer["group"] == group for answer in own)
         ]
@@ -201,7 +200,7 @@ def _group_answers(data: RunData, answers: list[dict[str, Any]]) -> dict[str, An
         for setting in shown_settings(data)
     ]
     counts = {name: max(answer[name] for answer in answers) for name in ("n_targets", "n_pictures")}
-    return {**counts, "rows": rows}
+    return {**counts, "rows": rows, "clean": finite(answers[0]["clean_value"])}
 
 
 def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
 from blurnoise_eval.scoring.certainty import FEW, FEWEST
+from blurnoise_eval.scoring.criterion import Criterion
 
 SAID_SATURATED = 0.01
 """Of the picture's values: so many at a limit of the sensor are worth a word."""
@@ -31,6 +32,11 @@ def reached_text(value: str, asked: str) -> str:
     """The same of a value, with or without its interval: 'keeps 0.68 (0.61–0.74) of its confidence'."""
     kept, _, score = asked.rpartition(" of its ")
     return f"keeps {value} of its {score}" if kept else f"reaches {asked.rpartition(' ')[0]} {value}"
+
+
+def title_text(criterion: Criterion) -> str:
+    """What the values are, as a title: 'Mean confidence', 'Kept AP50'."""
+    return criterion.title[0].upper() + criterion.title[1:]
 
 
 def value_text(value: float, low: float | None = None, high: float | None = None) -> str:

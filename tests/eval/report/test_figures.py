@@ -55,7 +55,8 @@ def test_what_never_leaves_a_graph_is_grey(tmp_path: Path) -> None:
     assert bands[0] == [0.25]
     assert bands[4] == []
     assert "Grey: below the lowest score that leaves the graph." in figure.get_supxlabel()
-    assert measured.unseen_below(made_run(tmp_path / "other", n_examples=0), "yolox-nano") is None
+    other = made_run(tmp_path / "other", n_examples=0)
+    assert measured.unseen_below(other, "yolox-nano", other.answers[0]["group"]) is None
 
 
 def test_every_model_has_its_own_panels(tmp_path: Path) -> None:

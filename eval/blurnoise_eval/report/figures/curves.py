@@ -47,7 +47,7 @@ def confidence_exposure(data: RunData) -> Figure:
             _draw_line(axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
             for answer in (a for a in answers if velocity_of(a) == velocity):
                 _draw_window(axes, answer, -0.05 - 0.045 * row, colour)
-        axes.set_ylim(-0.07 - 0.045 * len(shown), 1.03)
+        axes.set_ylim(-0.07 - 0.045 * len(shown), 1.03 * data.highest)
         _exposure_axis(axes, [p.exposure_s for p in measured])
     return grid.finish(
         axis_label(EXPOSURE),

@@ -14,6 +14,7 @@ from blurnoise_eval.drawing.annotate import short_text
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, spread, unseen_below
 from blurnoise_eval.report.settings import Setting, Settings
+from blurnoise_eval.report.words import title_text
 
 MAX_PANELS = 12
 MAX_COLUMNS = 4
@@ -23,11 +24,12 @@ Key = tuple[str, str, Setting]  # model, group, setting
 
 @dataclass(frozen=True)
 class Panels:
-    """A figure, its axes by (model, group, setting) and what was left out."""
+    """A figure, its axes by (model, group, setting), what was left out, and what values are shown."""
 
     figure: Figure
     axes: dict[Key, Axes]
     notes: list[str]
+    shown: str
 
     def __iter__(self) -> Iterator[tuple[Key, Axes]]:
         return iter(self.axes.items())
@@ -39,7 +41,7 @@ class Panels:
         if not self.axes:
             return self.figure
         self.figure.supxlabel("\n".join([x_label, *self.notes, *notes]), fontsize=9)
-        self.figure.supylabel("Mean confidence (dashed: threshold)", fontsize=9)
+        self.figure.supylabel(f"{self.shown} (dashed: what is asked)", fontsize=9)
         handles, _ = next(iter(self.axes.values())).get_legend_handles_labels()
         every = [*handles, *entries]
         self.figure.legend(
@@ -77,23 +79,23 @@ def panels(data: RunData, settings: Settings) -> Panels:
     notes = [f"{shown} of {every} {what} shown." for what, (shown, every) in counts.items() if shown < every]
     if special := settings.special_text(data.manifest["camera"]):
         notes.append(f"Held: {special}.")
-    if any(unseen_below(data, model) is not None for model in shown_models):
+    if any(unseen_below(data, model, group) is not None for model, group, _ in keys):
         notes.append("Grey: below the lowest score that leaves the graph.")
-    found = Panels(figure, dict(zip(keys, grid, strict=False)), notes)
+    found = Panels(figure, dict(zip(keys, grid, strict=False)), notes, title_text(data.criterion))
     for (model, group, at), axes in found:
         n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
         between = "\n" if settings.further else ", "
         title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {n_targets})"
-        _dress(axes, title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
-        if (unseen := unseen_below(data, model)) is not None:
+        _dress(axes, title if len(models) == 1 else f"{short_text(model, 36)}\n{title}", data.highest)
+        if (unseen := unseen_below(data, model, group)) is not None:
             axes.axhspan(-0.03, unseen, color="0.88", lw=0, zorder=0)
         axes.axhline(data.manifest["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
     return found
 
 
-def _dress(axes: Axes, title: str) -> None:
+def _dress(axes: Axes, title: str, highest: float) -> None:
     axes.set_title(title, fontsize=9, parse_math=False)
-    axes.set_ylim(-0.03, 1.03)
+    axes.set_ylim(-0.03, 1.03 * highest)
     axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1.0])
     axes.grid(color="0.9", lw=0.6)
     axes.set_axisbelow(True)

@@ -17,7 +17,7 @@ MAX_EXAMPLES = 12
 
 def contact_sheet(data: RunData) -> Figure:
     """Example pictures with their boxes: green found, dashed orange missed, thin blue other detections."""
-    threshold = data.manifest["threshold"]
+    threshold = data.found_from
     chosen = spread_examples(data, MAX_EXAMPLES)
     drawn = [drawn_example(example, 640, threshold) for example in chosen]
     columns = min(MAX_COLUMNS, max(1, len(chosen)))

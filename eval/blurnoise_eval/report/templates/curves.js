@@ -10,9 +10,9 @@ function rowsOf(model, {measure, group}) {
 
 const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confidence[model][group] : run.clean[model][measure];
 
-// One scale for all models and settings: confidences as they are, other scores up to their largest value.
+// One scale for all models and settings, up to the largest value; what is asked for: at least to 1.
 function largest({measure}) {
-  if (measure === null) return 1;
+  if (measure === null) return run.highest;
   const values = [...run.scores.map(p => p[5 + measure]), ...run.clean.map(row => row[measure])];
   return values.reduce((most, value) => Math.max(most, value ?? 0), 0) || 1;
 }

@@ -47,7 +47,7 @@ const mapUses = (across, up) => [views[across].along, views[up].along,
 function drawMap(panel, now) {
   const across = scaleOf(now.across), up = scaleOf(now.up), most = largest(now);
   const found = tilesOf(standing(rowsOf(panel.model, now), now.mapFixed), across, up);
-  const t = Math.min(Math.max(run.threshold, 0.01), 0.99);
+  const t = Math.min(Math.max(run.threshold / run.highest, 0.01), 0.99);
   const colorscale = now.measure === null ? [[0, "#8c4a0b"], [t - 0.001, "#fbeedd"], [t, "#d5e5f1"], [1, "#1f5f99"]]
     : run.measures[now.measure].more ? [[0, "#f1f5f9"], [1, "#1f5f99"]] : [[0, "#faf5ee"], [1, "#8c4a0b"]];
   const xRange = across.range ?? ends(found.flatMap(tile => tile.wide), 0), yRange = up.range ?? ends(found.flatMap(tile => tile.tall), 0);

@@ -7,7 +7,7 @@ function chosen() {
   const [across, up] = [value("across"), value("up")];
   return {view, lines, measure, group: Number(value("group")), model: value("model"), across, up,
     fixed: fixedBut([view.along, lines]), mapFixed: fixedBut(mapUses(across, up)),
-    name: measure === null ? "Mean confidence" : run.measures[measure].name};
+    name: measure === null ? run.shown : run.measures[measure].name};
 }
 
 function layPanels(model) {
