@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _program(arguments: Sequence[str]) -> Any:
     """The program; where a command is named, with that alone: options that nobody asks for take time to make."""
     named = [entry for entry in COMMANDS if [_name(entry[0])] == [*arguments[:1]]]
-    program = typer.Typer(
+    whole = typer.Typer(
         cls=Program,
         help=_DESCRIPTION,
         no_args_is_help=True,
@@ -105,10 +105,10 @@ def _program(arguments: Sequence[str]) -> Any:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    program.callback()(lambda: None)  # without it, one command would have no name
+    whole.callback()(lambda: None)  # without it, one command would have no name
     for run, about in named or COMMANDS:
-        program.command(_name(run), cls=Command, short_help=about)(run)
-    return get_command(program)
+        whole.command(_name(run), cls=Command, short_help=about)(run)
+    return get_command(whole)
 
 
 def _name(run: Callable[..., None]) -> str:
