@@ -39,24 +39,24 @@ from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say,
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
     (decide.decide, "the same answers from a fraction of the conditions, by a search"),
-    (simulate.simulate, "one picture as a camera would take it"),
-    (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
-    (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
-    (compare.compare, "a simulated picture beside a real one of the same chart"),
-    (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
-    (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),
     (program.program, "a finished run -> exposure and gain for every light, as cameras hold them"),
-    (motion.motion, "road speed -> px/s and blur length"),
-    (chart.chart, "render a test target"),
-    (report.report, "write a run's figures, tables and page again"),
     (maps.maps, "which image-quality metric tells how a run's detectors do"),
+    (report.report, "write a run's figures, tables and page again"),
     (detections.detections, "write what a run's models found as COCO results files"),
     (inspect.inspect, "what a model takes and gives, and how it would be read"),
-    (bench.bench, "measure: speed beside accuracy; what a training gains"),
-    (train.train, "train the stop-sign detector, and write it as ONNX"),
-    (scenes.scenes, "render labelled road-sign scenes, as COCO"),
+    (simulate.simulate, "one picture as a camera would take it"),
+    (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
+    (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
+    (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
+    (compare.compare, "a simulated picture beside a real one of the same chart"),
+    (chart.chart, "render a test target"),
+    (motion.motion, "road speed -> px/s and blur length"),
     (cameras.cameras, "the cameras there are, their figures and where these come from"),
     (cameras_fit.cameras_fit, "your own camera, from dark and flat frames or a DNG"),
+    (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),
+    (train.train, "train the stop-sign detector, and write it as ONNX"),
+    (scenes.scenes, "render labelled road-sign scenes, as COCO"),
+    (bench.bench, "measure: speed beside accuracy; what a training gains"),
 )
 _DESCRIPTION = """\
 What exposure time should this camera use, and how does my detector hold up
@@ -64,6 +64,7 @@ when the picture gets dark, noisy and blurred?
 
   blurnoise sweep -o run                        the whole job on built-in targets
   blurnoise sweep --model M.onnx --images DIR -o run       ... on your own
+  blurnoise decide --model M.onnx --coco FILE -o run       from fewer conditions
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
 """
 
