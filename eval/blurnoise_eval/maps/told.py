@@ -46,9 +46,11 @@ def _best(rows: Sequence[Ranked]) -> str:
             "and at half of all."
         )
     between = "" if best.low is None else f", {best.low:.2f} to {best.high:.2f}"
+    silent = sum(row.spearman is None for row in rows)
+    left = f" {silent} of {len(rows)} metrics cannot be told." if silent else ""
     return (
         f"{_TITLE_OF[best.metric]} ranks conditions best (rank correlation {best.spearman:.2f}{between}; told at "
-        f"{best.share_told:.0%} of {best.n_nodes} nodes)."
+        f"{best.share_told:.0%} of {best.n_nodes} nodes).{left}"
     )
 
 

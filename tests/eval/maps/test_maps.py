@@ -38,6 +38,7 @@ def made(**grid: Any) -> Maps:
 def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
     (text,) = told.sentences(made(), "target_confidence")
     assert text.startswith("m, signs: MTF50 across x ranks conditions best (rank correlation 1.00")
+    assert "1 of 16 metrics cannot be told" in text
     assert "MTF50 across y misleads: 1.00 along light alone" in text
     assert "ends of windows" in text
 
