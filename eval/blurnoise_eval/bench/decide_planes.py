@@ -149,6 +149,6 @@ def computed(
         for (group, place), value in own.items():
             values[names.index(group), cluster, place] = value
     clusters = tuple(picture.name for picture in pictures)
-    gain = next((name for name, each in GAINS if each == gain_db), f"{gain_db:g} dB")
+    gain = next((name for name, each in GAINS if each == gain_db), f"{gain_db} dB")
     sums, targets, clean = values[..., :-2], values[..., -2], values[..., -1]
     return Planes(detector.name, camera.name, gain, places, names, clusters, sums, clean, targets)
