@@ -75,7 +75,7 @@ class Predicted:
 
     def on(self, places: ArrayLike) -> At:
         """What is predicted at places (M, 2). Beside a cliff a surface swings beyond its nodes, where no model was
-        seen: there all clusters are moved alike, so that their mean is one between the least and greatest observed."""
+        seen: all clusters are moved alike there, to a mean between the least and the greatest observed."""
         at = np.asarray(places, float).reshape(-1, 2)
         sums, counts = np.zeros((2, len(self.clusters), len(at)))
         known = self._counts > 0
