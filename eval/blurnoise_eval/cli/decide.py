@@ -77,7 +77,11 @@ def decide(
         _stops(metavar="STOPS", help="take pictures until no window's end has a wider 95 % interval"),
     ] = None,
     most_nodes: Annotated[
-        int, _stops(metavar="N", help="conditions under which pictures are taken, at most")
+        int,
+        _stops(
+            metavar="N",
+            help="conditions from which on no more are searched for; those that check the answers come on top",
+        ),
     ] = 72,
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,

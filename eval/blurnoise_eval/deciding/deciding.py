@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -143,43 +143,67 @@ def decided(
         "engine": engine if isinstance(engine, str) else repr(engine),
     }
     facts |= {"threads": threads} if isinstance(engine, str) else {}
-    drawn = _drawn(pictures, seed, cluster)
-    outcome = Outcome()
     with Store(Path(output), create=True) as store:
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
-
-        def compute(last: int) -> None:
-            """Every node of the batches up to the last, before the pictures that it names."""
-            batches = asked(store)[: last + 1]
-            nodes = tuple(at for batch in batches for at in batch.conditions)
-            some = replace(drawn, pictures=drawn.pictures[: batches[-1].n_pictures])
-            here = replace(plan, nodes=nodes, examples=last == 0)
-            with progress_bar(f"{len(nodes)} nodes", count_cells(some, here), progress) as advance:
-                done = sweep.run(models, camera, some, here, store, engine=computed_by, progress=advance)
-            _add(outcome, done)
-            if len(store.skipped()) == len(some):
-                raise ValueError(f"images: none could be read (first: {store.skipped()[0]['reason']})")
-
-        if before := len(asked(store)):  # what was asked until the run was stopped, or of a narrower question
-            compute(0)
-            compute(before - 1)
-        for n_pictures in _stages(len(drawn), precision, asked(store)):
-            if (batches := asked(store)) and batches[-1].n_pictures < n_pictures:
-                ask(store, Batch(n_pictures))
-                compute(len(batches))
-            while places := _next(store, question, criterion, cluster, precision.most_nodes):
-                found = [
-                    conditions_at(place, question.lines, question.exposures_s, question.further)
-                    for place in places
-                ]
-                ask(store, Batch(n_pictures, tuple(places), tuple(found)))
-                compute(len(asked(store)) - 1)
-            if precision.stated and precision.reached(answers_of(store, criterion, cluster)):
-                break
+        drawn = _drawn(pictures, seed, cluster)
+        computing = _Computing(store, models, camera, drawn, plan, computed_by, progress)
+        _search(computing, question, criterion, cluster, precision)
         note_models(store, models, pictures)
-    return Decision(output, **enough, outcome=outcome, progress=progress)
+    return Decision(output, **enough, outcome=computing.outcome, progress=progress)
+
+
+@dataclass(frozen=True)
+class _Computing:
+    """What a run's batches are computed with, into its store."""
+
+    store: Store
+    models: Sequence[Model]
+    camera: Camera
+    pictures: PictureSet
+    plan: NodePlan
+    engine: Engine
+    progress: bool | None
+    outcome: Outcome = field(default_factory=Outcome)
+
+    def up_to(self, last: int) -> None:
+        """Every node of the batches up to the last, before the pictures that it names."""
+        batches = asked(self.store)[: last + 1]
+        nodes = tuple(at for batch in batches for at in batch.conditions)
+        some = replace(self.pictures, pictures=self.pictures.pictures[: batches[-1].n_pictures])
+        plan = replace(self.plan, nodes=nodes, examples=last == 0)
+        with progress_bar(f"{len(nodes)} nodes", count_cells(some, plan), self.progress) as advance:
+            done = sweep.run(
+                self.models, self.camera, some, plan, self.store, engine=self.engine, progress=advance
+            )
+        _add(self.outcome, done)
+        skipped = self.store.skipped()
+        if len(skipped) == len(some):
+            raise ValueError(f"images: none could be read (first: {skipped[0]['reason']})")
+
+
+def _search(
+    computing: _Computing, question: Question, criterion: Criterion, cluster: str | None, precision: Precision
+) -> None:
+    """Ask and compute, batch by batch, from where the store stands until it is enough."""
+    store = computing.store
+    if before := len(asked(store)):  # what was asked until the run was stopped, or of a narrower question
+        computing.up_to(0)
+        computing.up_to(before - 1)
+    for n_pictures in _stages(len(computing.pictures), precision, asked(store)):
+        if (batches := asked(store)) and batches[-1].n_pictures < n_pictures:
+            ask(store, Batch(n_pictures))
+            computing.up_to(len(batches))
+        while places := _next(store, question, criterion, cluster, precision.most_nodes):
+            found = [
+                conditions_at(place, question.lines, question.exposures_s, question.further)
+                for place in places
+            ]
+            ask(store, Batch(n_pictures, tuple(places), tuple(found)))
+            computing.up_to(len(asked(store)) - 1)
+        if precision.stated and precision.reached(answers_of(store, criterion, cluster)):
+            break
 
 
 def _next(

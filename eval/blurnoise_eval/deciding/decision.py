@@ -29,6 +29,7 @@ QUESTION, BECAUSE = "question", "not the plane because"
 """Under which a run's store keeps what was asked last, and why the plane does not hold."""
 _GRID_EXPOSURES = 10  # of the grid that a search is compared with
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
+_PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
 
 
 def on_lines(store: Store, measured: Grouped) -> Grouped:
@@ -89,7 +90,8 @@ class Decision(Evaluation):
         if of["because"]:
             return [f"A grid of {of['nodes']} conditions, not a search: {'; '.join(of['because'])}."]
         return [
-            f"{of['nodes']} conditions before {of['pictures']} pictures: {of['cells']} cells, where"
+            f"{_count(of['nodes'], 'condition')} before {_count(of['pictures'], 'picture')}:"
+            f" {_count(of['cells'], 'cell')}, where"
             f" {of['grid_exposures']} exposures under every light at every speed would take {of['grid_cells']}."
         ]
 
@@ -107,6 +109,7 @@ class Decision(Evaluation):
         if self.decided["because"]:
             data.manifest["warnings"] += self.how()
             return data
+        data.manifest["searched"] = [*self.how(), _PREDICTED]
         ends = ("", "_low", "_high")
         unknown = dict.fromkeys(f"{name}{end}" for name in _OF_GRID for end in ends)
         return replace(data, models=[{**model, **unknown} for model in data.models])
@@ -116,3 +119,7 @@ class Decision(Evaluation):
         if self.decided is None or self.decided["because"]:
             return self.data
         return replace(self.data, scores=[row for row in self.data.scores if row["clean"]])
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

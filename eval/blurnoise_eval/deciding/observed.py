@@ -66,6 +66,8 @@ class Observed:
     def error(self) -> Array:
         """(N,), the mean's standard error over clusters; NaN of fewer than two."""
         away = certainty.departures(self.sums, self.counts)
+        if len(self.clusters) < 2:
+            return np.full(len(self.places), np.nan)
         return np.asarray(np.nanstd(away, axis=0, ddof=1) / np.sqrt(np.isfinite(away).sum(axis=0)))
 
 

@@ -47,7 +47,7 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
             tuple(exposures.tolist()),
             tuple(line.velocity_px_s for line in lines),
             seen.clusters,
-            _within(at.sums, at.counts, seen).reshape(-1, *shape),
+            at.sums.reshape(-1, *shape),
             at.counts.reshape(-1, *shape),
             _by_light(seen, seen.saturated, places),
             seen.n_targets,
@@ -57,13 +57,6 @@ def predicted_surfaces(seen: Observed, question: Question, trend: Trend) -> Iter
             seen.kept,
             open=CAUTION**2 * not_known,
         )
-
-
-def _within(sums: Array, counts: Array, seen: Observed) -> Array:
-    """Sums (C, M) whose mean is no score below 0 nor above what there can be: all clusters moved alike."""
-    mean = sums.sum(axis=0) / counts.sum(axis=0)
-    most = 1 / seen.clean if seen.kept and seen.clean else 1.0
-    return np.asarray(sums + counts * (mean.clip(0.0, most) - mean))
 
 
 def _by_light(seen: Observed, values: Array, places: Array) -> Array:

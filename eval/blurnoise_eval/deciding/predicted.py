@@ -66,10 +66,16 @@ class Predicted:
     @cached_property
     def surface(self) -> Kriging:
         """The mean's."""
-        return Kriging.fit(self.places, self._sums.sum(axis=0) / self._counts.sum(axis=0), self._trend)
+        return Kriging.fit(self.places, self._mean, self._trend)
+
+    @property
+    def _mean(self) -> Array:
+        """Of all clusters at the nodes, (N,)."""
+        return np.asarray(self._sums.sum(axis=0) / self._counts.sum(axis=0))
 
     def on(self, places: ArrayLike) -> At:
-        """What is predicted at places (M, 2), never cut off at a limit: the mean is that of all clusters' sums."""
+        """What is predicted at places (M, 2). Beside a cliff a surface swings beyond its nodes, where no model was
+        seen: all clusters are moved alike there, to a mean between the least and the greatest observed."""
         at = np.asarray(places, float).reshape(-1, 2)
         sums, counts = np.zeros((2, len(self.clusters), len(at)))
         known = self._counts > 0
@@ -82,6 +88,8 @@ class Predicted:
             of_each = self._counts[alike][:, pattern]
             counts[alike] = of_each.mean(axis=1, keepdims=True)
             sums[alike] = (self._sums[alike][:, pattern] / of_each) @ weights.T * counts[alike]
+        mean = sums.sum(axis=0) / counts.sum(axis=0)
+        sums += counts * (mean.clip(self._mean.min(), self._mean.max()) - mean)
         return At(sums, counts, self.surface.sigma(at))
 
     def inside(self, places: ArrayLike) -> NDArray[np.bool_]:

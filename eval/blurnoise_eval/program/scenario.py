@@ -79,11 +79,12 @@ class Scenario:
 
 
 def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
-    """Lights from low to high, half a stop apart. Raises ``ValueError``."""
+    """Lights from low to high, both with them, half a stop apart or a little less. Raises ``ValueError``."""
     if not 0 < limited("illuminance_lux", low_lux) <= limited("illuminance_lux", high_lux):
         raise ValueError(f"lux = {low_lux:g}:{high_lux:g}: must be above 0 and rise")
-    count = math.floor(LIGHTS_PER_STOP * math.log2(high_lux / low_lux) + 1e-9) + 1
-    return tuple(low_lux * 2 ** (step / LIGHTS_PER_STOP) for step in range(count))
+    steps = math.ceil(LIGHTS_PER_STOP * math.log2(high_lux / low_lux) - 1e-9)
+    between = (low_lux * (high_lux / low_lux) ** (step / steps) for step in range(1, steps))
+    return (low_lux, *between, high_lux) if steps else (low_lux,)
 
 
 def as_shares(name: str, weights: Mapping[float, float] | Mapping[str, float]) -> dict[float | str, float]:

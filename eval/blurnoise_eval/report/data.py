@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -19,7 +20,8 @@ class RunData:
 
     manifest: title, command, models (name, kind, file, sha256, contract with its sources), camera with its
     sources, seed, versions, hardware, threads, threshold, images, wall_s, warnings, errors, n_cells,
-    missing_cells (of the plan, those of skipped pictures apart), n_target_rows, simulate_ms.
+    missing_cells (of the plan, those of skipped pictures apart), n_target_rows, simulate_ms; searched:
+    in words how, where answers are predicted from the conditions that a search asked for.
     models: a row per model: P, mPC, rPC, areas under the curves, latency, and scores when untouched.
     scores: a row per model and condition, the untouched pictures first. groups: a row per model and target
     group. skipped: pictures left out, with the reason.
@@ -46,6 +48,12 @@ class RunData:
         """What is enough: what the answers' values are held to."""
         row = self.manifest["criterion"]
         return Criterion(row["level"], row["kept"], row["score"])
+
+    @property
+    def searched(self) -> Sequence[str]:
+        """How a search found the answers, which then are no measurements; none of a grid."""
+        words: Sequence[str] = self.manifest.get("searched", ())
+        return words
 
     @property
     def found_from(self) -> float:

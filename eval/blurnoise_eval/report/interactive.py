@@ -80,6 +80,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
         "speeds_px_s": [math.hypot(*velocity) for velocity in velocities],
         "exposures_ms": [1e3 * exposure_s for exposure_s in exposures],
         "joined": one_velocity_per_speed(velocities),
+        "predicted": bool(data.searched),
         "measures": [{"name": score.title, "more": score.better == "higher"} for score in chosen],
         "points": [
             [m_of[p.model], g_of[p.group], s_of[p.setting], v_of[p.velocity_px_s], e_of[p.exposure_s]]

@@ -120,6 +120,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "asked": data.criterion,
         "shown": words.title_text(data.criterion),
         "found_from": data.found_from,
+        "searched": data.searched,
         "swept": findings.swept(data),
         "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
         "n_settings": len(tables.shown_settings(data)),

@@ -31,9 +31,27 @@ def test_every_cluster_by_the_weights_of_the_mean() -> None:
     mean, truth = found.sums.sum(axis=0) / COUNTS.sum(), COUNTS @ rates(PLACES) / COUNTS.sum()
     assert np.sqrt(np.mean((mean - truth) ** 2)) < 0.03
     surface = observed(NODES).surface
-    assert mean == pytest.approx(surface.weights(PLACES) @ (COUNTS @ rates(surface.places) / COUNTS.sum()))
+    at_nodes = COUNTS @ rates(surface.places) / COUNTS.sum()
+    assert mean == pytest.approx((surface.weights(PLACES) @ at_nodes).clip(at_nodes.min(), at_nodes.max()))
     assert found.sigma.shape == (len(PLACES),)
     assert found.sigma == pytest.approx(surface.sigma(PLACES))
+
+
+def test_no_swing_beyond_what_was_observed() -> None:
+    """A detector that is 0.9 sure in a window of light and blind beside it is nowhere surer, nor less than blind."""
+    seen = np.where(abs(NODES[:, 0] + 1) < 2.5, 0.9, 0.0)
+    counts = np.ones((2, len(NODES)))
+    window = Predicted(NODES, ("a", "b"), seen * [[1.0], [0.5]], counts)
+    weights = window.surface.weights(PLACES)
+    seen = np.where(abs(window.places[:, 0] + 1) < 2.5, 0.9, 0.0)
+    swing = weights @ (0.75 * seen)
+    assert swing.max() > 0.68
+    assert swing.min() < -0.01
+    found = window.on(PLACES)
+    mean = found.sums.mean(axis=0)
+    assert mean.min() == pytest.approx(0.0, abs=1e-12)
+    assert mean.max() == pytest.approx(0.675)
+    assert found.sums[0] - found.sums[1] == pytest.approx(weights @ (0.5 * seen))
 
 
 def test_places_twice_count_as_one() -> None:

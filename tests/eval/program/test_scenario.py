@@ -14,8 +14,12 @@ def scenario(**more: object) -> Scenario:
 
 def test_lights_are_half_a_stop_apart() -> None:
     lights = half_stops(1.0, 1450.0)
-    assert len(lights) == 22
-    assert lights[-1] == pytest.approx(2**10.5)
+    assert len(lights) == 23
+    assert (lights[0], lights[-1]) == (1.0, 1450.0)
+    assert np.diff(np.log2(lights)) == pytest.approx(np.log2(1450.0) / 22)
+    assert half_stops(1.0, 4.0) == pytest.approx([2 ** (step / 2) for step in range(5)])
+    assert half_stops(2.0, 2.1) == (2.0, 2.1)
+    assert half_stops(3.0, 3.0) == (3.0,)
 
 
 def test_shares_add_up_to_one() -> None:

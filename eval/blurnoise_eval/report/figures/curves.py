@@ -44,7 +44,8 @@ def confidence_exposure(data: RunData) -> Figure:
             axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
         for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
             line = [p for p in measured if p[:4] == (*key, velocity)]
-            _draw_line(axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
+            x = [1e3 * p.exposure_s for p in line]
+            _draw_line(axes, x, line, colour, velocity_text(velocity), _style(data))
             for answer in (a for a in answers if velocity_of(a) == velocity):
                 _draw_window(axes, answer, -0.05 - 0.045 * row, colour)
         axes.set_ylim(-0.07 - 0.045 * len(shown), 1.03 * data.highest)
@@ -63,7 +64,7 @@ def confidence_blur(data: RunData) -> Figure:
     notes = [
         "Along a line only the speed changes; from one line to the next the light per picture changes too."
     ]
-    notes += _draw_exposure_lines(grid, points(data), lambda point: point.blur_px)
+    notes += _draw_exposure_lines(data, grid, points(data), lambda point: point.blur_px)
     for _, axes in grid:
         axes.set_xscale("symlog", linthresh=1)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -74,7 +75,7 @@ def confidence_blur(data: RunData) -> Figure:
 def confidence_speed(data: RunData) -> Figure:
     """Confidence against speed in px/s: one panel per model, group and setting, one line per exposure."""
     grid = panels(data, data.settings)
-    notes = _draw_exposure_lines(grid, points(data), lambda point: point.speed_px_s)
+    notes = _draw_exposure_lines(data, grid, points(data), lambda point: point.speed_px_s)
     return grid.finish(axis_label(SPEED), "Exposure", notes)
 
 
@@ -90,6 +91,7 @@ def confidence_axis(data: RunData, axis: Axis) -> Figure:
         [f"At {velocity_text(velocity)}, one of {len(velocities)} velocities."] if len(velocities) > 1 else []
     )
     notes += _draw_exposure_lines(
+        data,
         grid,
         [point for point in points(data) if point.velocity_px_s == velocity],
         lambda point: axis.shown(point.setting[place]),
@@ -106,6 +108,7 @@ def confidence_axis(data: RunData, axis: Axis) -> Figure:
 
 
 def _draw_exposure_lines(
+    data: RunData,
     grid: Panels,
     measured: Sequence[Point],
     place: Callable[[Point], float],
@@ -115,13 +118,19 @@ def _draw_exposure_lines(
     exposures = sorted({point.exposure_s for point in measured})
     shown = spread(exposures, MAX_LINES)
     joined = one_velocity_per_speed(point.velocity_px_s for point in measured)
+    style = _style(data) if joined else "o"
     for key, axes in grid:
         own = [point for point in measured if key_of(point) == key]
         for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
             line = sorted((point for point in own if point.exposure_s == exposure_s), key=place)
             x = [place(point) for point in line]
-            _draw_line(axes, x, line, colour, EXPOSURE.text(exposure_s), band=False, joined=joined)
+            _draw_line(axes, x, line, colour, EXPOSURE.text(exposure_s), style, band=False)
     return _left_out(shown, exposures, "exposures")
+
+
+def _style(data: RunData) -> str:
+    """A line with a marker where something was measured."""
+    return "-" if data.searched else "o-"
 
 
 def _draw_line(
@@ -130,10 +139,9 @@ def _draw_line(
     line: list[Point],
     colour: str,
     label: str,
+    style: str,
     band: bool = True,
-    joined: bool = True,
 ) -> None:
-    style = "o-" if joined else "o"
     axes.plot(x, [p.confidence for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
     bounded = [(at, p.low, p.high) for at, p in zip(x, line, strict=True) if None not in (p.low, p.high)]
     if band and bounded:

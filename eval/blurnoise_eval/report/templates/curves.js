@@ -74,7 +74,8 @@ function drawCurve(panel, now) {
       fill: "toself", fillcolor: colour + "26", line: {width: 0}, mode: "lines", hoverinfo: "skip"});
     if (view.joined) traces.push({...between(line, view), mode: "lines", line: {color: colour, width: 2}, hoverinfo: "skip"});
     traces.push({x: line.map(view.x), y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now.name)}`),
-      hovertemplate: "%{text}<extra></extra>", mode: "markers", marker: {color: colour, size: 6},
+      hovertemplate: "%{text}<extra></extra>", mode: "markers",
+      marker: {color: colour, size: 6, opacity: run.predicted && view.joined ? 0 : 1},
       ...(overExposure || !bounded.length ? {} : {error_y: {type: "data", symmetric: false, thickness: 0.8, width: 0, color: colour + "88",
         array: line.map(p => (p.high ?? p.y) - p.y), arrayminus: line.map(p => p.y - (p.low ?? p.y))}})});
   });
