@@ -148,7 +148,7 @@ class Detector:
         if len(candidates) and candidates.class_ids.max() >= len(self.contract.classes):
             raise ModelError(
                 f"{self.path.name}: finds class {candidates.class_ids.max()}, counted from 0, but the contract "
-                f"names {len(self.contract.classes)} ({self.contract.sources['classes']})"
+                f"names {len(self.contract.classes)} ({self.contract.sources['classes']}); a background is named, too"
             )
         return candidates
 

@@ -156,7 +156,13 @@ def along_lines(m: Array, y: Array, fixed: Array) -> float | None:
 def surest(rows: Sequence[Ranked]) -> Ranked | None:
     """Of the metrics told at half of the nodes or more the one that ranks best, by the low end of its interval."""
     told = [row for row in rows if row.spearman is not None and row.share_told >= 0.5]
-    return max(told, key=lambda row: (row.low if row.low is not None else row.spearman) or -1.0, default=None)
+    return max(told, key=sureness, default=None)
+
+
+def sureness(row: Ranked) -> float:
+    """The rank correlation that a metric surely has: the low end of its interval, or without one itself."""
+    told = row.spearman if row.low is None else row.low
+    return -1.0 if told is None else told
 
 
 def most_flattered(rows: Sequence[Ranked]) -> Ranked | None:

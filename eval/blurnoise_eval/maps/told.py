@@ -17,7 +17,7 @@ from rich.table import Table
 
 from blurnoise_eval.maps.mapping import Maps, by_model
 from blurnoise_eval.maps.predictor import NAMES, Predictor
-from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, flattery, most_flattered, surest
+from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, flattery, most_flattered, sureness, surest
 from blurnoise_eval.maps.scored import NodeScores
 from blurnoise_eval.quality.measure import METRICS
 from blurnoise_eval.system.files import write_whole
@@ -48,10 +48,10 @@ def _best(rows: Sequence[Ranked]) -> str:
     between = "" if best.low is None else f", {best.low:.2f} to {best.high:.2f}"
     silent = sum(row.spearman is None for row in rows)
     left = f" {silent} of {len(rows)} metrics cannot be told." if silent else ""
-    return (
-        f"{_TITLE_OF[best.metric]} ranks conditions best (rank correlation {best.spearman:.2f}{between}; told at "
-        f"{best.share_told:.0%} of {best.n_nodes} nodes).{left}"
-    )
+    rank = f"rank correlation {best.spearman:.2f}{between}; told at {best.share_told:.0%} of {best.n_nodes} nodes"
+    if sureness(best) <= 0:
+        return f"no metric surely ranks conditions; the best is {_TITLE_OF[best.metric]} ({rank}).{left}"
+    return f"{_TITLE_OF[best.metric]} ranks conditions best ({rank}).{left}"
 
 
 def _misleading(rows: Sequence[Ranked]) -> str:

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from blurnoise import psf, transfer
 from blurnoise.camera import Camera
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.paper.item import Check, Figure, Found, Line
+from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near
 from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, Saturation
 from blurnoise_eval.quality.measure import TILT_DEG
 
@@ -43,9 +43,7 @@ def mtf50_over_exposure(measured: Measurements) -> Found:
     rest = _line(numbers, "mtf50_x", 0.0)
     told = {ms: each for ms, each in rest.items() if each.told}
     middle = median(each.value for each in told.values())
-    flat = all(
-        abs(each.value / middle - 1) <= FLAT or each.low <= middle <= each.high for each in told.values()
-    )
+    flat = all_near(told.values(), [middle] * len(told), FLAT)
     clipped = [ms for ms, each in rest.items() if not each.told and ms > _CLIPS_MS]
     from_first = bool(clipped) and [ms for ms in rest if ms >= clipped[0]] == clipped
     at_20 = [_line(numbers, "mtf50_x", speed)[max(ms for ms in told if ms <= 21)].value for speed in SPEEDS]
@@ -57,7 +55,7 @@ def mtf50_over_exposure(measured: Measurements) -> Found:
                 "flat to 20 ms",
                 f"{middle:.3f} cycles/px, {_spread(each.value for each in told.values()):.1%} from end to end, "
                 f"to {max(told):g} ms",
-                f"within {FLAT:.0%} of the median, or it within the 95 % interval",
+                f"within {FLAT:.0%} of the median, or it within the 95 % interval of all together",
                 flat and max(told) >= _CLIPS_MS,
             ),
             Check(
@@ -88,7 +86,7 @@ def mtf50_over_speed(measured: Measurements) -> Found:
     told = [speed for speed in speeds if found[speed].told]
     off = {speed: abs(found[speed].value / closed[speed] - 1) for speed in told}
     worst = max(off.values(), default=math.inf)
-    near = all(off[v] <= CLOSED_FORM or found[v].low <= closed[v] <= found[v].high for v in told)
+    near = all_near([found[v] for v in told], [closed[v] for v in told], CLOSED_FORM)
     falls = all(found[b].value < found[a].value for a, b in pairwise(told))
     text = ", ".join(f"{found[speed].value:.4f} ({closed[speed]:.4f}) at {speed:g}" for speed in told)
     clipped = all(not measured[AT_30_MS]["mtf50_x", 30.0, speed].told for speed in SPEEDS)
@@ -99,7 +97,7 @@ def mtf50_over_speed(measured: Measurements) -> Found:
                 "the same beside the closed form (in brackets)",
                 "pixel x disc x motion",
                 f"{worst:.2%} off at most, told at {len(told)} of {len(speeds)} speeds",
-                f"within {CLOSED_FORM:.0%} where told, or within the 95 % interval",
+                f"within {CLOSED_FORM:.0%} where told, or within the 95 % interval of all together",
                 near and len(told) > 1,
             ),
             Check(

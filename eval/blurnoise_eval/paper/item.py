@@ -6,9 +6,11 @@ the chain that is not the paper's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
+from blurnoise.metrics.estimate import Estimate
 from blurnoise_eval.paper.measurement import Measurement, Measurements
 
 AGREES, DIFFERS, NOT_RUN, NOT_JUDGED = "agrees", "differs", "not run", "not judged"
@@ -113,3 +115,17 @@ class Outcome:
             }
             for check in self.found.checks
         ]
+
+
+def all_near(found: Iterable[Estimate], expected: Sequence[float], share: float) -> bool:
+    """Whether each lies within a share of what is expected, or its 95 % interval holds that, of all N together.
+
+    Each interval is widened as Bonferroni does, by normal quantiles: one in twenty of N would fail by chance.
+    """
+    normal = NormalDist()
+    wider = normal.inv_cdf(1 - 0.025 / max(len(expected), 1)) / normal.inv_cdf(0.975)
+    return all(
+        abs(each.value / at - 1) <= share
+        or wider * (each.low - each.value) <= at - each.value <= wider * (each.high - each.value)
+        for each, at in zip(found, expected, strict=True)
+    )

@@ -257,6 +257,34 @@ def test_an_input_that_asks_for_sizes_shows_deim_where_answers_have_no_batch(
     assert found.class_ids.tolist() == [0, 2, 2]
 
 
+_PLUGIN = {
+    "num_dets": "num_detections", "det_boxes": "detection_boxes", "det_scores": "detection_scores",
+    "det_classes": "detection_classes",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("family", "names"), [("detr", {"logits": "pred_logits"}), ("yolov6e2e", _PLUGIN)])
+@pytest.mark.parametrize("by", ["contract", "graph"])
+def test_other_names_of_the_same_outputs(family: str, names: dict[str, str], by: str, tmp_path: Path) -> None:
+    """DETR's own code, and TensorRT's plugin, whose names are also those of TensorFlow's API."""
+    path = graph(tmp_path / "m.onnx", family, names=names)
+    if by == "graph" and family == "detr":
+        with pytest.raises(ModelError, match=r"the graph \(detr\) has 3 classes but nothing names them"):
+            Detector(path)
+        return
+    detector = Detector(path, contract=stated(family) if by == "contract" else None)
+    found = detector.detect(np.full((*SIZE_PX, 3), 255, np.uint8))
+    assert detector.contract.family == family
+    np.testing.assert_allclose(found.boxes_xyxy, BOXES_XYXY[[2, 0, 1]], atol=1e-3)
+    np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], atol=1e-5)
+    assert found.class_ids.tolist() == [0, 2, 2]
+
+
+@pytest.mark.parametrize("family", ["torchvision", "tfod"])
+def test_that_classes_are_counted_from_one_is_said(family: str, tmp_path: Path) -> None:
+    assert "background" in Detector(graph(tmp_path / "m.onnx", family)).family.UNKNOWN
+
+
 def test_where_nothing_tells_deim_from_torchvision_both_are_named(tmp_path: Path) -> None:
     """The names of one, the ranks of both, and no second input: classes counted from 0, or from 1."""
     path = graph(tmp_path / "m.onnx", "rtdetr", squeezed=True, asks=False)
@@ -308,7 +336,9 @@ def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, 
 def test_a_class_without_a_name_is_an_error(tmp_path: Path) -> None:
     two = Contract("yolov10", NAMES[:2], resize="stretch", input_size_px=SIZE_PX, nms_iou=None)
     detector = Detector(graph(tmp_path / "m.onnx", "yolov10"), contract=two)
-    with pytest.raises(ModelError, match=r"finds class 2, counted from 0, but the contract names 2"):
+    with pytest.raises(
+        ModelError, match=r"finds class 2, counted from 0, but the contract names 2 .*background"
+    ):
         detector.detect(np.full((64, 96, 3), 255, np.uint8))
 
 

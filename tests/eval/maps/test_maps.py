@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,18 @@ def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
     assert "1 of 16 metrics cannot be told" in text
     assert "MTF50 across y misleads: 1.00 along light alone" in text
     assert "ends of windows" in text
+
+
+def test_a_metric_that_may_not_rank_at_all_is_not_called_best() -> None:
+    maps = made()
+    rows = tuple(
+        replace(row, spearman=0.3, low=-0.1 - 0.01 * place, high=0.7) for place, row in enumerate(maps.rows)
+    )
+    (text,) = told.sentences(replace(maps, rows=rows), "target_confidence")
+    assert (
+        "no metric surely ranks conditions; the best is MTF50 across x (rank correlation 0.30, -0.10 to"
+        in text
+    )
 
 
 @pytest.mark.parametrize(

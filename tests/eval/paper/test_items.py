@@ -101,8 +101,10 @@ def test_mtf50_over_speed(off: float, agrees: bool) -> None:
     assert found.checks[2].found == "told"
 
 
-@pytest.mark.parametrize(("low", "agrees"), [(0.98, True), (1.01, False)])
+@pytest.mark.parametrize(("low", "agrees"), [(0.98, True), (1.004, True), (1.01, False)])
 def test_mtf50_may_miss_the_closed_form_within_its_interval(low: float, agrees: bool) -> None:
+    """Widened for seven speeds, 2.69 / 1.96 times: one of seven intervals of 95 % misses in three runs of ten."""
+
     def value(name: str, ms: float, v: float) -> Estimate:
         closed = chart_items.mtf50(1e-3 * ms * v)
         return Estimate(1.02 * closed, low * closed, 1.05 * closed)

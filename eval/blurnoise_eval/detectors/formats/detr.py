@@ -1,4 +1,7 @@
-"""DETR as transformers exports it: ``logits`` [1, Q, C + 1] and ``pred_boxes`` [1, Q, 4], none doubled."""
+"""DETR: ``logits`` [1, Q, C + 1] and ``pred_boxes`` [1, Q, 4], none doubled.
+
+So transformers exports it; its own code calls the first ``pred_logits``.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ SEVERAL_CLASSES = False  # PostProcess: max over the classes
 
 def describe(signature: Signature) -> Layout | None:
     """These two outputs; the last logit stands for no object."""
-    found = signature.named(("logits", "pred_boxes"))
+    found = signature.named(("logits", "pred_boxes")) or signature.named(("pred_logits", "pred_boxes"))
     if signature.size_px is None or found is None:
         return None
     logits, boxes = (output.shape for output in found)

@@ -183,3 +183,7 @@ _EXTRA_TYPES = {"tensor(int64)": np.int64, "tensor(int32)": np.int32, "tensor(fl
 
 BAKED = "the score threshold and the overlap that are baked into the graph: weaker answers never leave it"
 """What families that suppress double answers themselves leave unsaid."""
+BACKGROUND_FIRST = (
+    f"{BAKED}; whether 'classes' begins with a name for 0, which its numbers keep for the background"
+)
+"""The same of those that count classes from 1."""

@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.formats.candidates import Candidates, counted
-from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature, TensorInfo
+from blurnoise_eval.detectors.formats.signature import BACKGROUND_FIRST, Layout, Signature, TensorInfo
 
 NAME = "tfod"
-UNKNOWN = BAKED
+UNKNOWN = BACKGROUND_FIRST
 SEVERAL_CLASSES = False  # one a box is all that the graph tells
 _NAMES = ("num_detections", "detection_boxes", "detection_scores", "detection_classes")
 
 
 def describe(signature: Signature) -> Layout | None:
-    """The API's own output names; else, of four outputs of its shapes, those called class and score."""
+    """The API's own output names, the count [batch]; else of four outputs of its shapes those called class, score."""
     found = signature.named(_NAMES) or _by_shape(signature.outputs)
     if signature.size_px is None or found is None:
         return None
-    _, boxes, scores, classes = (output.shape for output in found)
-    fits = len(boxes) == 3 and boxes[2] == 4 and len(scores) == len(classes) == 2
+    count, boxes, scores, classes = (output.shape for output in found)
+    fits = len(count) == 1 and len(boxes) == 3 and boxes[2] == 4 and len(scores) == len(classes) == 2
     return Layout.by_name(found) if fits else None
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.formats.candidates import Candidates, select_corners
-from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature
+from blurnoise_eval.detectors.formats.signature import BACKGROUND_FIRST, Layout, Signature
 
 NAME = "torchvision"
-UNKNOWN = BAKED
+UNKNOWN = BACKGROUND_FIRST
 SEVERAL_CLASSES = False  # one a box is all that the graph tells
 
 

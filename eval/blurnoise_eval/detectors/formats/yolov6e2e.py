@@ -1,4 +1,7 @@
-"""YOLOv6 and others exported end to end: ``num_dets``, ``det_boxes``, ``det_scores``, ``det_classes``."""
+"""YOLOv6 and others exported end to end: ``num_dets``, ``det_boxes``, ``det_scores``, ``det_classes``.
+
+Some call them as TensorRT's plugin does, with the names of TensorFlow's API, whose count has no second axis.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,17 @@ from blurnoise_eval.detectors.formats.signature import BAKED, Layout, Signature
 NAME = "yolov6e2e"
 UNKNOWN = BAKED
 SEVERAL_CLASSES = False  # one a box is all that the graph tells
+_NAMES = ("num_dets", "det_boxes", "det_scores", "det_classes")
+_PLUGIN_NAMES = ("num_detections", "detection_boxes", "detection_scores", "detection_classes")
 
 
 def describe(signature: Signature) -> Layout | None:
     """These four outputs: [batch, 1], [batch, N, 4], [batch, N], [batch, N]."""
-    found = signature.named(("num_dets", "det_boxes", "det_scores", "det_classes"))
+    found = signature.named(_NAMES) or signature.named(_PLUGIN_NAMES)
     if signature.size_px is None or found is None:
         return None
-    _, boxes, scores, classes = (output.shape for output in found)
-    fits = len(boxes) == 3 and boxes[2] == 4 and len(scores) == len(classes) == 2
+    count, boxes, scores, classes = (output.shape for output in found)
+    fits = len(boxes) == 3 and boxes[2] == 4 and len(count) == len(scores) == len(classes) == 2
     return Layout.by_name(found) if fits else None
 
 
