@@ -10,7 +10,7 @@ from collections.abc import Hashable
 import torch
 from torch import Tensor
 
-from blurnoise import blur
+from blurnoise import path_blur
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
@@ -83,15 +83,17 @@ def _joined(first: Blur, second: Blur) -> Blur | None:
         return None
     moved = first.displacement_px if second.displacement_px is None else second.displacement_px
     if SHARP in (first.optics, second.optics):
-        return Blur(second.optics if first.optics == SHARP else first.optics, moved)
+        return Blur(
+            second.optics if first.optics == SHARP else first.optics, moved, first.paths or second.paths
+        )
     a, b = vars(first.optics), vars(second.optics)
     if any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
         return None
-    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved)
+    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved, first.paths or second.paths)
 
 
 def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
     if by.optics == SHARP and by.displacement_px is None:
         return light
     moved = torch.zeros(2) if by.displacement_px is None else by.displacement_px
-    return blur.exposure_blur(light, moved, by.optics, border=border)
+    return path_blur.exposure_blur(light, moved, by.paths, by.optics, border=border)
