@@ -97,7 +97,7 @@ def pitch_rate(height_m: float, length_m: float, speed_m_s: float) -> tuple[Floa
     length = in_range("length_m", length_m, 0.01, 100.0)
     speed = in_range("speed_m_s", speed_m_s, 0.1, 100.0)
     step_s = 1e-4
-    time = np.arange(math.ceil(((length + WHEELBASE_M) / speed + 1.0) / step_s)) * step_s
+    time = step_s * np.arange(math.ceil(((length + WHEELBASE_M) / speed + 1.0) / step_s), dtype=np.float64)
 
     spring, wheel = (2 * math.pi * BODY_HZ) ** 2, 1 / MASS_RATIO  # per mass of the body
     damper = 4 * math.pi * BODY_HZ * DAMPING

@@ -86,12 +86,17 @@ def operating_points(
 
 
 def path(at: OperatingPoint[float]) -> Polyline | None:
-    """What a frame sees of its trajectory and its uniform motion; None where it has no trajectory."""
-    if at.trajectory is None:
+    """What a frame sees of its trajectory and its uniform motion; None where it has none, or :func:`row_by_row`."""
+    if at.trajectory is None or row_by_row(at):
         return None
     x, y = at.displacement_px
     velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s) if at.exposure_s else (0.0, 0.0)
     return at.trajectory.seen(at.exposure_s, velocity)
+
+
+def row_by_row(at: OperatingPoint[float]) -> bool:
+    """Whether each row sees another part of the motion, which the rolling shutter then models, blur and all."""
+    return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
 
 
 def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:

@@ -16,7 +16,7 @@ from torch import Tensor
 from blurnoise import path_blur, transfer
 from blurnoise._core.borders import Border
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint, each_of, path
+from blurnoise.operating_point import OperatingPoint, each_of, path, row_by_row
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,18 @@ class Motion(LightEffect):
         """:func:`blurnoise.transfer.motion_error` of the length, or :attr:`blurnoise.trajectory.Polyline.error`."""
         if (along := path(at)) is not None:
             return along.error
+        if row_by_row(at):
+            return 0.0
         return transfer.motion_error(math.hypot(*at.displacement_px))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur:
         """Shared with the lens."""
-        paths = tuple(path(each) for each in each_of(at)) if at.trajectories else ()
-        return Blur(displacement_px=torch.as_tensor(at.displacement_px), paths=paths)
+        moved = torch.as_tensor(at.displacement_px)
+        if not at.trajectories and at.camera.shutter != "global-reset":
+            return Blur(displacement_px=moved)
+        each = list(each_of(at))
+        elsewhere = torch.tensor([row_by_row(one) for one in each], device=moved.device)
+        return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=tuple(map(path, each)))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
@@ -45,6 +51,8 @@ class Motion(LightEffect):
         """Grown by half the displacement to either side, or by what the path covers."""
         if (along := path(at)) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
+        if row_by_row(at):
+            return boxes_xyxy
         half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
         return boxes_xyxy + torch.cat([-half, half])
 

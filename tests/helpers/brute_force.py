@@ -26,38 +26,30 @@ def photograph(height: int, width: int, seed: int = 5, channels: int = 1) -> Flo
     return np.asarray(seen / seen.max((1, 2), keepdims=True))[None]
 
 
-def _taps(length: int, shift_px: float) -> Floats:
-    """A circulant (length, length) that displaces by shift_px."""
-    off = np.arange(length)[:, None] - np.arange(length) - shift_px
-    off = (off + length / 2) % length - length / 2
+def _taps(length: int, shifts_px: Floats) -> Floats:
+    """Weights (n, length) at whole distances, which wrap round, of displacements (n,)."""
+    off = (np.arange(length) - shifts_px[:, None] + length / 2) % length - length / 2
     weights = np.where(np.abs(off) < 6, np.sinc(off) * np.sinc(off / 6), 0.0)
     return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
-def displaced(light: Floats, x_px: float, y_px: float) -> Floats:
-    """``light`` (..., H, W) displaced; what leaves at one side comes back at the other."""
-    height, width = light.shape[-2:]
-    return np.asarray(_taps(height, y_px) @ light @ _taps(width, x_px).T)
-
-
 def exposed(light: Floats, path: Path, exposure_s: float, moments: int = 128) -> Floats:
-    """The mean over an exposure about time 0."""
+    """The mean over an exposure about time 0; what leaves at one side comes back at the other."""
     times = ((np.arange(moments) + 0.5) / moments - 0.5) * exposure_s
-    return np.asarray(sum(displaced(light, x, y) for x, y in zip(*path(times), strict=True)) / moments)
+    (height, width), (x, y) = light.shape[-2:], path(times)
+    kernel = _taps(height, y).T @ _taps(width, x) / moments
+    return np.fft.irfft2(np.fft.rfft2(light) * np.fft.rfft2(kernel), s=(height, width))
 
 
 def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments: int = 128) -> Floats:
     """Row i exposed from starts_s[i] to stops_s[i], every row by as many moments of its own."""
     out = np.empty_like(light)
-    height = light.shape[-2]
+    height, width = light.shape[-2:]
     for row, (start, stop) in enumerate(zip(starts_s, stops_s, strict=True)):
-        times = start + (np.arange(moments) + 0.5) / moments * (stop - start)
-        x, y = path(times)
-        total = np.zeros(light.shape[:-2] + light.shape[-1:])
-        for dx, dy in zip(x, y, strict=True):
-            seen = _taps(height, dy)[row] @ light
-            total += seen @ _taps(light.shape[-1], dx).T
-        out[..., row, :] = total / moments
+        x, y = path(start + (np.arange(moments) + 0.5) / moments * (stop - start))
+        down = _taps(height, y)[:, (row - np.arange(height)) % height]
+        seen = np.fft.rfft(down @ light) * np.fft.rfft(_taps(width, x))
+        out[..., row, :] = np.fft.irfft(seen.mean(-2), n=width)
     return out
 
 
