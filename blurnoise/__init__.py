@@ -16,6 +16,7 @@ from blurnoise.picture.develop import develop
 from blurnoise.radiometry import photoelectrons
 from blurnoise.simulation import simulate
 from blurnoise.spectra import Curve
+from blurnoise.trajectory import Trajectory
 from blurnoise.transfer import Optics
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ __all__ = [
     "Exposure",
     "Optics",
     "RandomExposure",
+    "Trajectory",
     "blur_pixels",
     "defocus",
     "develop",

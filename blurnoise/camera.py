@@ -53,6 +53,8 @@ class Camera:
     white_balance: "auto" follows the light; or the gains of red, green (or clear) and blue, whose ratios count.
     ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same.
     width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
+    shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" as ``scan``
+    says; "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
     lens: what changes over the field, see :class:`blurnoise.lens.Lens`; a picture of another size stands for the
     largest part of the sensor that has its shape.
     sources: field name -> where its figure comes from.
@@ -93,6 +95,9 @@ class Camera:
     width_px: _Side = 1920
     height_px: _Side = 1080
     hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
+    row_time_s: Annotated[Figure, within("row_time_s")] = 0.0
+    shutter: Literal["global", "rolling", "global-reset"] = "global"
+    scan: Literal["down", "up"] = "down"
     lens: Annotated[Lens, "must be a Lens"] = SAME_EVERYWHERE
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
@@ -112,6 +117,11 @@ class Camera:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
         self._check_lens()
+        if self.row_time_s and self.shutter == "global":
+            raise ValueError(
+                f"row_time_s = {self.row_time_s!r}: must be 0 where shutter is 'global'; "
+                "'rolling' and 'global-reset' take it"
+            )
 
     def _check_lens(self) -> None:
         lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um

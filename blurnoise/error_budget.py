@@ -24,7 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from blurnoise._core.checks import real_tensor, shown
+from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.light import effects
@@ -35,6 +35,7 @@ from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import mosaic, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 from blurnoise.spectra import Curve
+from blurnoise.trajectory import Trajectory
 
 TOLERANCE_DN = 0.1
 """Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
@@ -82,6 +83,7 @@ def plan(
     exposure_s: float,
     illuminance_lux: float,
     displacement_px: tuple[float, float] = (0.0, 0.0),
+    trajectory: Trajectory | None = None,
     temperature_c: float = 25.0,
     illuminant: str | Curve = "D55",
     tolerance_dn: float = TOLERANCE_DN,
@@ -90,7 +92,7 @@ def plan(
 
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
-    the module. displacement_px: motion during the exposure; the other arguments as
+    the module. displacement_px: uniform motion during the exposure, beside the trajectory's; the other arguments as
     in :func:`blurnoise.simulate`, for one picture.
     Raises ``ValueError`` that names the argument.
     """
@@ -103,6 +105,9 @@ def plan(
     x, y = (limited("displacement_px", along) for along in moved.tolist())
     white_e *= mosaic.peak(camera, illuminant)
     at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant)
+    if trajectory is not None:
+        an_instance("trajectory", trajectory, Trajectory)
+        at = replace(at, trajectories=(trajectory,))
     return plan_at(at, tolerance_dn)
 
 

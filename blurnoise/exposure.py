@@ -23,14 +23,14 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of, shown
+from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, one_of, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.light import effects
-from blurnoise.operating_point import OperatingPoint, items, of_one_exposure, operating_points
+from blurnoise.operating_point import OperatingPoint, each_of, items, of_one_exposure, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.mosaics import magnification
 from blurnoise.radiometry import photoelectrons
@@ -39,6 +39,7 @@ from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.sensor.stages import nearly_full_e
 from blurnoise.spectra import Curve, check_illuminant
+from blurnoise.trajectory import Trajectory
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
@@ -46,10 +47,11 @@ _FIELDS = 2  # noise fields that a scene keeps
 
 @dataclass(frozen=True)
 class Exposure:
-    """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, and its noise's seed.
+    """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
-    :mod:`blurnoise._core.rng`. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. Raises ``TypeError`` or
+    ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -59,6 +61,7 @@ class Exposure:
     temperature_c: float = 25.0
     gain_db: float = 0.0
     seed: int = 0
+    trajectory: Trajectory | None = None
 
     def __post_init__(self) -> None:
         of_one_exposure(self.camera)
@@ -74,6 +77,8 @@ class Exposure:
                 "displacement_px",
             )
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        if self.trajectory is not None:
+            an_instance("trajectory", self.trajectory, Trajectory)
 
     @property
     def amplified(self) -> Amplified:
@@ -91,7 +96,15 @@ class Exposure:
     def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
-        return OperatingPoint(self.camera, self.exposure_s, self.temperature_c, white_e, (x, y), size=size)
+        return OperatingPoint(
+            self.camera,
+            self.exposure_s,
+            self.temperature_c,
+            white_e,
+            (x, y),
+            size=size,
+            trajectories=(self.trajectory,) if self.trajectory else (),
+        )
 
 
 class Frame(NamedTuple):
@@ -149,6 +162,7 @@ class ExposedScene:
         exposure_s: Numbers,
         illuminance_lux: Numbers,
         velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+        trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
         temperature_c: Numbers = 25.0,
         generator: rng.Randomness = None,
         noise: bool = True,
@@ -166,6 +180,7 @@ class ExposedScene:
             velocity_px_s=velocity_px_s,
             temperature_c=temperature_c,
             illuminant=self._illuminant,
+            trajectory=trajectory,
         )
         batch = len(self.light)
         seeds = rng.item_seeds(generator, batch)
@@ -184,7 +199,7 @@ class ExposedScene:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
         peak = mosaic.peak(camera, self._illuminant)
-        for item, at in enumerate(_each(points)):
+        for item, at in enumerate(each_of(points)):
             needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
@@ -260,8 +275,9 @@ class ExposedScene:
                 velocity_px_s=[each.velocity_px_s for each in some],
                 temperature_c=[each.temperature_c for each in some],
                 illuminant=self._illuminant,
+                trajectory=[each.trajectory for each in some],
             )
-            for place, (exposure, at) in enumerate(zip(some, _each(points), strict=True)):
+            for place, (exposure, at) in enumerate(zip(some, each_of(points), strict=True)):
                 digital_db = exposure.amplified.digital_db
                 gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
                 gain *= magnification(camera, self._illuminant)
@@ -355,18 +371,6 @@ class _Planned(NamedTuple):
     alike: _Alike
     points: OperatingPoint[Tensor]
     needs: Plan | None
-
-
-def _each(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
-    """The operating point of every frame, in the precision of the batch."""
-    numbers = (
-        points.exposure_s,
-        points.temperature_c,
-        points.white_e,
-        torch.as_tensor(points.displacement_px),
-    )
-    for exposure_s, temperature_c, white_e, (x, y) in zip(*(each.tolist() for each in numbers), strict=True):
-        yield OperatingPoint(points.camera, exposure_s, temperature_c, white_e, (x, y), points.illuminant)
 
 
 def _brighter(at: OperatingPoint[float], brightest: float) -> OperatingPoint[float]:

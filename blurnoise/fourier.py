@@ -9,7 +9,7 @@ the tail of the band-limited line beyond the margin, and keeps each transform in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count, product
@@ -150,17 +150,29 @@ def multiply(
     share its planes and tiles, which changes no bit. Raises ``ValueError`` where the continued
     picture would be too large.
     """
-    y, x = plan.y, plan.x
-    if y.span * x.span > _LARGEST_PLANE:
-        raise ValueError(
-            f"displacement_px = {displacement_px.tolist()}: border {border!r} needs a plane of "
-            f"{y.span}x{x.span} pixels; at most {_LARGEST_PLANE} are allowed"
-        )
+    check_span(plan, border, f"displacement_px = {displacement_px.tolist()}")
     if out is not None and image.device.type == "cpu" and plan.packs:
         for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
             _multiply_planes(picture, motion, optics, plan, border, target, threads)
         return out
-    response = _response(displacement_px, optics, plan)
+    return filtered(image, _response(displacement_px, optics, plan), plan, border, out)
+
+
+def check_span(plan: TransformPlan, border: Border, moved: str) -> None:
+    """Raise ``ValueError`` where the continued picture would be too large; ``moved`` says by what."""
+    y, x = plan.y, plan.x
+    if y.span * x.span > _LARGEST_PLANE:
+        raise ValueError(
+            f"{moved}: border {border!r} needs a plane of "
+            f"{y.span}x{x.span} pixels; at most {_LARGEST_PLANE} are allowed"
+        )
+
+
+def filtered(
+    image: Tensor, response: Tensor, plan: TransformPlan, border: Border, out: Tensor | None = None
+) -> Tensor:
+    """Pictures times a response (B, 1, h, w), real or complex, at the frequencies of ``rfftn`` over a plan's axes."""
+    y, x = plan.y, plan.x
     plane = extended(image, (y.before, x.before), (y.span, x.span), border)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
@@ -194,16 +206,33 @@ def _multiply_planes(
         _multiply_rows(sources.swapaxes(1, 2), dy, y, border, targets.swapaxes(1, 2), threads)
         return
     lengths = (y.length, x.length)
-    with borrowed([(len(sources), y.span, x.span), lengths], sources.dtype) as (planes, factors):
+    with borrowed([lengths], sources.dtype) as (factors,):
+        _plane_factors((dx, dy), optics, lengths, factors)
+        multiply_planes(picture, factors, packed.multiply, plan, border, out, threads)
+
+
+def multiply_planes(
+    picture: Tensor,
+    factors: packed.Plane,
+    multiply: Callable[[packed.Plane, packed.Plane, Sequence[packed.Plane]], packed.Plane],
+    plan: TransformPlan,
+    border: Border,
+    out: Tensor,
+    threads: int,
+) -> None:
+    """One picture (C, H, W) times packed ``factors`` of a tile, by a ``multiply`` of :mod:`._core.packed_fft`."""
+    y, x = plan.y, plan.x
+    lengths = (y.length, x.length)
+    sources, targets = picture.numpy(), out.numpy()
+    with borrowed([(len(sources), y.span, x.span)], sources.dtype) as (planes,):
         for source, plane in zip(sources, planes, strict=True):
             continued(source, plane, (y.before, x.before), border)
-        _plane_factors((dx, dy), optics, lengths, factors)
 
         def blur(at: tuple[int, int, int]) -> None:
             channel, top, left = at
             with borrowed([lengths] * 2, planes.dtype) as scratch:
                 tile = planes[channel, top : top + y.length, left : left + x.length]
-                blurred = packed.multiply(tile, factors, scratch)
+                blurred = multiply(tile, factors, scratch)
                 target = targets[channel, top : top + y.core, left : left + x.core]
                 rows, columns = target.shape
                 target[:] = blurred[y.before : y.before + rows, x.before : x.before + columns]
@@ -248,12 +277,12 @@ def _row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Pl
 def _response(displacement_px: Tensor, optics: Optics, plan: TransformPlan) -> Tensor:
     """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
     lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
-    fy, fx = (torch.from_numpy(f).to(displacement_px) for f in _frequencies(lengths))
+    fy, fx = (torch.from_numpy(f).to(displacement_px) for f in frequencies(lengths))
 
     def motion(fx: Tensor, fy: Tensor) -> Tensor:
         return transfer.motion(fx, fy[:, None], displacement_px)
 
-    response = _joined(motion, fx, fy, lengths)
+    response = joined(motion, fx, fy, lengths)
     if optics != SHARP:
         response = response * optics.response(fx, fy[:, None])
     return response[:, None]
@@ -263,7 +292,7 @@ def _plane_factors(
     motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: packed.Plane
 ) -> None:
     """What ``_response`` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
-    fy, fx = _frequencies(lengths)
+    fy, fx = frequencies(lengths)
     dx, dy = (math.pi * along for along in motion_px)
     kind = out.dtype
 
@@ -281,7 +310,7 @@ def _plane_factors(
             np.sin(phase_of(fx, fy, phase), out=whole)
             return np.asarray(np.divide(whole, phase, out=whole))
 
-        response = _joined(motion, fx, fy, lengths)
+        response = joined(motion, fx, fy, lengths)
         if optics != SHARP:
             response *= _lens(optics, lengths, kind)
         packed.pack(response, out)
@@ -290,11 +319,11 @@ def _plane_factors(
 @lru_cache(maxsize=8)
 def _lens(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> packed.Plane:
     """A camera keeps its lens: its response on one grid, not to be written to."""
-    fy, fx = (torch.from_numpy(f.astype(kind)) for f in _frequencies(lengths))
+    fy, fx = (torch.from_numpy(f.astype(kind)) for f in frequencies(lengths))
     return np.asarray(optics.response(fx, fy[:, None]).numpy())
 
 
-def _frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
+def frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Of ``rfftn``, (fy, fx), cycles/px: its last axis goes from 0 to 1/2, another over +-1/2 back to 0.
 
     An axis of length 1 is not transformed.
@@ -303,7 +332,7 @@ def _frequencies(lengths: tuple[int, int]) -> tuple[NDArray[Any], NDArray[Any]]:
     return np.fft.fftfreq(height) if width > 1 else np.fft.rfftfreq(height), np.fft.rfftfreq(width)
 
 
-def _joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths: tuple[int, int]) -> _Array:
+def joined(motion: Callable[[Any, Any], _Array], fx: _Array, fy: _Array, lengths: tuple[int, int]) -> _Array:
     """``motion``'s response (..., h, w), led smoothly into its alias towards half a cycle per pixel.
 
     A step there would ring far into the picture. At f cycles/px the alias is the response at f - 1; it has no

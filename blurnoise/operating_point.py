@@ -6,7 +6,7 @@ displacement (B, 2); the same formulas serve both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -19,6 +19,7 @@ from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
+from blurnoise.trajectory import Polyline, Trajectory, per_picture
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -27,8 +28,9 @@ Number = TypeVar("Number", float, Tensor)
 class OperatingPoint(Generic[Number]):
     """A camera and what its frame meets; hashable where the numbers are floats.
 
-    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure. size: (H, W) of
-    the picture whose boxes are moved, None for the sensor's.
+    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, which adds to the
+    trajectory of each frame, none where there are none. size: (H, W) of the picture whose boxes are moved, None for
+    the sensor's.
     """
 
     camera: Camera
@@ -38,11 +40,17 @@ class OperatingPoint(Generic[Number]):
     displacement_px: Tensor | tuple[float, float] = (0.0, 0.0)
     illuminant: str | Curve = "D55"
     size: tuple[int, int] | None = None
+    trajectories: tuple[Trajectory | None, ...] = ()
 
     @property
     def dark_e(self) -> Number:
         """Mean electrons of the dark current."""
         return dark_electrons(self.camera, self.exposure_s, self.temperature_c)
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """That of the one frame."""
+        return self.trajectories[0] if self.trajectories else None
 
 
 def operating_points(
@@ -54,10 +62,12 @@ def operating_points(
     velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]],
     temperature_c: Numbers,
     illuminant: str | Curve,
+    trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
 ) -> OperatingPoint[Tensor]:
     """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
-    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2). Raises ``ValueError`` naming the argument.
+    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2); trajectory: one for all or one, or None, for
+    each. Raises ``ValueError`` naming the argument.
     """
     of_one_exposure(camera)
     batch = len(image)
@@ -68,7 +78,42 @@ def operating_points(
     displacement = velocity * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-    return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+    points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+    paths = per_picture(trajectory, batch)
+    for at in each_of(replace(points, trajectories=paths)) if paths else ():
+        path(at)  # which holds the exposure, or raises
+    return replace(points, trajectories=paths) if paths else points
+
+
+def path(at: OperatingPoint[float]) -> Polyline | None:
+    """What a frame sees of its trajectory and its uniform motion; None where it has none, or :func:`row_by_row`."""
+    if at.trajectory is None or row_by_row(at):
+        return None
+    x, y = at.displacement_px
+    velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s) if at.exposure_s else (0.0, 0.0)
+    return at.trajectory.seen(at.exposure_s, velocity)
+
+
+def row_by_row(at: OperatingPoint[float]) -> bool:
+    """Whether each row sees another part of the motion, which the rolling shutter then models, blur and all."""
+    return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
+
+
+def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
+    """The operating point of every frame, in the precision of the batch."""
+    displacement = torch.as_tensor(points.displacement_px)
+    numbers = (points.exposure_s, points.temperature_c, points.white_e, displacement)
+    rows = zip(*(each.tolist() for each in numbers), strict=True)
+    for item, (exposure_s, temperature_c, white_e, (x, y)) in enumerate(rows):
+        yield OperatingPoint(
+            points.camera,
+            exposure_s,
+            temperature_c,
+            white_e,
+            (x, y),
+            points.illuminant,
+            trajectories=points.trajectories[item : item + 1],
+        )
 
 
 def of_one_exposure(camera: Camera) -> None:
@@ -89,4 +134,16 @@ def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoi
         temperature_c=points.temperature_c[of],
         white_e=points.white_e[of],
         displacement_px=torch.as_tensor(points.displacement_px)[of],
+        trajectories=_some(points.trajectories, of),
     )
+
+
+def _some(
+    trajectories: tuple[Trajectory | None, ...], of: list[int] | slice
+) -> tuple[Trajectory | None, ...]:
+    some = (
+        trajectories[of]
+        if isinstance(of, slice)
+        else tuple(trajectories[item] for item in of if trajectories)
+    )
+    return some if any(some) else ()

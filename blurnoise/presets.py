@@ -34,6 +34,18 @@ _NO_COLOURS = MappingProxyType(
         "ccm": "without: no filters",
     }
 )
+_GLOBAL = MappingProxyType(
+    {
+        "row_time_s": "without: a global shutter",
+        "shutter": "quoted: Sony, Pregius sensors have a global shutter",
+        "scan": "without effect: a global shutter",
+    }
+)
+_ROWS_1650 = (
+    "derived: 1650 clocks of 74.25 MHz, which with 990 lines are the 45 frames/s at full resolution of the data sheet's "
+    "table 1; registers 0x300C, 0x300A in Grain Media's sen_mt9m034.c"
+)
+_ROWS_AR0237 = "assumed: no line length found; 1 / (60 x 1088), the most at the 60 frames/s of onsemi's data sheet AR0237CS/D"
 _LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
 _OF_SNR = "derived: 10^(SNRmax/10) of the "
 _OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "
@@ -129,6 +141,7 @@ def _with_black_level(
             "diffraction_wavelength_um": "without: a picture has been through a lens already",
             "hfov_deg": "assumed: the lens is the user's choice",
             **_NO_COLOURS,
+            **_GLOBAL,
             "lens": "assumed: the same over the field; the lens is the user's choice",
             **sources,
         },
@@ -170,6 +183,16 @@ def _with_mosaic(base: Figures, name: str) -> Figures:
     }
 
 
+def _rolling(base: Figures, row_time_s: float, source: str) -> Figures:
+    """With an electronic rolling shutter."""
+    sources = {
+        "row_time_s": source,
+        "shutter": "quoted: electronic rolling shutter, the sensor's data sheet, table 1",
+        "scan": "assumed: mounted upright; upside down it is 'up'",
+    }
+    return {**base, "row_time_s": row_time_s, "shutter": "rolling", "sources": {**base["sources"], **sources}}
+
+
 _AR0231_CCM = (
     (1.3671875, -0.0546875, -0.3125),
     (-0.53125, 1.4609375, 0.0703125),
@@ -200,15 +223,19 @@ FIGURES: tuple[Figures, ...] = (
         qe_source=_QE_ASSUMED,
         source=_MVFOX,
     ),
-    _from_emva(
-        "mt9m034",
-        pixel_pitch_um=3.75,
-        snr_max_db=37.7,
-        dynamic_range_db=63.4,
-        size_px=(1280, 960),
-        quantum_efficiency=_BLACKFLY_QE,
-        qe_source=_QE_ASSUMED,
-        source=_MT9M034,
+    _rolling(
+        _from_emva(
+            "mt9m034",
+            pixel_pitch_um=3.75,
+            snr_max_db=37.7,
+            dynamic_range_db=63.4,
+            size_px=(1280, 960),
+            quantum_efficiency=_BLACKFLY_QE,
+            qe_source=_QE_ASSUMED,
+            source=_MT9M034,
+        ),
+        1650 / 74.25e6,
+        _ROWS_1650,
     ),
     _with_black_level(
         "blackfly",
@@ -231,40 +258,48 @@ FIGURES: tuple[Figures, ...] = (
             "height_px": "assumed: that of the IMX250",
         },
     ),
-    _with_black_level(
-        "ar0132at",
-        pixel_pitch_um=3.75,
-        full_well_e=5890.0,
-        read_noise_e=3.48,
-        size_px=(1280, 960),
-        quantum_efficiency=_BLACKFLY_QE,
-        sources={
-            "pixel_pitch_um": f"quoted: {_AR0132AT}",
-            "bit_depth": f"quoted: {_AR0132AT}",
-            "width_px": f"quoted: {_AR0132AT}",
-            "height_px": f"quoted: {_AR0132AT}",
-            "full_well_e": f"{_SAME_ARRAY}; its own 43.9 dB is no EMVA figure",
-            "read_noise_e": _SAME_ARRAY,
-            "quantum_efficiency": _QE_ASSUMED,
-        },
+    _rolling(
+        _with_black_level(
+            "ar0132at",
+            pixel_pitch_um=3.75,
+            full_well_e=5890.0,
+            read_noise_e=3.48,
+            size_px=(1280, 960),
+            quantum_efficiency=_BLACKFLY_QE,
+            sources={
+                "pixel_pitch_um": f"quoted: {_AR0132AT}",
+                "bit_depth": f"quoted: {_AR0132AT}",
+                "width_px": f"quoted: {_AR0132AT}",
+                "height_px": f"quoted: {_AR0132AT}",
+                "full_well_e": f"{_SAME_ARRAY}; its own 43.9 dB is no EMVA figure",
+                "read_noise_e": _SAME_ARRAY,
+                "quantum_efficiency": _QE_ASSUMED,
+            },
+        ),
+        1650 / 74.25e6,
+        _ROWS_1650,
     ),
-    _with_black_level(
-        "ar0237",
-        pixel_pitch_um=3.0,
-        full_well_e=3770.0,
-        read_noise_e=3.48,
-        size_px=(1928, 1088),
-        quantum_efficiency=round(_LIN_QE, 4),
-        sources={
-            "pixel_pitch_um": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-            "width_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-            "height_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
-            "quantum_efficiency": "derived: mean over 400-700 nm of its green channel behind an IR-cut filter, "
-            f"{_LIN}; 0 outside the 400-650 nm that its tool counts",
-            "full_well_e": _SMALLER,
-            "read_noise_e": _SMALLER,
-            "bit_depth": "assumed: 12, linear mode",
-        },
+    _rolling(
+        _with_black_level(
+            "ar0237",
+            pixel_pitch_um=3.0,
+            full_well_e=3770.0,
+            read_noise_e=3.48,
+            size_px=(1928, 1088),
+            quantum_efficiency=round(_LIN_QE, 4),
+            sources={
+                "pixel_pitch_um": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+                "width_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+                "height_px": "quoted: onsemi data sheet AR0237CS/D rev. 4",
+                "quantum_efficiency": "derived: mean over 400-700 nm of its green channel behind an IR-cut filter, "
+                f"{_LIN}; 0 outside the 400-650 nm that its tool counts",
+                "full_well_e": _SMALLER,
+                "read_noise_e": _SMALLER,
+                "bit_depth": "assumed: 12, linear mode",
+            },
+        ),
+        1.53e-5,
+        _ROWS_AR0237,
     ),
     {
         "name": "lin2024",
@@ -305,6 +340,9 @@ FIGURES: tuple[Figures, ...] = (
             "conversion_gains": "the tool has no gain",
             "captures": "the tool has one exposure",
             "lens": "the tool has none",
+            "row_time_s": "the tool has none",
+            "shutter": "the tool exposes all rows together",
+            "scan": "without effect: a global shutter",
             "dark_current_e_s": "the tool has none",
             "dark_reference_c": "without effect: no dark current",
             "dark_doubling_c": "without effect: no dark current",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from torch import Tensor
 
@@ -16,6 +16,7 @@ from blurnoise.error_budget import TOLERANCE_DN
 from blurnoise.exposure import ExposedScene, anchored, scene_reflectance
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.spectra import Curve
+from blurnoise.trajectory import Trajectory
 
 
 @uncompiled
@@ -26,6 +27,7 @@ def simulate(
     exposure_s: Numbers,
     illuminance_lux: Numbers,
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
     temperature_c: Numbers = 25.0,
     encoding: Encoding = "srgb",
     grey_anchor: str | None = None,
@@ -47,6 +49,8 @@ def simulate(
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance instead of its brightness
     being reflectance (:mod:`blurnoise.grey_anchor`); more than white stays.
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down. illuminant: the light's spectrum.
+    trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
+    added to the velocity, whose gradient it stops; :func:`blurnoise.path_blur.polyline_blur` has one of its own.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
@@ -75,6 +79,7 @@ def simulate(
         exposure_s=exposure_s,
         illuminance_lux=illuminance_lux,
         velocity_px_s=velocity_px_s,
+        trajectory=trajectory,
         temperature_c=temperature_c,
         generator=generator,
         noise=noise,

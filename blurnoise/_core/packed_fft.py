@@ -44,6 +44,15 @@ def multiply(plane: Plane, factors: Plane, scratch: Sequence[Plane], *, rows_alo
     return blurred
 
 
+def multiply_complex(plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
+    """The plane times a transfer function that is a packed ``spectrum`` itself, as :func:`multiply` otherwise."""
+    own, blurred = scratch
+    cv2.dft(plane, own)
+    cv2.mulSpectrums(own, spectrum, 0, own)
+    cv2.dft(own, blurred, cv2.DFT_INVERSE)
+    return blurred
+
+
 def forward(plane: Plane, spectrum: Plane) -> None:
     """The packed spectrum of a plane, into ``spectrum``, for :func:`back` with several factors."""
     cv2.dft(plane, spectrum)

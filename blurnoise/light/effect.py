@@ -14,14 +14,19 @@ from torch import Tensor
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.trajectory import Polyline
 from blurnoise.transfer import SHARP, Optics
 
 
 class Blur(NamedTuple):
-    """A blur that is the same everywhere: by the lens, and by motion (B, 2) px or none."""
+    """A blur that is the same everywhere: by the lens, and by motion (B, 2) px or none.
+
+    paths: (B,) of the pictures that move otherwise, in place of their motion; () where all move straight.
+    """
 
     optics: Optics = SHARP
     displacement_px: Tensor | None = None
+    paths: tuple[Polyline | None, ...] = ()
 
 
 class LightEffect(ABC):

@@ -10,19 +10,20 @@ from collections.abc import Hashable
 import torch
 from torch import Tensor
 
-from blurnoise import blur
+from blurnoise import path_blur
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
 from blurnoise.light.motion import MOTION
+from blurnoise.light.rolling_shutter import ROLLING_SHUTTER
 from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
-    DISTORTION, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, VIGNETTING,
+    DISTORTION, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, ROLLING_SHUTTER, VIGNETTING,
 )  # fmt: skip
 """Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
 NOTHING: frozenset[str] = frozenset()
@@ -83,15 +84,17 @@ def _joined(first: Blur, second: Blur) -> Blur | None:
         return None
     moved = first.displacement_px if second.displacement_px is None else second.displacement_px
     if SHARP in (first.optics, second.optics):
-        return Blur(second.optics if first.optics == SHARP else first.optics, moved)
+        return Blur(
+            second.optics if first.optics == SHARP else first.optics, moved, first.paths or second.paths
+        )
     a, b = vars(first.optics), vars(second.optics)
     if any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
         return None
-    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved)
+    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved, first.paths or second.paths)
 
 
 def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
     if by.optics == SHARP and by.displacement_px is None:
         return light
     moved = torch.zeros(2) if by.displacement_px is None else by.displacement_px
-    return blur.exposure_blur(light, moved, by.optics, border=border)
+    return path_blur.exposure_blur(light, moved, by.paths, by.optics, border=border)

@@ -1,6 +1,7 @@
-"""Motion as a light effect: uniform and straight during the exposure, the same for the whole picture.
+"""Motion as a light effect: straight or along a trajectory, the same for the whole picture.
 
-Convention: centred, so that what moves is at mid-exposure where the picture without motion has it.
+Convention: centred, so that what moves straight is at mid-exposure where the picture without motion has it, and what
+moves otherwise on average, or at mid-exposure, as its trajectory says: boxes stay.
 """
 
 from __future__ import annotations
@@ -12,46 +13,64 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from blurnoise import blur, transfer
+from blurnoise import path_blur, transfer
 from blurnoise._core.borders import Border
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.operating_point import OperatingPoint, each_of, path, row_by_row
 
 
 @dataclass(frozen=True)
 class Motion(LightEffect):
-    """Motion by its transfer function, any length and angle."""
+    """Motion by its transfer function: straight of any length and angle, or a path of straight segments."""
 
     name = "motion"
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """:func:`blurnoise.transfer.motion_error` of the length."""
+        """:func:`blurnoise.transfer.motion_error` of the length, or :attr:`blurnoise.trajectory.Polyline.error`."""
+        if (along := path(at)) is not None:
+            return along.error
+        if row_by_row(at):
+            return 0.0
         return transfer.motion_error(math.hypot(*at.displacement_px))
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur:
         """Shared with the lens."""
-        return Blur(displacement_px=torch.as_tensor(at.displacement_px))
+        moved = torch.as_tensor(at.displacement_px)
+        if not at.trajectories and at.camera.shutter != "global-reset":
+            return Blur(displacement_px=moved)
+        each = list(each_of(at))
+        elsewhere = torch.tensor([row_by_row(one) for one in each], device=moved.device)
+        return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=tuple(map(path, each)))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
-        return blur.motion_blur(light, at.displacement_px, border=border)
+        own = self.blur(at)
+        return path_blur.exposure_blur(light, at.displacement_px, own.paths, own.optics, border=border)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
-        """Grown by half the displacement to either side."""
+        """Grown by half the displacement to either side, or by what the path covers."""
+        if (along := path(at)) is not None:
+            return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
+        if row_by_row(at):
+            return boxes_xyxy
         half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
         return boxes_xyxy + torch.cat([-half, half])
 
     def how(self, at: OperatingPoint[float]) -> str:
-        """The length."""
+        """The length, or the path's extent and segments."""
         camera, lens = at.camera, at.camera.lens
         apart = camera.defocus_counts_pixel or lens.field_curvature_px
         shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
         together = ", with the lens's" if shares else ""
+        if (along := path(at)) is not None:
+            left, top, right, bottom = along.box
+            extent = f"{right - left:.3g}x{bottom - top:.3g} px"
+            return f"transfer function of {len(along.shares)} segments over {extent}{together}"
         return f"transfer function, {math.hypot(*at.displacement_px):.3g} px{together}"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
-        """The displacement."""
-        return at.displacement_px
+        """The displacement and the trajectory."""
+        return at.displacement_px, at.trajectories
 
 
 def swept_half_px(displacement_px: Tensor) -> Tensor:

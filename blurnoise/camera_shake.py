@@ -1,0 +1,196 @@
+"""Causes of trajectories: hands, vehicles over a bump, logs of places or of an inertial measurement unit.
+
+Convention: camera axes are x right, y down, z forward; w = (wx, wy, wz) is the camera's rate of rotation about them,
+rad/s, right-handed. A camera that turns by wx shows everything f wx further down, by wy f wy further left, f being
+its focal length in px: true near the axis; towards the corner of a wide picture it is more by 1 + (r/f)^2. wz turns
+the picture about its axis, which no blur that is the same everywhere can show, and is left out.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise._core import rng
+from blurnoise._core.checks import in_range, integer, positive, shown
+from blurnoise._core.limits import limited
+from blurnoise.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+_STEPS = 2000  # of a shake during its exposure
+_ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
+_LENGTH_PX = 64.0  # of a path during an exposure, in whose unit their terms are stated
+_MOST_STEPS = 1_000_000
+_FINE = 8  # places between two readings of a rate
+BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
+"""A quarter car, as assumed: of its body the frequency on its springs and their damping, of its wheel the frequency
+between springs and tyre, body over wheel, and how far the axles are apart."""
+_AXES = np.eye(3)
+
+
+def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float | None = None) -> Trajectory:
+    """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
+
+    The velocity gets Gaussian steps, a pull towards the middle and, rarely, a jerk, strengths drawn once, and keeps
+    its speed, so that time fixes the length of the path and not how far it goes. extent_px, the longer side of the
+    box about what ``exposure_s`` around mid-exposure sees, is therefore stated. duration_s >= exposure_s: of the
+    whole; exposures up to it are parts of one path. The same seed and duration over exposure give the same shape.
+    """
+    integer("seed", seed, 0, rng.LAST_SEED)
+    extent = in_range("extent_px", extent_px, 0.0, 1e4)
+    exposure = positive("exposure_s", exposure_s)
+    duration = in_range("duration_s", exposure if duration_s is None else duration_s, exposure, 3600.0)
+    count = math.ceil(_STEPS * duration / exposure)
+    if count > _MOST_STEPS:
+        raise ValueError(
+            f"duration_s = {duration:g}: must be at most {_MOST_STEPS // _STEPS} times exposure_s"
+        )
+    drawn = np.random.default_rng(rng.derived(seed, "shake"))
+    pull, noise, jerks = drawn.uniform(size=3) * (0.7, 10.0, 0.2)
+    speed = _LENGTH_PX / _STEPS
+    velocity = speed * np.exp(2j * math.pi * drawn.uniform())
+    steps = (drawn.standard_normal((count, 2)) @ (1, 1j)) * noise
+    jerked = drawn.uniform(size=count) < jerks * _ANXIETY
+    turns = np.exp(1j * (math.pi + drawn.uniform(size=count) - 0.5))
+    places = np.zeros(count + 1, np.complex128)
+    place = 0j
+    for step, (random, jerk, turn) in enumerate(
+        zip(steps.tolist(), jerked.tolist(), turns.tolist(), strict=True)
+    ):
+        velocity += _ANXIETY * (random - pull * place) * speed + (2 * velocity * turn if jerk else 0)
+        velocity *= speed / abs(velocity)
+        place += velocity
+        places[step + 1] = place
+    time = np.linspace(-duration / 2, duration / 2, count + 1)
+    path = Trajectory.of(time, np.stack([places.real, places.imag]))
+    knots, _ = path.window(-exposure / 2, exposure / 2)
+    scale = extent / float(np.ptp(knots, axis=1).max())
+    return Trajectory.of(time, scale * np.stack([places.real, places.imag]))
+
+
+def speed_bump(
+    height_m: float, length_m: float, speed_m_s: float, *, focal_px: float, duration_s: float = 0.1
+) -> Trajectory:
+    """A car over a half-sine bump: what its pitch does to the picture, time 0 where it pitches fastest.
+
+    By two quarter cars of the figures above, the rear axle later by the wheelbase; heave, .05 px at 20 m, is no part.
+    10 cm over 3.7 m at 30 km/h: 26.5 deg/s, 7.7 px in 10 ms at f = 1663 px; 7.5 cm over 0.9 m at 20 km/h: 11 deg/s.
+    """
+    time, rate = pitch_rate(height_m, length_m, speed_m_s)
+    middle = float(time[np.abs(rate).argmax()])
+    half = in_range("duration_s", duration_s, 0.0, 2.0, above=True) / 2
+    near = np.abs(time - middle) <= half + time[1]
+    time, rate = time[near] - middle, rate[near]
+    if time[0] > -half:  # level before the bump
+        time, rate = np.concatenate([[-half - 1e-9], time]), np.concatenate([[0.0], rate])
+    return _of_rates(time, rate, np.zeros_like(rate), focal_px)
+
+
+def pitch_rate(height_m: float, length_m: float, speed_m_s: float) -> tuple[Floats, Floats]:
+    """Times, s, from when the front axle meets a half-sine bump, and the car's pitch rate, rad/s, nose up > 0."""
+    height = in_range("height_m", height_m, 0.0, 1.0)
+    length = in_range("length_m", length_m, 0.01, 100.0)
+    speed = in_range("speed_m_s", speed_m_s, 0.1, 100.0)
+    step_s = 1e-4
+    time = step_s * np.arange(math.ceil(((length + WHEELBASE_M) / speed + 1.0) / step_s), dtype=np.float64)
+
+    spring, wheel = (2 * math.pi * BODY_HZ) ** 2, 1 / MASS_RATIO  # per mass of the body
+    damper = 4 * math.pi * BODY_HZ * DAMPING
+    tyre = wheel * (2 * math.pi * HOP_HZ) ** 2 - spring
+    moves = np.array(
+        [
+            [0, 1, 0, 0, 0],
+            [-spring, -damper, spring, damper, 0],
+            [0, 0, 0, 1, 0],
+            [spring / wheel, damper / wheel, -(spring + tyre) / wheel, -damper / wheel, tyre / wheel],
+            [0, 0, 0, 0, 0],
+        ]
+    )
+    term = over_step = np.eye(5)  # exp(moves step), whose series is short as the step is
+    for order in range(1, 8):
+        term = term @ moves * (step_s / order)
+        over_step = over_step + term
+
+    def body_speed(place_m: Floats) -> Floats:
+        road = np.where((place_m > 0) & (place_m < length), height * np.sin(np.pi * place_m / length), 0.0)
+        state, speeds = np.zeros(5), np.empty_like(road)
+        for step, state[4] in enumerate(road.tolist()):
+            speeds[step] = state[1]
+            state = over_step @ state
+        return speeds
+
+    front, rear = body_speed(speed * time), body_speed(speed * time - WHEELBASE_M)
+    return time, (front - rear) / WHEELBASE_M
+
+
+def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
+    """A trajectory of a CSV file: time_s with x_px and y_px, or with wx and wy (and wz) of ``_rad_s`` or ``_deg_s``.
+
+    Mid-exposure is the middle of its times. focal_px: of the camera, which rates need. axes: 3x3, the camera's axes
+    in rows, in the unit's. Rates are linear between readings; what is faster than half their rate is not in them.
+    Raises ``OSError``, or ``ValueError`` naming the file and what is wrong in it.
+    """
+    try:
+        columns = _columns(Path(path))
+        time = columns.pop("time_s") if "time_s" in columns else np.zeros(0)
+        if len(time) < 2 or not bool((np.diff(time) > 0).all()):
+            raise ValueError("time_s: must be at least two times that increase")
+        time = time - (time[0] + time[-1]) / 2
+        if {"x_px", "y_px"} <= set(columns):
+            return Trajectory.of(time, np.stack([columns["x_px"], columns["y_px"]]))
+        for unit, scale in (("rad_s", 1.0), ("deg_s", math.pi / 180)):
+            if {f"wx_{unit}", f"wy_{unit}"} <= set(columns):
+                rates = [columns.get(f"w{axis}_{unit}", np.zeros_like(time)) * scale for axis in "xyz"]
+                return from_rates(time, np.stack(rates), focal_px=focal_px, axes=axes)
+        raise ValueError(
+            f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def from_rates(
+    time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: float | None, axes: Any = _AXES
+) -> Trajectory:
+    """A trajectory of a camera's rates of rotation (3, K), rad/s, at times (K,): d = f (-int wy, int wx)."""
+    if focal_px is None:
+        raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
+    turned = np.asarray(axes, float)
+    if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-3):
+        raise ValueError(f"axes = {shown(turned.tolist())}: must be 3x3, rows of length 1 at right angles")
+    wx, wy, _ = turned @ np.asarray(rates_rad_s, float)
+    return _of_rates(np.asarray(time_s, float), wx, wy, focal_px)
+
+
+def _of_rates(time: Floats, wx: Floats, wy: Floats, focal_px: float) -> Trajectory:
+    """Integrated between readings too, where the path is a parabola."""
+    focal = limited("focal_px", focal_px)
+    fine = np.interp(np.arange((len(time) - 1) * _FINE + 1) / _FINE, np.arange(len(time)), time)
+    angles = []
+    for rate in (-wy, wx):
+        between = np.interp(fine, time, rate)
+        steps = (between[1:] + between[:-1]) / 2 * np.diff(fine)
+        angles.append(np.concatenate([[0.0], np.cumsum(steps)]))
+    return Trajectory.of(fine, focal * np.stack(angles))
+
+
+def _columns(path: Path) -> dict[str, Floats]:
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+    if not rows:
+        raise ValueError("is empty")
+    names = [name.strip() for name in rows[0]]
+    if len({*names}) != len(names) or any(len(row) != len(names) for row in rows):
+        raise ValueError("must have one header of different names, and as many values in every row")
+    try:
+        values = np.array([[float(value) for value in row] for row in rows[1:]]).reshape(-1, len(names))
+    except ValueError:
+        raise ValueError("must hold numbers below its header") from None
+    if not np.isfinite(values).all():
+        raise ValueError("must hold finite numbers")
+    return dict(zip(names, values.T, strict=True))

@@ -1,0 +1,205 @@
+"""Blur of pictures (B, C, H, W) by paths of any shape, in linear light.
+
+Convention: x right, y down, px; the border is continued as in :mod:`blurnoise.blur`. The transfer function of a path
+of many segments is not evaluated at every frequency of the picture: a grid as large as the path and its band-limited
+ends need gives the point spread, which is laid into a tile of the picture and transformed there. Half the RMS of what
+that changes of the transfer function, the RMS error of a white picture of full contrast, is 1e-4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import blur, fourier
+from blurnoise._core import packed_fft as packed
+from blurnoise._core.borders import BORDERS, Border
+from blurnoise._core.checks import image_batch, one_of, real_tensor
+from blurnoise._core.limits import limited_motion
+from blurnoise._core.threads import WORTH_IT
+from blurnoise._core.uncompiled import uncompiled
+from blurnoise.blur import NEGLIGIBLE
+from blurnoise.trajectory import Polyline
+from blurnoise.transfer import SHARP, Optics
+from blurnoise.transfer_of_paths import polyline, polyline_grid
+
+_LEAST_PX = 64  # side of the small grid
+_ROOM_PX = 32  # of the band-limited ends, both together
+
+
+def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: Border = "reflect") -> Tensor:
+    """Every picture blurred by one path, and one lens; ``image`` itself where that is too small to be seen.
+
+    Differentiable in the pictures. Raises ``TypeError`` or ``ValueError``.
+    """
+    image_batch("image", image)
+    one_of("border", border, BORDERS)
+    if path.error + optics.error <= NEGLIGIBLE:
+        return image
+    plan = _plan(image, path.reach_px, optics, border)
+    fourier.check_span(plan, border, f"path over {path.box} px")
+    if plan.packs and len(plan.dims) == 2 and image.device.type == "cpu" and not _differentiable(image):
+        out = torch.empty_like(image, memory_format=torch.contiguous_format)
+        lengths = (plan.y.length, plan.x.length)
+        spectrum = _packed_spectrum(path, optics, lengths, image.detach().numpy().dtype)
+        threads = torch.get_num_threads() if image.numel() >= WORTH_IT else 1
+        for picture, target in zip(image.detach(), out, strict=True):
+            fourier.multiply_planes(picture, spectrum, packed.multiply_complex, plan, border, target, threads)
+        return out
+    knots, shares = torch.from_numpy(path.knots), torch.tensor(path.shares, dtype=torch.float64)
+    return fourier.filtered(image, _response(knots, shares, optics, plan, image), plan, border)
+
+
+def exposure_blur(
+    image: Tensor,
+    displacement_px: Tensor | Iterable[float],
+    paths: Sequence[Polyline | None],
+    optics: Optics,
+    *,
+    border: Border = "reflect",
+) -> Tensor:
+    """:func:`blurnoise.blur.exposure_blur`, but by their own paths for those pictures that have one; (): none has."""
+    if not any(paths):
+        return blur.exposure_blur(image, displacement_px, optics, border=border)
+    moved = blur.displacements(displacement_px, image)
+    return torch.cat(
+        [
+            blur.exposure_blur(picture, by, optics, border=border)
+            if path is None
+            else path_blur(picture, path, optics, border=border)
+            for picture, by, path in zip(torch.split(image, 1), torch.split(moved, 1), paths, strict=True)
+        ]
+    )
+
+
+@uncompiled
+def polyline_blur(
+    image: Tensor,
+    knots_px: Tensor,
+    durations: Tensor | None = None,
+    optics: Optics = SHARP,
+    *,
+    border: Border = "reflect",
+) -> Tensor:
+    """Blur each picture by a path that may be optimised: straight between knots, as long in each segment as it says.
+
+    image: (B, C, H, W). knots_px: (K, 2) or (B, K, 2), K >= 2, px, (0, 0) where the picture shows the place.
+    durations: (K - 1,), > 0 in any unit; None: equal. Differentiable in all three. Raises ``TypeError`` or
+    ``ValueError``.
+    """
+    image_batch("image", image)
+    one_of("border", border, BORDERS)
+    knots = real_tensor("knots_px", knots_px)
+    if knots.ndim not in (2, 3) or knots.shape[-1] != 2 or knots.shape[-2] < 2:
+        raise ValueError(f"knots_px: shape must be (K, 2) or (B, K, 2) of K >= 2, got {tuple(knots.shape)}")
+    if knots.ndim == 3 and len(knots) != len(image):
+        raise ValueError(
+            f"knots_px: got {len(knots)} paths for a batch of {len(image)}; must be one per picture"
+        )
+    limited_motion("knots_px", knots)
+    segments = knots.shape[-2] - 1
+    spent = torch.ones(segments) if durations is None else real_tensor("durations", durations)
+    if spent.shape != (segments,) or not bool((spent.detach() > 0).all()):
+        raise ValueError(f"durations: must be {segments} numbers > 0, one per segment")
+    shares = (spent / spent.sum()).to(image.device)
+    parts = []
+    for picture, path in zip(torch.split(image, 1), knots.expand(len(image), segments + 1, 2), strict=True):
+        reach = path.detach().abs().amax(0).tolist()
+        plan = _plan(picture, (reach[0], reach[1]), optics, border)
+        fourier.check_span(plan, border, f"knots_px up to {max(reach):g} px")
+        response = _response(path.to(image.device).T, shares, optics, plan, picture)
+        parts.append(fourier.filtered(picture, response, plan, border))
+    return torch.cat(parts)
+
+
+def point_spread(knots_px: NDArray[Any], shares: NDArray[Any]) -> NDArray[np.float64]:
+    """The band-limited point spread of a path (2, K), on a grid whose middle, at half its sides, is (0, 0)."""
+    sides = _sides(np.abs(knots_px).max(1).tolist())
+    fy, fx = fourier.frequencies(sides)
+
+    def motion(fx: NDArray[Any], fy: NDArray[Any]) -> NDArray[Any]:
+        return polyline_grid(fx, fy, knots_px, shares)
+
+    spread = np.fft.irfft2(fourier.joined(motion, fx, fy, sides), s=sides)
+    return np.fft.fftshift(spread)
+
+
+def _plan(
+    image: Tensor, reach_px: tuple[float, float], optics: Optics, border: Border
+) -> fourier.TransformPlan:
+    across, down = (2 * reach for reach in reach_px)
+    reach = fourier.reach((across, down), optics, every_axis=True)
+    size = (image.shape[-2], image.shape[-1])
+    plans = [fourier.plan(size, reach, border, tiled=tiled) for tiled in (False, True)]
+    return min(plans, key=lambda each: each.cost_ns)
+
+
+def _sides(reach_px: tuple[float, float]) -> tuple[int, int]:
+    """Of the small grid, (h, w), even."""
+    width, height = (max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX) for reach in reach_px)
+    return fourier.fast_length(height), fourier.fast_length(width)
+
+
+@lru_cache(maxsize=16)
+def _packed_spectrum(path: Polyline, optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Any:
+    """A path's transfer function on a tile, packed and divided by its size; not to be written to."""
+    spread = point_spread(path.knots, np.array(path.shares))
+    tile = np.zeros(lengths, kind)
+    rows, columns = (
+        (np.arange(side) - side // 2) % length for side, length in zip(spread.shape, lengths, strict=True)
+    )
+    np.add.at(
+        tile, np.ix_(rows, columns), (spread / tile.size).astype(kind)
+    )  # wraps where the tile is smaller
+    spectrum = cv2.dft(tile)
+    if optics != SHARP:
+        factors = np.empty(lengths, kind)
+        fy, fx = (torch.from_numpy(f.astype(kind)) for f in fourier.frequencies(lengths))
+        packed.pack(optics.response(fx, fy[:, None]).numpy(), factors)
+        spectrum *= factors * factors.size
+    return spectrum
+
+
+def _response(
+    knots_px: Tensor, shares: Tensor, optics: Optics, plan: fourier.TransformPlan, image: Tensor
+) -> Tensor:
+    """The same as a response (1, 1, h, w) of ``image``'s precision over the plan's axes, with gradients."""
+    reach = knots_px.detach().abs().amax(1).tolist()
+    large = {-2: plan.y.length, -1: plan.x.length}
+    sides = dict(zip((-2, -1), _sides((reach[0], reach[1])), strict=True))
+    small = (sides[-2] if -2 in plan.dims else 1, sides[-1] if -1 in plan.dims else 1)
+    fy, fx = (torch.from_numpy(f).to(knots_px) for f in fourier.frequencies(small))
+
+    def motion(fx: Tensor, fy: Tensor) -> Tensor:
+        return polyline(fx, fy[:, None], knots_px, shares)
+
+    response = fourier.joined(motion, fx, fy, small)
+    spread = torch.fft.irfftn(response, s=[sides[dim] for dim in plan.dims], dim=plan.dims)
+    for (
+        dim
+    ) in plan.dims:  # from 0 to the end, then what lies before 0: laid into the tile, which it may wrap round
+        side, length = sides[dim], large[dim]
+        places = torch.arange(side, device=spread.device)
+        places = torch.where(places < side - side // 2, places, places - side) % length
+        shape = [*spread.shape]
+        shape[dim] = length
+        spread = spread.new_zeros(shape).index_add(spread.ndim + dim, places, spread)
+    whole: Tensor = torch.fft.rfftn(spread, dim=plan.dims)
+    if optics != SHARP:
+        lengths = tuple(large[dim] if dim in plan.dims else 1 for dim in (-2, -1))
+        fy, fx = (torch.from_numpy(f).to(knots_px) for f in fourier.frequencies((lengths[0], lengths[1])))
+        whole = whole * optics.response(fx, fy[:, None])
+    kind = torch.complex64 if image.dtype == torch.float32 else torch.complex128
+    return whole.to(device=image.device, dtype=kind)[None, None]
+
+
+def _differentiable(image: Tensor) -> bool:
+    return torch.is_grad_enabled() and image.requires_grad

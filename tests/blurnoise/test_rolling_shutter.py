@@ -1,0 +1,229 @@
+"""Rolling shutter: against rows exposed one by one, closed forms, and one way against the other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from brute_force import photograph, rms_dn, rolled
+
+from blurnoise import Trajectory, blur
+from blurnoise.rolling_shutter import Readout, of_rows, row_responses, stretch, warped
+from blurnoise.transfer_of_paths import vibration
+
+ROW_S, EXPOSURE_S = 3e-4, 0.01
+SIZE = (41, 67)
+READOUT = Readout(SIZE[0], ROW_S, EXPOSURE_S)
+
+
+def picture() -> torch.Tensor:
+    return torch.from_numpy(photograph(*SIZE))
+
+
+def in_uniform_motion(
+    velocity: tuple[float, float], row_s: float = ROW_S, light: torch.Tensor | None = None
+) -> torch.Tensor:
+    x, y = velocity
+    light = picture() if light is None else light
+    blurred = blur.motion_blur(light, (x * EXPOSURE_S, y * EXPOSURE_S), method="transfer", border="circular")
+    return warped(blurred, velocity, row_s, "circular")
+
+
+@pytest.mark.parametrize("velocity", [(600, 0), (0, 300), (500, -400), (300, 500)])
+@pytest.mark.parametrize("scan", [1, -1])
+def test_uniform_motion_by_brute_force(velocity: tuple[float, float], scan: int) -> None:
+    """Every row by 128 Lanczos sub-exposures; to 0.1 DN both of the warp and of rows in their own windows."""
+    readout = Readout(SIZE[0], scan * ROW_S, EXPOSURE_S)
+    x, y = velocity
+    brute = rolled(picture().numpy(), lambda s: (x * s, y * s), *readout.windows_s)
+    seen = in_uniform_motion(velocity, scan * ROW_S)
+    assert rms_dn(seen.numpy(), brute) < 0.1
+    path = Trajectory.straight(velocity, 0.1)
+    assert rms_dn(of_rows(picture(), path, (0.0, 0.0), readout, "circular").numpy(), brute) < 0.1
+    assert rms_dn(in_uniform_motion(velocity, -scan * ROW_S).numpy(), brute) > 2.0
+
+
+def test_shear_before_blur_is_wrong() -> None:
+    """Warped first, the blur must be longer by the stretch."""
+    velocity = (300.0, 500.0)
+    brute = rolled(picture().numpy(), lambda s: (300 * s, 500 * s), *READOUT.windows_s)
+    sheared = warped(picture(), velocity, ROW_S, "circular")
+    blurred = [
+        blur.motion_blur(sheared, (3.0 * by, 5.0 * by), method="transfer", border="circular").numpy()[
+            ..., 8:-8, :
+        ]
+        for by in (1.0, stretch(500.0, ROW_S))
+    ]  # the border is continued before the warp or after it
+    short, right = (rms_dn(each, brute[..., 8:-8, :]) for each in blurred)
+    assert right < 0.5 * short
+
+
+@pytest.mark.parametrize("direction_deg", [0.0, 90.0, 30.0])
+@pytest.mark.parametrize("reset", [False, True])
+def test_vibration_by_brute_force(direction_deg: float, reset: bool) -> None:
+    """Along rows, across them, and both: to 0.1 DN; one window for all rows errs by more than 2."""
+    readout = Readout(SIZE[0], ROW_S, EXPOSURE_S, reset)
+    path = Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=direction_deg, phase_rad=0.3)
+    origin = path.origin_px(EXPOSURE_S)
+
+    def places(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (
+            np.interp(times, path.time_s, path.x_px) - origin[0],
+            np.interp(times, path.time_s, path.y_px) - origin[1],
+        )
+
+    brute = rolled(picture().numpy(), places, *readout.windows_s)
+    seen = of_rows(picture(), path, origin, readout, "circular").numpy() / readout.light[:, None]
+    assert rms_dn(seen, brute) < 0.1
+    together = Readout(SIZE[0], 0.0, EXPOSURE_S)
+    assert rms_dn(of_rows(picture(), path, origin, together, "circular").numpy(), brute) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("exposure_s", "phase", "expected"),
+    [
+        (0.003, 0.0, 0.724517),
+        (0.0125, 0.0, 0.290564),
+        (0.02, 0.0, 0.254940),
+        (0.02, 0.7, 0.281657 + 0.134267j),
+    ],
+)
+def test_rows_of_a_vibration(exposure_s: float, phase: float, expected: complex) -> None:
+    """The middle row as published, every row by the series: the path is within 1e-3 px, hence 2 pi f 1e-3."""
+    readout = Readout(41, 1e-4, exposure_s)
+    path = Trajectory.sinusoid(3.0, 80.0, 0.05, phase_rad=phase)
+    time, x = np.array(path.time_s), np.array(path.x_px)
+    seen = row_responses(np.array([0.1]), time, x, readout)[:, 0]
+    assert complex(seen[20]) == pytest.approx(expected, abs=7e-4)
+    tau = readout.middle_s(np.arange(41.0))
+    series = vibration(0.3, 80.0, exposure_s, middle_s=tau, phase_rad=phase)
+    np.testing.assert_allclose(seen, series, atol=7e-4)
+    if exposure_s == 0.0125:
+        assert np.abs(series - series[0]).max() < 1e-12  # whole periods: no wobble
+    else:
+        assert np.abs(series - series[0]).max() > 0.01
+
+
+def test_wobble() -> None:
+    """Centroids of rows go as a sinc(nu T), over 1 / (nu t_row) rows."""
+    readout = Readout(500, 5e-5, 0.004)
+    path = Trajectory.sinusoid(3.0, 80.0, 0.1)
+    f = 1e-4
+    seen = row_responses(np.array([f]), np.array(path.time_s), np.array(path.x_px), readout)[:, 0]
+    centroids = -np.angle(seen) / (2 * np.pi * f)
+    assert centroids.max() == pytest.approx(3.0 * np.sinc(0.32), rel=1e-3)
+    assert centroids[250] - centroids[0] == pytest.approx(centroids[499] - centroids[249], abs=0.02)
+    np.testing.assert_allclose(centroids[:250], centroids[250:], atol=0.02)  # 1 / (80 Hz 5e-5 s) = 250 rows
+
+
+def test_plane_wave() -> None:
+    """f=(.07,-.05), v=(900,-500) px/s, T=10 ms, AR0233's 24.098 us: amplitude sinc(f.vT), f_y less f.v t_row."""
+    row_s, velocity, f = 24.098e-6, (900.0, -500.0), (0.07, -0.05)
+    x, y = np.meshgrid(np.arange(300.0), np.arange(420.0))
+    light = torch.from_numpy(np.cos(2 * np.pi * (f[0] * x + f[1] * y)))[None, None]
+    blurred = blur.motion_blur(light, (9.0, -5.0), method="transfer")
+    seen = warped(blurred, velocity, row_s, "reflect").numpy()[0, 0]
+    amplitude, seen_y = np.sinc(0.07 * 9 + 0.05 * 5), f[1] - (f[0] * 900 + f[1] * -500) * row_s
+    assert amplitude == pytest.approx(0.133156, abs=1e-6)
+    assert seen_y == pytest.approx(-0.0521206, abs=1e-7)
+    middle = (420 - 1) / 2
+    expected = amplitude * np.cos(2 * np.pi * (f[0] * x + f[1] * middle + seen_y * (y - middle)))
+    inside = np.s_[80:-80, 80:-80]  # the wave ends at the border
+    np.testing.assert_allclose(seen[inside], expected[inside], atol=2e-3)
+    assert np.abs(seen[inside] - amplitude * light.numpy()[0, 0][inside]).max() > 0.1
+
+
+def test_streaks_stretch_and_skew() -> None:
+    assert 9 * stretch(-500.0, 24.098e-6) == pytest.approx(8.89285, abs=1e-5)
+    assert -5 * stretch(-500.0, 24.098e-6) == pytest.approx(-4.94047, abs=1e-5)
+    shear = 1000 * 24.10e-6
+    assert shear == pytest.approx(0.0241, abs=1e-6)
+    assert math.degrees(math.atan(shear)) == pytest.approx(1.38, abs=0.005)
+    assert 1000 * Readout(1280, 24.10e-6, 0.01).middle_s(np.array([1279.0]))[0] == pytest.approx(
+        15.4, abs=0.05
+    )
+
+
+def test_global_reset() -> None:
+    """The last of 1280 rows is 4.08 times as bright as the first; a flash within all windows freezes all rows."""
+    readout = Readout(1280, 24.098e-6, 0.01, reset=True)
+    assert readout.light[-1] / readout.light[0] == pytest.approx(4.08, abs=0.005)
+    starts, stops = readout.windows_s
+    assert starts.min() == starts.max()
+    assert stops.min() - starts.max() == pytest.approx(0.01)
+    assert (starts + stops)[639:641].mean() == pytest.approx(0.0, abs=1e-12)
+    rolling = Readout(100, 24.098e-6, 0.01)
+    starts, stops = rolling.windows_s
+    assert stops.min() - starts.max() == pytest.approx(0.01 - 99 * 24.098e-6)
+    assert (rolling.light == 1).all()
+    still = Trajectory.straight((0.0, 0.0), 1.0)
+    seen = of_rows(torch.ones(1, 1, 1280, 2), still, (0.0, 0.0), readout, "reflect")
+    np.testing.assert_allclose(seen[0, 0, :, 0].numpy(), readout.light, rtol=1e-6)
+
+
+def test_limits() -> None:
+    light = picture()
+    assert warped(light, (0.0, 0.0), ROW_S, "reflect") is light
+    assert warped(light, (500.0, 300.0), 0.0, "reflect") is light
+    flipped = warped(light.flip(-2), (500.0, -300.0), ROW_S, "circular").flip(-2)
+    torch.testing.assert_close(warped(light, (500.0, 300.0), -ROW_S, "circular"), flipped, rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match=r"velocity_px_s = 4000 down: must be below 3333\.33"):
+        warped(light, (0.0, 4000.0), ROW_S, "reflect")
+    constant = torch.full((1, 1, 41, 67), 0.37, dtype=torch.float64)
+    torch.testing.assert_close(warped(constant, (500.0, 300.0), ROW_S, "reflect"), constant)
+
+
+def test_columns_shift_most_at_the_ends_and_not_in_the_middle() -> None:
+    """A ramp moves by its slope times v_x tau."""
+    ramp = torch.arange(400.0, dtype=torch.float64).expand(1, 1, 41, 400) / 400
+    moved = (ramp - warped(ramp, (500.0, 0.0), ROW_S, "replicate"))[0, 0, :, 200] * 400
+    np.testing.assert_allclose(moved.numpy(), 500 * ROW_S * (np.arange(41) - 20), atol=5e-3)
+
+
+@pytest.mark.parametrize("velocity", [(500.0, 0.0), (0.0, 300.0), (300.0, -200.0)])
+def test_routes_agree(velocity: tuple[float, float]) -> None:
+    """OpenCV's and torch's, in either precision; gradients reach the picture and the velocity."""
+    light = picture()
+    fast = warped(light, velocity, ROW_S, "reflect")
+    plain = warped(light.clone().requires_grad_(), velocity, ROW_S, "reflect").detach()
+    torch.testing.assert_close(fast, plain, rtol=0, atol=1e-12)
+    torch.testing.assert_close(
+        warped(light.float(), velocity, ROW_S, "reflect").double(), fast, rtol=0, atol=2e-6
+    )
+    path = Trajectory.sinusoid(
+        3.0, 80.0, 0.1, direction_deg=math.degrees(math.atan2(-velocity[1], velocity[0]))
+    )
+    rows = of_rows(light, path, (0.0, 0.0), READOUT, "reflect")
+    slow = of_rows(light.clone().requires_grad_(), path, (0.0, 0.0), READOUT, "reflect").detach()
+    torch.testing.assert_close(rows, slow, rtol=0, atol=1e-12)
+
+
+def test_gradients() -> None:
+    light = torch.from_numpy(photograph(9, 11)).requires_grad_()
+    velocity = torch.tensor([500.0, 300.0], dtype=torch.float64, requires_grad=True)
+    weights = torch.rand(1, 1, 9, 11, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
+
+    def seen(light: torch.Tensor, velocity: torch.Tensor) -> torch.Tensor:
+        return (warped(light, velocity, ROW_S, "reflect") * weights).sum()
+
+    (of_velocity,) = torch.autograd.grad(seen(light, velocity), velocity)
+    for axis in range(2):
+        step = torch.zeros(2, dtype=torch.float64)
+        step[axis] = 0.01
+        numeric = (seen(light, velocity + step) - seen(light, velocity - step)) / 0.02
+        assert float(of_velocity[axis]) == pytest.approx(float(numeric.detach()), rel=1e-4)
+    assert torch.autograd.gradcheck(lambda light: seen(light, velocity.detach()), (light,), fast_mode=True)
+
+
+def test_uneven_displacements_have_phases_of_their_own() -> None:
+    from blurnoise.rolling_shutter import shifted_rows
+
+    light = picture()
+    shifts = torch.linspace(-3.0, 4.0, 41, dtype=torch.float64) ** 2
+    fast = shifted_rows(light, shifts, "reflect")
+    plain = shifted_rows(light.clone().requires_grad_(), shifts, "reflect").detach()
+    torch.testing.assert_close(fast, plain, rtol=0, atol=1e-12)
+    far = shifted_rows(light, torch.full((41,), 2.0, dtype=torch.float64), "circular")
+    torch.testing.assert_close(far, light.roll(2, -1), rtol=0, atol=1e-9)
