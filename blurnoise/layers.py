@@ -1,0 +1,403 @@
+"""Layers: objects with a matte, each in a motion of its own before a background that moves differently, or not at all.
+
+Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure everything
+is where the picture at rest has it. Layers come back to front: the last is in front.
+
+One object of light F and matte alpha before a background B makes, the exposure being T,
+
+    I = h_F * (alpha F) + 1/T integral of (1 - alpha(p - d_F(t))) B(p - d_B(t)) dt.
+
+The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
+time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
+overlap, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the fastest moves, within each
+of which it is taken for exact. The error of the formula is then that of the covariance within a part. Never blend a
+blurred picture by a blurred matte: that leaves the object sharp in its own place.
+
+All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where a
+layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from blurnoise import blur, fourier, transfer
+from blurnoise._core.borders import BORDERS, Border, extended
+from blurnoise._core.checks import Numbers, an_instance, finite, image_batch, in_range, integer, one_of, real_tensor
+from blurnoise._core.checks import shown as shown_text
+from blurnoise._core.limits import LIMITS, limited_motion, limited_per_image
+
+STEP_PX = 2.0
+"""What the fastest moves within one part of an exposure, at most."""
+_TAIL_PX = 8  # of a band-limited line beyond its ends, as in blurnoise.fourier
+_ALIKE_PX = 1e-4  # motions that differ by less are one
+_LONGEST_PX = 4096.0  # of a motion that is cut into parts: each of them costs a transform of the whole window
+_PLACE_PX = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """An object: light (C, h, w), its own everywhere in the matte; alpha (h, w) within [0, 1], the share it covers.
+
+    velocity_px_s: (2,), (x, y). place_px: (left, top) of its first pixel in the picture, whole px, outside it too.
+    Gradients pass through all three. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    """
+
+    light: Tensor
+    alpha: Tensor
+    velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0)
+    place_px: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        for name, dims in (("light", 3), ("alpha", 2)):
+            value = getattr(self, name)
+            an_instance(f"layer: {name}", value, Tensor)
+            if value.dtype not in (torch.float32, torch.float64):
+                raise TypeError(f"layer: {name}: must be float32 or float64, got {value.dtype}")
+            if value.ndim != dims or 0 in value.shape:
+                must = "(C, h, w)" if dims == 3 else "(h, w)"
+                raise ValueError(f"layer: {name}: shape must be {must}, none of them 0, got {tuple(value.shape)}")
+            finite(f"layer: {name}", value)
+        if self.light.shape[1:] != self.alpha.shape:
+            raise ValueError(
+                f"layer: alpha is {tuple(self.alpha.shape)}, light {tuple(self.light.shape[1:])}; must be equal"
+            )
+        low, high = (float(edge) for edge in self.alpha.detach().aminmax())
+        if low < 0 or high > 1:
+            raise ValueError(f"layer: alpha: values span [{low:g}, {high:g}]; must lie within [0, 1]")
+        velocity = real_tensor("layer: velocity_px_s", self.velocity_px_s)
+        most = LIMITS["velocity_px_s"].high
+        if velocity.shape != (2,) or not bool((velocity.detach().abs() <= most).all()):
+            raise ValueError(
+                f"layer: velocity_px_s = {shown_text(velocity)}: must be two numbers (x, y) of at most {most:g}"
+            )
+        object.__setattr__(self, "velocity_px_s", velocity)
+        left, top = self.place_px
+        for along in (left, top):
+            integer("layer: place_px", along, -_PLACE_PX, _PLACE_PX)
+
+    def displacement_px(self, exposure_s: Tensor) -> Tensor:
+        """What it moves during an exposure (), (2,), in the exposure's precision."""
+        velocity = torch.as_tensor(self.velocity_px_s)
+        return velocity.to(device=exposure_s.device, dtype=exposure_s.dtype) * exposure_s
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether gradients are asked of any part of it."""
+        return any(torch.as_tensor(each).requires_grad for each in (self.light, self.alpha, self.velocity_px_s))
+
+
+Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
+"""Layers of every picture of a batch, or a sequence of them for each."""
+
+
+def expose_layers(
+    background: Tensor,
+    layers: Layers,
+    *,
+    exposure_s: Numbers,
+    velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    border: Border = "reflect",
+    step_px: float = STEP_PX,
+) -> Tensor:
+    """The mean light (B, C, H, W) of an exposure of backgrounds (B, C, H, W), float32 or float64, and their layers.
+
+    exposure_s: a number or (B,). velocity_px_s: of the background, (2,) or (B, 2). Differentiable in every light,
+    matte, velocity and exposure. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    """
+    image_batch("background", background)
+    one_of("border", border, BORDERS)
+    in_range("step_px", step_px, 0.05, 1e5)
+    per_picture = of_each(layers, background)
+    exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
+    moved = blur.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
+    limited_motion("displacement_px: velocity times exposure", moved)
+    pictures = zip(torch.split(background, 1), per_picture, exposure, moved, strict=True)
+    return torch.cat([exposed(*each, border=border, step_px=step_px) for each in pictures])
+
+
+def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
+    """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
+    nested = [each for each in layers if not isinstance(each, Layer)]
+    if nested and len(nested) != len(background):
+        raise ValueError(f"layers: got {len(nested)} sequences; must be one per picture, {len(background)}")
+    found = tuple(map(tuple, nested)) if nested else (tuple(layers),) * len(background)
+    for layer in (layer for some in found for layer in some):
+        an_instance("layers", layer, Layer)
+        if len(layer.light) not in (1, background.shape[1]):
+            raise ValueError(
+                f"layers: one has {len(layer.light)} channels; must be 1 or the background's {background.shape[1]}"
+            )
+    return found  # type: ignore[return-value]
+
+
+def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
+    """A picture (1, C, H, W) with its layers before it, nothing moving."""
+    return exposed(background, layers, background.new_zeros(()), background.new_zeros(2))
+
+
+def seen_behind(layer: Layer, displacement_px: Iterable[float]) -> float:
+    """Of what is behind the object, at mid-exposure, the share that is seen: sum of alpha (1 - a) / sum of alpha.
+
+    displacement_px: of the object against what is behind it. a is the share of the exposure for which it covers a
+    pixel. For a w px wide object that moves L along its width L / 4w up to L = 2w, then 1 - w / L.
+    """
+    alpha = layer.alpha.detach().double()[None, None]
+    total = float(alpha.sum())
+    if total == 0:
+        return 0.0
+    moved = real_tensor("displacement_px", displacement_px).detach().double()
+    covered = blur.motion_blur(alpha, moved, border="constant").clamp(0, 1)
+    return max(0.0, 1 - float((alpha * covered).sum()) / total)
+
+
+def exposed(
+    background: Tensor,
+    layers: Sequence[Layer],
+    exposure_s: Tensor,
+    moved_px: Tensor,
+    border: Border = "reflect",
+    step_px: float = STEP_PX,
+) -> Tensor:
+    """:func:`expose_layers` of one picture (1, C, H, W), exposure () and displacement (2,) of the background."""
+    size = (background.shape[-2], background.shape[-1])
+    passing = []
+    for layer in layers:
+        displacement = layer.displacement_px(exposure_s).to(background)
+        limited_motion("displacement_px: a layer's velocity times exposure", displacement)
+        window = _window(layer, displacement, size, border)
+        if window.height > 0 and window.width > 0:
+            passing.append(_Passing(layer, displacement, window))
+    ground = background
+    while passing and _as_one(passing[0].displacement_px, moved_px):  # what moves with the background is part of it
+        layer, _, window = passing.pop(0)
+        ground = background.clone() if ground is background else ground
+        plane = _plane(layer, window, size, border, background)
+        ground[..., *window.within] = plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *window.within].clone()
+    blurred = blur.motion_blur(ground, moved_px[None], border=border)
+    if not passing:
+        return blurred
+    out = blurred.clone()
+    for window, group in _groups(passing):
+        apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
+        if apart:
+            seen = _in_parts(group, window, ground, blurred, moved_px, border, step_px)
+        else:
+            colour, share = _blurred(group[0], window, size, border, background)
+            seen = colour + (1 - share) * blurred[..., *window.within]
+        out[..., *window.within] = seen
+    return out
+
+
+class _Window(NamedTuple):
+    """Pixels of a picture, and beyond it."""
+
+    top: int
+    left: int
+    height: int
+    width: int
+
+    def grown(self, down: int, across: int) -> _Window:
+        return _Window(self.top - down, self.left - across, self.height + 2 * down, self.width + 2 * across)
+
+    def clipped(self, size: tuple[int, int]) -> _Window:
+        top, left = max(0, self.top), max(0, self.left)
+        return _Window(
+            top, left, min(size[0], self.top + self.height) - top, min(size[1], self.left + self.width) - left
+        )
+
+    def joined(self, other: _Window) -> _Window:
+        top, left = min(self.top, other.top), min(self.left, other.left)
+        bottom = max(self.top + self.height, other.top + other.height)
+        right = max(self.left + self.width, other.left + other.width)
+        return _Window(top, left, bottom - top, right - left)
+
+    def meets(self, other: _Window) -> bool:
+        apart_y = self.top >= other.top + other.height or other.top >= self.top + self.height
+        apart_x = self.left >= other.left + other.width or other.left >= self.left + self.width
+        return not (apart_y or apart_x)
+
+    @property
+    def within(self) -> tuple[slice, slice]:
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+
+class _Passing(NamedTuple):
+    """A layer, what it moves, and the pixels of the picture that it may cover."""
+
+    layer: Layer
+    displacement_px: Tensor
+    window: _Window
+
+
+def _window(layer: Layer, displacement_px: Tensor, size: tuple[int, int], border: Border) -> _Window:
+    if border == "circular":  # it comes back in at the other side
+        return _Window(0, 0, *size)
+    across, down = (_reach(along) for along in displacement_px.detach().tolist())
+    left, top = layer.place_px
+    return _Window(top, left, *layer.alpha.shape).grown(down, across).clipped(size)
+
+
+def _reach(along_px: float) -> int:
+    """How far a motion spreads what moves, the tail of the band-limited line included."""
+    return math.ceil(abs(along_px) / 2) + _TAIL_PX if abs(along_px) >= _ALIKE_PX else 0
+
+
+def _as_one(one: Tensor, other: Tensor) -> bool:
+    """Whether two motions are the same, as far as anybody asks."""
+    if torch.is_grad_enabled() and (one.requires_grad or other.requires_grad):
+        return False
+    return float((one - other).abs().amax()) < _ALIKE_PX
+
+
+def _still(displacement_px: Tensor) -> bool:
+    return _as_one(displacement_px, torch.zeros_like(displacement_px))
+
+
+def _groups(passing: Sequence[_Passing]) -> list[tuple[_Window, list[_Passing]]]:
+    """Layers whose windows meet, each group with the window of all, back to front."""
+    groups: list[tuple[_Window, list[int]]] = []
+    for place, each in enumerate(passing):
+        window, members = each.window, [place]
+        while met := [group for group in groups if group[0].meets(window)]:
+            groups = [group for group in groups if group not in met]
+            for other, places in met:
+                window, members = window.joined(other), [*members, *places]
+        groups.append((window, members))
+    return [(window, [passing[place] for place in sorted(members)]) for window, members in groups]
+
+
+def _blurred(
+    passing: _Passing, window: _Window, size: tuple[int, int], border: Border, like: Tensor
+) -> tuple[Tensor, Tensor]:
+    """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    work = _work(window, [passing.displacement_px], border)
+    plane = _plane(passing.layer, work, size, border, like)
+    moved = blur.motion_blur(plane, passing.displacement_px[None], border="circular")
+    seen = _cut(moved, work, window)
+    return seen[:, :-1], seen[:, -1:].clamp(0, 1)
+
+
+def _in_parts(
+    group: Sequence[_Passing],
+    window: _Window,
+    ground: Tensor,
+    blurred: Tensor,
+    moved_px: Tensor,
+    border: Border,
+    step_px: float,
+) -> Tensor:
+    """The window (1, C, h, w) as the mean of parts of the exposure, in each of which every matte covers what is
+    behind it as the part's mean does."""
+    size = (ground.shape[-2], ground.shape[-1])
+    displacements = [moved_px, *(each.displacement_px for each in group)]
+    longest = max(float(each.detach().norm()) for each in displacements)
+    if longest > _LONGEST_PX:
+        raise ValueError(
+            f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
+        )
+    count = max(1, math.ceil(longest / step_px - 1e-6))
+    work = _work(window, displacements, border)
+    front, behind = group[-1], group[:-1]
+    colour, _ = _blurred(front, window, size, border, ground)
+    planes = [_plane(each.layer, work, size, border, ground) for each in behind]
+    scene = _Moving(_continued(ground, work, border), moved_px, count)
+    objects = [_Moving(plane, each.displacement_px, count) for plane, each in zip(planes, behind, strict=True)]
+    matte = _plane(front.layer, work, size, border, ground)[:, -1:]
+    cover = _Moving(matte, front.displacement_px, count)
+    total, bare, clear = torch.zeros_like(colour), torch.zeros_like(colour), torch.zeros_like(colour[:, :1])
+    for part in range(count):
+        seen = own = _cut(scene.at(part), work, window)
+        through = 1 - _cut(cover.at(part), work, window).clamp(0, 1)
+        uncovered = through
+        for each in objects:
+            before = _cut(each.at(part), work, window)
+            left = 1 - before[:, -1:].clamp(0, 1)
+            seen, uncovered = before[:, :-1] + left * seen, uncovered * left
+        total, bare, clear = total + through * seen, bare + own, clear + uncovered
+    # parts are for what varies together; the background alone is the one outside the window, to the last bit
+    return colour + total / count + (blurred[..., *window.within] - bare / count) * (clear / count)
+
+
+class _Moving:
+    """A plane (1, C, h, w) that wraps round, as each of the parts of an exposure sees it on average."""
+
+    def __init__(self, plane: Tensor, displacement_px: Tensor, count: int) -> None:
+        self._plane, self._displacement, self._count = plane, displacement_px, count
+        self._dims = tuple(dim for dim, along in zip((-2, -1), displacement_px.flip(0), strict=True) if not _still(along))
+        if not self._dims:
+            return
+        self._lengths = [plane.shape[dim] for dim in self._dims]
+        height, width = (plane.shape[dim] if dim in self._dims else 1 for dim in (-2, -1))
+        of_y = torch.fft.fftfreq if width > 1 else torch.fft.rfftfreq
+        like = {"dtype": plane.dtype, "device": plane.device}
+        self._fy, self._fx = of_y(height, **like)[:, None], torch.fft.rfftfreq(width, **like)
+        within = transfer.sinc((self._fx * displacement_px[0] + self._fy * displacement_px[1]) / count)
+        self._spectrum = torch.fft.rfftn(plane, dim=self._dims) * within
+
+    def at(self, part: int) -> Tensor:
+        """In part number ``part``."""
+        if not self._dims:
+            return self._plane
+        later = (part + 0.5) / self._count - 0.5
+        x, y = (_turned(f * (along * later)) for f, along in zip((self._fx, self._fy), self._displacement, strict=True))
+        seen: Tensor = torch.fft.irfftn(self._spectrum * (y * x), s=self._lengths, dim=self._dims)
+        return seen
+
+
+def _turned(turns: Tensor) -> Tensor:
+    phase = -2 * torch.pi * turns
+    return torch.polar(torch.ones_like(phase), phase)
+
+
+def _work(window: _Window, displacements: Sequence[Tensor], border: Border) -> _Window:
+    """The window with all that moves through it, and what is left over to make lengths that transforms like."""
+    if border == "circular":
+        return window
+    across, down = (max(_reach(float(each.detach()[axis])) for each in displacements) for axis in (0, 1))
+    grown = window.grown(down, across)
+    height = fourier.fast_length(grown.height) if down else grown.height
+    width = fourier.fast_length(grown.width) if across else grown.width
+    return grown._replace(height=height, width=width)
+
+
+def _cut(plane: Tensor, work: _Window, window: _Window) -> Tensor:
+    top, left = window.top - work.top, window.left - work.left
+    return plane[..., top : top + window.height, left : left + window.width]
+
+
+def _continued(picture: Tensor, work: _Window, border: Border) -> Tensor:
+    """The picture in ``work``, beyond its border too."""
+    inner = work.clipped((picture.shape[-2], picture.shape[-1]))
+    before = (inner.top - work.top, inner.left - work.left)
+    return extended(picture[..., *inner.within], before, (work.height, work.width), border)
+
+
+def _plane(layer: Layer, work: _Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
+    """Light times matte, and the matte, (1, C + 1, h, w) in ``work``."""
+    alpha = layer.alpha.to(like)[None]
+    light = layer.light.to(like).expand(like.shape[1], -1, -1)
+    own = torch.cat([light * alpha, alpha])
+    left, top = layer.place_px
+    box = _Window(top, left, *layer.alpha.shape)
+    first_y, last_y = _domain(box.top, box.height, work.top, work.height, size[0])
+    first_x, last_x = _domain(box.left, box.width, work.left, work.width, size[1])
+    canvas = _Window(first_y, first_x, last_y - first_y, last_x - first_x)
+    cut = own[:, max(0, first_y - top) : max(0, last_y - top), max(0, first_x - left) : max(0, last_x - left)]
+    before = (max(0, top - first_y), max(0, left - first_x))
+    after = (canvas.height - before[0] - cut.shape[1], canvas.width - before[1] - cut.shape[2])
+    placed = torch.nn.functional.pad(cut, (before[1], after[1], before[0], after[0]))
+    return extended(placed[None], (first_y - work.top, first_x - work.left), (work.height, work.width), border)
+
+
+def _domain(start: int, length: int, work_start: int, work_length: int, size: int) -> tuple[int, int]:
+    """From where to where a layer is as it says, along one axis; beyond that the border continues it."""
+    first = max(0, work_start) if start == 0 else work_start
+    last = work_start + work_length
+    return first, min(size, last) if start + length == size else last
