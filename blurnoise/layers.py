@@ -1,4 +1,4 @@
-"""Layers: objects with a matte, each in a motion of its own before a background that moves differently, or not at all.
+"""Layers: objects with a matte, each in a motion of its own, before a background that moves otherwise or not at all.
 
 Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure everything
 is where the picture at rest has it. Layers come back to front: the last is in front.
@@ -13,8 +13,8 @@ overlap, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX
 of which it is taken for exact. The error of the formula is then that of the covariance within a part. Never blend a
 blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
-All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where a
-layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
+a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
@@ -22,14 +22,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import torch
 from torch import Tensor
 
-from blurnoise import blur, fourier, transfer
+from blurnoise import blur, fourier
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import Numbers, an_instance, finite, image_batch, in_range, integer, one_of, real_tensor
+from blurnoise._core.checks import (
+    Numbers,
+    an_instance,
+    finite,
+    image_batch,
+    in_range,
+    integer,
+    one_of,
+    real_tensor,
+)
 from blurnoise._core.checks import shown as shown_text
 from blurnoise._core.limits import LIMITS, limited_motion, limited_per_image
 
@@ -62,7 +71,9 @@ class Layer:
                 raise TypeError(f"layer: {name}: must be float32 or float64, got {value.dtype}")
             if value.ndim != dims or 0 in value.shape:
                 must = "(C, h, w)" if dims == 3 else "(h, w)"
-                raise ValueError(f"layer: {name}: shape must be {must}, none of them 0, got {tuple(value.shape)}")
+                raise ValueError(
+                    f"layer: {name}: shape must be {must}, none of them 0, got {tuple(value.shape)}"
+                )
             finite(f"layer: {name}", value)
         if self.light.shape[1:] != self.alpha.shape:
             raise ValueError(
@@ -90,7 +101,9 @@ class Layer:
     @property
     def requires_grad(self) -> bool:
         """Whether gradients are asked of any part of it."""
-        return any(torch.as_tensor(each).requires_grad for each in (self.light, self.alpha, self.velocity_px_s))
+        return any(
+            torch.as_tensor(each).requires_grad for each in (self.light, self.alpha, self.velocity_px_s)
+        )
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
@@ -119,22 +132,28 @@ def expose_layers(
     moved = blur.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", moved)
     pictures = zip(torch.split(background, 1), per_picture, exposure, moved, strict=True)
-    return torch.cat([exposed(*each, border=border, step_px=step_px) for each in pictures])
+    seen = [exposed(*each, border=border, step_px=step_px) for each in pictures]
+    return seen[0] if len(seen) == 1 else torch.cat(seen)
 
 
 def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
     """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
-    nested = [each for each in layers if not isinstance(each, Layer)]
-    if nested and len(nested) != len(background):
-        raise ValueError(f"layers: got {len(nested)} sequences; must be one per picture, {len(background)}")
-    found = tuple(map(tuple, nested)) if nested else (tuple(layers),) * len(background)
+    given = list(layers)
+    if any(not isinstance(each, Layer) for each in given):
+        if len(given) != len(background) or any(isinstance(each, Layer) for each in given):
+            raise ValueError(
+                f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
+            )
+        found = tuple(tuple(cast(Sequence[Layer], each)) for each in given)
+    else:
+        found = (tuple(cast(list[Layer], given)),) * len(background)
     for layer in (layer for some in found for layer in some):
         an_instance("layers", layer, Layer)
         if len(layer.light) not in (1, background.shape[1]):
             raise ValueError(
                 f"layers: one has {len(layer.light)} channels; must be 1 or the background's {background.shape[1]}"
             )
-    return found  # type: ignore[return-value]
+    return found
 
 
 def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
@@ -167,24 +186,27 @@ def exposed(
 ) -> Tensor:
     """:func:`expose_layers` of one picture (1, C, H, W), exposure () and displacement (2,) of the background."""
     size = (background.shape[-2], background.shape[-1])
-    passing = []
+    laid = []
     for layer in layers:
         displacement = layer.displacement_px(exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         window = _window(layer, displacement, size, border)
         if window.height > 0 and window.width > 0:
-            passing.append(_Passing(layer, displacement, window))
+            laid.append(_Laid(layer, displacement, window))
     ground = background
-    while passing and _as_one(passing[0].displacement_px, moved_px):  # what moves with the background is part of it
-        layer, _, window = passing.pop(0)
+    while laid and _as_one(laid[0].displacement_px, moved_px):  # what moves with the background is part of it
+        layer, _, window = laid.pop(0)
         ground = background.clone() if ground is background else ground
         plane = _plane(layer, window, size, border, background)
-        ground[..., *window.within] = plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *window.within].clone()
+        ground[..., *window.within] = (
+            plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *window.within].clone()
+        )
     blurred = blur.motion_blur(ground, moved_px[None], border=border)
-    if not passing:
+    if not laid:
         return blurred
-    out = blurred.clone()
-    for window, group in _groups(passing):
+    kept = blurred is background or (torch.is_grad_enabled() and blurred.requires_grad)
+    out = blurred.clone() if kept else blurred
+    for window, group in _groups(laid):
         apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
         if apart:
             seen = _in_parts(group, window, ground, blurred, moved_px, border, step_px)
@@ -193,6 +215,26 @@ def exposed(
             seen = colour + (1 - share) * blurred[..., *window.within]
         out[..., *window.within] = seen
     return out
+
+
+def on_canvas(layer: Layer, size: tuple[int, int], like: Tensor) -> Tensor:
+    """Light times matte, and the matte, (1, C + 1, H, W) in a picture of that size and of ``like``'s channels."""
+    return _plane(layer, _Window(0, 0, *size), size, "constant", like)
+
+
+class Passing(NamedTuple):
+    """What an object does to a frame: how far it moves, and the share of the picture that its window takes."""
+
+    displacement_px: tuple[float, float]
+    share: float
+
+
+def passing(layer: Layer, exposure_s: float, size: tuple[int, int]) -> Passing:
+    """What a layer does to a picture (H, W)."""
+    moved = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).detach()
+    x, y = moved.tolist()
+    window = _window(layer, moved, size, "reflect")
+    return Passing((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
 
 
 class _Window(NamedTuple):
@@ -228,7 +270,7 @@ class _Window(NamedTuple):
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
-class _Passing(NamedTuple):
+class _Laid(NamedTuple):
     """A layer, what it moves, and the pixels of the picture that it may cover."""
 
     layer: Layer
@@ -260,32 +302,32 @@ def _still(displacement_px: Tensor) -> bool:
     return _as_one(displacement_px, torch.zeros_like(displacement_px))
 
 
-def _groups(passing: Sequence[_Passing]) -> list[tuple[_Window, list[_Passing]]]:
+def _groups(laid: Sequence[_Laid]) -> list[tuple[_Window, list[_Laid]]]:
     """Layers whose windows meet, each group with the window of all, back to front."""
     groups: list[tuple[_Window, list[int]]] = []
-    for place, each in enumerate(passing):
+    for place, each in enumerate(laid):
         window, members = each.window, [place]
         while met := [group for group in groups if group[0].meets(window)]:
             groups = [group for group in groups if group not in met]
             for other, places in met:
                 window, members = window.joined(other), [*members, *places]
         groups.append((window, members))
-    return [(window, [passing[place] for place in sorted(members)]) for window, members in groups]
+    return [(window, [laid[place] for place in sorted(members)]) for window, members in groups]
 
 
 def _blurred(
-    passing: _Passing, window: _Window, size: tuple[int, int], border: Border, like: Tensor
+    laid: _Laid, window: _Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
     """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
-    work = _work(window, [passing.displacement_px], border)
-    plane = _plane(passing.layer, work, size, border, like)
-    moved = blur.motion_blur(plane, passing.displacement_px[None], border="circular")
+    work = _work(window, [laid.displacement_px])
+    plane = _plane(laid.layer, work, size, border, like)
+    moved = blur.motion_blur(plane, laid.displacement_px[None], border="circular")
     seen = _cut(moved, work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
 
 def _in_parts(
-    group: Sequence[_Passing],
+    group: Sequence[_Laid],
     window: _Window,
     ground: Tensor,
     blurred: Tensor,
@@ -303,63 +345,65 @@ def _in_parts(
             f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
         )
     count = max(1, math.ceil(longest / step_px - 1e-6))
-    work = _work(window, displacements, border)
-    front, behind = group[-1], group[:-1]
-    colour, _ = _blurred(front, window, size, border, ground)
-    planes = [_plane(each.layer, work, size, border, ground) for each in behind]
-    scene = _Moving(_continued(ground, work, border), moved_px, count)
-    objects = [_Moving(plane, each.displacement_px, count) for plane, each in zip(planes, behind, strict=True)]
-    matte = _plane(front.layer, work, size, border, ground)[:, -1:]
-    cover = _Moving(matte, front.displacement_px, count)
+    work = _work(window, displacements)
+    colour, _ = _blurred(group[-1], window, size, border, ground)
+    scene = _Moving(_continued(ground, work, border), moved_px, count, work, window)
+    planes = [_plane(each.layer, work, size, border, ground) for each in group]
+    moving = [
+        _Moving(plane, each.displacement_px, count, work, window)
+        for plane, each in zip([*planes[:-1], planes[-1][:, -1:]], group, strict=True)
+    ]
     total, bare, clear = torch.zeros_like(colour), torch.zeros_like(colour), torch.zeros_like(colour[:, :1])
     for part in range(count):
-        seen = own = _cut(scene.at(part), work, window)
-        through = 1 - _cut(cover.at(part), work, window).clamp(0, 1)
+        seen = own = scene.at(part)
+        through = (1 - moving[-1].at(part)).clamp(0, 1)
         uncovered = through
-        for each in objects:
-            before = _cut(each.at(part), work, window)
-            left = 1 - before[:, -1:].clamp(0, 1)
+        for each in moving[:-1]:
+            before = each.at(part)
+            left = (1 - before[:, -1:]).clamp(0, 1)
             seen, uncovered = before[:, :-1] + left * seen, uncovered * left
-        total, bare, clear = total + through * seen, bare + own, clear + uncovered
+        total, bare, clear = total.addcmul_(through, seen), bare.add_(own), clear.add_(uncovered)
     # parts are for what varies together; the background alone is the one outside the window, to the last bit
     return colour + total / count + (blurred[..., *window.within] - bare / count) * (clear / count)
 
 
 class _Moving:
-    """A plane (1, C, h, w) that wraps round, as each of the parts of an exposure sees it on average."""
+    """A plane (1, C, h, w) over ``work`` as each of the parts of an exposure sees it on average, in ``window``.
 
-    def __init__(self, plane: Tensor, displacement_px: Tensor, count: int) -> None:
-        self._plane, self._displacement, self._count = plane, displacement_px, count
-        self._dims = tuple(dim for dim, along in zip((-2, -1), displacement_px.flip(0), strict=True) if not _still(along))
-        if not self._dims:
-            return
-        self._lengths = [plane.shape[dim] for dim in self._dims]
-        height, width = (plane.shape[dim] if dim in self._dims else 1 for dim in (-2, -1))
-        of_y = torch.fft.fftfreq if width > 1 else torch.fft.rfftfreq
-        like = {"dtype": plane.dtype, "device": plane.device}
-        self._fy, self._fx = of_y(height, **like)[:, None], torch.fft.rfftfreq(width, **like)
-        within = transfer.sinc((self._fx * displacement_px[0] + self._fy * displacement_px[1]) / count)
-        self._spectrum = torch.fft.rfftn(plane, dim=self._dims) * within
+    Between pixels linearly, which loses what is finest; it counts only where it varies with what is before it.
+    """
+
+    def __init__(
+        self, plane: Tensor, displacement_px: Tensor, count: int, work: _Window, window: _Window
+    ) -> None:
+        self._plane = blur.motion_blur(plane, displacement_px[None] / count, border="circular")
+        asked = torch.is_grad_enabled() and displacement_px.requires_grad
+        self._along: list[Any] = list(displacement_px) if asked else displacement_px.tolist()
+        self._count = count
+        self._place = (window.left - work.left, window.top - work.top)
+        self._lengths = (window.width, window.height)
 
     def at(self, part: int) -> Tensor:
         """In part number ``part``."""
-        if not self._dims:
-            return self._plane
         later = (part + 0.5) / self._count - 0.5
-        x, y = (_turned(f * (along * later)) for f, along in zip((self._fx, self._fy), self._displacement, strict=True))
-        seen: Tensor = torch.fft.irfftn(self._spectrum * (y * x), s=self._lengths, dim=self._dims)
+        seen = self._plane
+        for dim, along, first, length in zip((-1, -2), self._along, self._place, self._lengths, strict=True):
+            seen = _between(seen, along * later, dim, first, length)
         return seen
 
 
-def _turned(turns: Tensor) -> Tensor:
-    phase = -2 * torch.pi * turns
-    return torch.polar(torch.ones_like(phase), phase)
+def _between(plane: Tensor, shift_px: float | Tensor, dim: int, first: int, count: int) -> Tensor:
+    """``count`` pixels along one axis from ``first`` on, of a plane that is moved by ``shift_px``."""
+    whole = math.ceil(float(shift_px))
+    rest = whole - shift_px  # from the pixel before, in [0, 1)
+    near = plane.narrow(dim, first - whole, count)
+    if isinstance(rest, float) and rest == 0:
+        return near
+    return torch.lerp(near, plane.narrow(dim, first - whole + 1, count), rest)
 
 
-def _work(window: _Window, displacements: Sequence[Tensor], border: Border) -> _Window:
+def _work(window: _Window, displacements: Sequence[Tensor]) -> _Window:
     """The window with all that moves through it, and what is left over to make lengths that transforms like."""
-    if border == "circular":
-        return window
     across, down = (max(_reach(float(each.detach()[axis])) for each in displacements) for axis in (0, 1))
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
@@ -386,18 +430,24 @@ def _plane(layer: Layer, work: _Window, size: tuple[int, int], border: Border, l
     own = torch.cat([light * alpha, alpha])
     left, top = layer.place_px
     box = _Window(top, left, *layer.alpha.shape)
-    first_y, last_y = _domain(box.top, box.height, work.top, work.height, size[0])
-    first_x, last_x = _domain(box.left, box.width, work.left, work.width, size[1])
+    first_y, last_y = _domain(box.top, box.height, work.top, work.height, size[0], border)
+    first_x, last_x = _domain(box.left, box.width, work.left, work.width, size[1], border)
     canvas = _Window(first_y, first_x, last_y - first_y, last_x - first_x)
     cut = own[:, max(0, first_y - top) : max(0, last_y - top), max(0, first_x - left) : max(0, last_x - left)]
     before = (max(0, top - first_y), max(0, left - first_x))
     after = (canvas.height - before[0] - cut.shape[1], canvas.width - before[1] - cut.shape[2])
     placed = torch.nn.functional.pad(cut, (before[1], after[1], before[0], after[0]))
-    return extended(placed[None], (first_y - work.top, first_x - work.left), (work.height, work.width), border)
+    return extended(
+        placed[None], (first_y - work.top, first_x - work.left), (work.height, work.width), border
+    )
 
 
-def _domain(start: int, length: int, work_start: int, work_length: int, size: int) -> tuple[int, int]:
+def _domain(
+    start: int, length: int, work_start: int, work_length: int, size: int, border: Border
+) -> tuple[int, int]:
     """From where to where a layer is as it says, along one axis; beyond that the border continues it."""
+    if border == "circular":
+        return 0, size
     first = max(0, work_start) if start == 0 else work_start
     last = work_start + work_length
     return first, min(size, last) if start + length == size else last

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
@@ -17,6 +17,7 @@ from blurnoise import blur
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
+from blurnoise.layers import Layer, Passing
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
 
@@ -28,7 +29,8 @@ class OperatingPoint(Generic[Number]):
     """A camera and what its frame meets; hashable where the numbers are floats.
 
     white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure. size: (H, W) of
-    the picture whose boxes are moved, None for the sensor's.
+    the picture whose boxes are moved, None for the sensor's. objects: for one frame what each does, for a batch the
+    layers of every frame; empty where there are none.
     """
 
     camera: Camera
@@ -38,6 +40,7 @@ class OperatingPoint(Generic[Number]):
     displacement_px: Tensor | tuple[float, float] = (0.0, 0.0)
     illuminant: str | Curve = "D55"
     size: tuple[int, int] | None = None
+    objects: tuple[Passing, ...] | tuple[tuple[Layer, ...], ...] = ()
 
     @property
     def dark_e(self) -> Number:
@@ -54,6 +57,7 @@ def operating_points(
     velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]],
     temperature_c: Numbers,
     illuminant: str | Curve,
+    objects: tuple[tuple[Layer, ...], ...] = (),
 ) -> OperatingPoint[Tensor]:
     """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
@@ -68,7 +72,7 @@ def operating_points(
     displacement = velocity * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-    return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+    return OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant, objects=objects)
 
 
 def of_one_exposure(camera: Camera) -> None:
@@ -89,4 +93,11 @@ def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoi
         temperature_c=points.temperature_c[of],
         white_e=points.white_e[of],
         displacement_px=torch.as_tensor(points.displacement_px)[of],
+        objects=_some(points.objects, of),
     )
+
+
+def _some(objects: tuple[Any, ...], of: list[int] | slice) -> tuple[Any, ...]:
+    if isinstance(of, slice) or not objects:
+        return objects[of] if isinstance(of, slice) else ()
+    return tuple(objects[place] for place in of)

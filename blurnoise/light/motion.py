@@ -29,8 +29,8 @@ class Motion(LightEffect):
         return transfer.motion_error(math.hypot(*at.displacement_px))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
-        """Shared with the lens."""
-        return Blur(displacement_px=torch.as_tensor(at.displacement_px))
+        """Shared with the lens; where there are objects, :mod:`blurnoise.light.objects` moves all."""
+        return Blur() if at.objects else Blur(displacement_px=torch.as_tensor(at.displacement_px))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
@@ -43,6 +43,8 @@ class Motion(LightEffect):
 
     def how(self, at: OperatingPoint[float]) -> str:
         """The length."""
+        if at.objects:
+            return f"with the objects, {math.hypot(*at.displacement_px):.3g} px"
         camera, lens = at.camera, at.camera.lens
         apart = camera.defocus_counts_pixel or lens.field_curvature_px
         shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
