@@ -28,7 +28,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import blur, fourier
-from blurnoise._core.borders import BORDERS, Border, extended
+from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import (
     Numbers,
     an_instance,
@@ -41,6 +41,7 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.checks import shown as shown_text
 from blurnoise._core.limits import LIMITS, limited_motion, limited_per_image
+from blurnoise._core.windows import Window, continued_in, cut, placed
 
 STEP_PX = 2.0
 """What the fastest moves within one part of an exposure, at most."""
@@ -204,8 +205,8 @@ def exposed(
     blurred = blur.motion_blur(ground, moved_px[None], border=border)
     if not laid:
         return blurred
-    kept = blurred is background or (torch.is_grad_enabled() and blurred.requires_grad)
-    out = blurred.clone() if kept else blurred
+    asked = any(each.requires_grad for each in (blurred, exposure_s, *(one.layer for one in laid)))
+    out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
     for window, group in _groups(laid):
         apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
         if apart:
@@ -219,7 +220,7 @@ def exposed(
 
 def on_canvas(layer: Layer, size: tuple[int, int], like: Tensor) -> Tensor:
     """Light times matte, and the matte, (1, C + 1, H, W) in a picture of that size and of ``like``'s channels."""
-    return _plane(layer, _Window(0, 0, *size), size, "constant", like)
+    return _plane(layer, Window(0, 0, *size), size, "constant", like)
 
 
 class Passing(NamedTuple):
@@ -237,53 +238,20 @@ def passing(layer: Layer, exposure_s: float, size: tuple[int, int]) -> Passing:
     return Passing((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
 
 
-class _Window(NamedTuple):
-    """Pixels of a picture, and beyond it."""
-
-    top: int
-    left: int
-    height: int
-    width: int
-
-    def grown(self, down: int, across: int) -> _Window:
-        return _Window(self.top - down, self.left - across, self.height + 2 * down, self.width + 2 * across)
-
-    def clipped(self, size: tuple[int, int]) -> _Window:
-        top, left = max(0, self.top), max(0, self.left)
-        return _Window(
-            top, left, min(size[0], self.top + self.height) - top, min(size[1], self.left + self.width) - left
-        )
-
-    def joined(self, other: _Window) -> _Window:
-        top, left = min(self.top, other.top), min(self.left, other.left)
-        bottom = max(self.top + self.height, other.top + other.height)
-        right = max(self.left + self.width, other.left + other.width)
-        return _Window(top, left, bottom - top, right - left)
-
-    def meets(self, other: _Window) -> bool:
-        apart_y = self.top >= other.top + other.height or other.top >= self.top + self.height
-        apart_x = self.left >= other.left + other.width or other.left >= self.left + self.width
-        return not (apart_y or apart_x)
-
-    @property
-    def within(self) -> tuple[slice, slice]:
-        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
-
-
 class _Laid(NamedTuple):
     """A layer, what it moves, and the pixels of the picture that it may cover."""
 
     layer: Layer
     displacement_px: Tensor
-    window: _Window
+    window: Window
 
 
-def _window(layer: Layer, displacement_px: Tensor, size: tuple[int, int], border: Border) -> _Window:
+def _window(layer: Layer, displacement_px: Tensor, size: tuple[int, int], border: Border) -> Window:
     if border == "circular":  # it comes back in at the other side
-        return _Window(0, 0, *size)
+        return Window(0, 0, *size)
     across, down = (_reach(along) for along in displacement_px.detach().tolist())
     left, top = layer.place_px
-    return _Window(top, left, *layer.alpha.shape).grown(down, across).clipped(size)
+    return Window(top, left, *layer.alpha.shape).grown(down, across).clipped(size)
 
 
 def _reach(along_px: float) -> int:
@@ -302,9 +270,9 @@ def _still(displacement_px: Tensor) -> bool:
     return _as_one(displacement_px, torch.zeros_like(displacement_px))
 
 
-def _groups(laid: Sequence[_Laid]) -> list[tuple[_Window, list[_Laid]]]:
+def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
     """Layers whose windows meet, each group with the window of all, back to front."""
-    groups: list[tuple[_Window, list[int]]] = []
+    groups: list[tuple[Window, list[int]]] = []
     for place, each in enumerate(laid):
         window, members = each.window, [place]
         while met := [group for group in groups if group[0].meets(window)]:
@@ -316,19 +284,19 @@ def _groups(laid: Sequence[_Laid]) -> list[tuple[_Window, list[_Laid]]]:
 
 
 def _blurred(
-    laid: _Laid, window: _Window, size: tuple[int, int], border: Border, like: Tensor
+    laid: _Laid, window: Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
     """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
     work = _work(window, [laid.displacement_px])
     plane = _plane(laid.layer, work, size, border, like)
     moved = blur.motion_blur(plane, laid.displacement_px[None], border="circular")
-    seen = _cut(moved, work, window)
+    seen = cut(moved, work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
 
 def _in_parts(
     group: Sequence[_Laid],
-    window: _Window,
+    window: Window,
     ground: Tensor,
     blurred: Tensor,
     moved_px: Tensor,
@@ -346,8 +314,8 @@ def _in_parts(
         )
     count = max(1, math.ceil(longest / step_px - 1e-6))
     work = _work(window, displacements)
-    colour, _ = _blurred(group[-1], window, size, border, ground)
-    scene = _Moving(_continued(ground, work, border), moved_px, count, work, window)
+    colour, share = _blurred(group[-1], window, size, border, ground)
+    scene = _Moving(continued_in(ground, work, border), moved_px, count, work, window)
     planes = [_plane(each.layer, work, size, border, ground) for each in group]
     moving = [
         _Moving(plane, each.displacement_px, count, work, window)
@@ -363,8 +331,10 @@ def _in_parts(
             left = (1 - before[:, -1:]).clamp(0, 1)
             seen, uncovered = before[:, :-1] + left * seen, uncovered * left
         total, bare, clear = total.addcmul_(through, seen), bare.add_(own), clear.add_(uncovered)
-    # parts are for what varies together; the background alone is the one outside the window, to the last bit
-    return colour + total / count + (blurred[..., *window.within] - bare / count) * (clear / count)
+    # parts are for what varies together; what does not is exact, and the background that outside the window
+    bare, clear = bare / count, clear / count
+    uncovered = 1 - share if len(group) == 1 else clear
+    return colour + total / count - clear * bare + uncovered * blurred[..., *window.within]
 
 
 class _Moving:
@@ -374,7 +344,7 @@ class _Moving:
     """
 
     def __init__(
-        self, plane: Tensor, displacement_px: Tensor, count: int, work: _Window, window: _Window
+        self, plane: Tensor, displacement_px: Tensor, count: int, work: Window, window: Window
     ) -> None:
         self._plane = blur.motion_blur(plane, displacement_px[None] / count, border="circular")
         asked = torch.is_grad_enabled() and displacement_px.requires_grad
@@ -394,7 +364,7 @@ class _Moving:
 
 def _between(plane: Tensor, shift_px: float | Tensor, dim: int, first: int, count: int) -> Tensor:
     """``count`` pixels along one axis from ``first`` on, of a plane that is moved by ``shift_px``."""
-    whole = math.ceil(float(shift_px))
+    whole = math.ceil(float(shift_px.detach() if isinstance(shift_px, Tensor) else shift_px))
     rest = whole - shift_px  # from the pixel before, in [0, 1)
     near = plane.narrow(dim, first - whole, count)
     if isinstance(rest, float) and rest == 0:
@@ -402,7 +372,7 @@ def _between(plane: Tensor, shift_px: float | Tensor, dim: int, first: int, coun
     return torch.lerp(near, plane.narrow(dim, first - whole + 1, count), rest)
 
 
-def _work(window: _Window, displacements: Sequence[Tensor]) -> _Window:
+def _work(window: Window, displacements: Sequence[Tensor]) -> Window:
     """The window with all that moves through it, and what is left over to make lengths that transforms like."""
     across, down = (max(_reach(float(each.detach()[axis])) for each in displacements) for axis in (0, 1))
     grown = window.grown(down, across)
@@ -411,43 +381,8 @@ def _work(window: _Window, displacements: Sequence[Tensor]) -> _Window:
     return grown._replace(height=height, width=width)
 
 
-def _cut(plane: Tensor, work: _Window, window: _Window) -> Tensor:
-    top, left = window.top - work.top, window.left - work.left
-    return plane[..., top : top + window.height, left : left + window.width]
-
-
-def _continued(picture: Tensor, work: _Window, border: Border) -> Tensor:
-    """The picture in ``work``, beyond its border too."""
-    inner = work.clipped((picture.shape[-2], picture.shape[-1]))
-    before = (inner.top - work.top, inner.left - work.left)
-    return extended(picture[..., *inner.within], before, (work.height, work.width), border)
-
-
-def _plane(layer: Layer, work: _Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
+def _plane(layer: Layer, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
     """Light times matte, and the matte, (1, C + 1, h, w) in ``work``."""
     alpha = layer.alpha.to(like)[None]
     light = layer.light.to(like).expand(like.shape[1], -1, -1)
-    own = torch.cat([light * alpha, alpha])
-    left, top = layer.place_px
-    box = _Window(top, left, *layer.alpha.shape)
-    first_y, last_y = _domain(box.top, box.height, work.top, work.height, size[0], border)
-    first_x, last_x = _domain(box.left, box.width, work.left, work.width, size[1], border)
-    canvas = _Window(first_y, first_x, last_y - first_y, last_x - first_x)
-    cut = own[:, max(0, first_y - top) : max(0, last_y - top), max(0, first_x - left) : max(0, last_x - left)]
-    before = (max(0, top - first_y), max(0, left - first_x))
-    after = (canvas.height - before[0] - cut.shape[1], canvas.width - before[1] - cut.shape[2])
-    placed = torch.nn.functional.pad(cut, (before[1], after[1], before[0], after[0]))
-    return extended(
-        placed[None], (first_y - work.top, first_x - work.left), (work.height, work.width), border
-    )
-
-
-def _domain(
-    start: int, length: int, work_start: int, work_length: int, size: int, border: Border
-) -> tuple[int, int]:
-    """From where to where a layer is as it says, along one axis; beyond that the border continues it."""
-    if border == "circular":
-        return 0, size
-    first = max(0, work_start) if start == 0 else work_start
-    last = work_start + work_length
-    return first, min(size, last) if start + length == size else last
+    return placed(torch.cat([light * alpha, alpha])[None], layer.place_px, work, size, border)
