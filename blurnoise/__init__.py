@@ -11,6 +11,7 @@ from blurnoise.blur import defocus, motion_blur
 from blurnoise.camera import Camera
 from blurnoise.error_budget import plan
 from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.layers import Layer, expose_layers
 from blurnoise.motion import blur_pixels, velocity_px_s
 from blurnoise.picture.develop import develop
 from blurnoise.radiometry import photoelectrons
@@ -29,12 +30,14 @@ __all__ = [
     "Curve",
     "ExposedScene",
     "Exposure",
+    "Layer",
     "Optics",
     "RandomExposure",
     "Trajectory",
     "blur_pixels",
     "defocus",
     "develop",
+    "expose_layers",
     "motion_blur",
     "photoelectrons",
     "plan",

@@ -27,6 +27,7 @@ from functools import lru_cache
 from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
+from blurnoise.layers import Passing
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION
@@ -87,12 +88,15 @@ def plan(
     temperature_c: float = 25.0,
     illuminant: str | Curve = "D55",
     tolerance_dn: float = TOLERANCE_DN,
+    objects: tuple[Passing, ...] = (),
 ) -> Plan:
     """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
 
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
-    the module. displacement_px: uniform motion during the exposure, beside the trajectory's; the other arguments as
+    the module. displacement_px: uniform motion during the exposure, beside the trajectory's. objects: what else moves,
+    which is always modelled: displacement and share of the picture (:func:`blurnoise.layers.passing`); the other
+    arguments as
     in :func:`blurnoise.simulate`, for one picture.
     Raises ``ValueError`` that names the argument.
     """
@@ -104,7 +108,7 @@ def plan(
         raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
     x, y = (limited("displacement_px", along) for along in moved.tolist())
     white_e *= mosaic.peak(camera, illuminant)
-    at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant)
+    at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
         at = replace(at, trajectories=(trajectory,))
@@ -128,7 +132,8 @@ def _plan(
         effect.name: within_range_dn(camera, effect.bound(at) * at.white_e) for effect in of_light
     }
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
-    stay = {stage.name for stage in of_sensor if stage.essential}
+    stay = {effect.name for effect in of_light if effect.essential}
+    stay |= {stage.name for stage in of_sensor if stage.essential}
     left_out, rounding_dn2 = _left_out(at, bounds, stay, tolerance_dn**2, of_sensor)
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
     if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:

@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
+from blurnoise.layers import Layer, Layers, of_each, passing
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint, each_of, items, of_one_exposure, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
@@ -117,6 +118,7 @@ class Frame(NamedTuple):
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
+    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.layers`).
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """
@@ -130,11 +132,17 @@ class ExposedScene:
         pattern_seed: int = 0,
         fidelity: Fidelity = "auto",
         tolerance_dn: float = TOLERANCE_DN,
+        layers: Layers = (),
     ) -> None:
         self.light = image_batch("light", light)
+        own = of_each(layers, light)
+        self._layers = own if any(own) else ()
         seen = light.detach().flatten(1)
         brightest = seen.amax(1).tolist() if seen.device.type != "cpu" else seen.numpy().max(1).tolist()
-        self._brightest = [max(1.0, most) for most in brightest]
+        self._brightest = [
+            max(1.0, most, *(float(layer.light.detach().amax()) for layer in some))
+            for most, some in zip(brightest, own, strict=True)
+        ]
         self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
         one_of("border", border, BORDERS)
         check_illuminant(illuminant)
@@ -181,13 +189,14 @@ class ExposedScene:
             temperature_c=temperature_c,
             illuminant=self._illuminant,
             trajectory=trajectory,
+            objects=self._layers,
         )
         batch = len(self.light)
         seeds = rng.item_seeds(generator, batch)
         given = (self.light, points.exposure_s, points.white_e, points.displacement_px, points.temperature_c)
-        differentiable = torch.is_grad_enabled() and any(
-            torch.as_tensor(each).requires_grad for each in given
-        )
+        asked = [torch.as_tensor(each).requires_grad for each in given]
+        asked += [layer.requires_grad for some in self._layers for layer in some]
+        differentiable = torch.is_grad_enabled() and any(asked)
 
         def frames(of: list[int], needs: Plan | None) -> Tensor:
             every = len(of) == batch
@@ -199,7 +208,7 @@ class ExposedScene:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
         peak = mosaic.peak(camera, self._illuminant)
-        for item, at in enumerate(each_of(points)):
+        for item, at in enumerate(_each(points, self._size)):
             needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
@@ -276,8 +285,9 @@ class ExposedScene:
                 temperature_c=[each.temperature_c for each in some],
                 illuminant=self._illuminant,
                 trajectory=[each.trajectory for each in some],
+                objects=self._layers * len(some),
             )
-            for place, (exposure, at) in enumerate(zip(some, each_of(points), strict=True)):
+            for place, (exposure, at) in enumerate(zip(some, _each(points, self._size), strict=True)):
                 digital_db = exposure.amplified.digital_db
                 gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
                 gain *= magnification(camera, self._illuminant)
@@ -323,6 +333,10 @@ class ExposedScene:
             checked=True,
             out=sensed if sensed is not light and sensed.is_contiguous() else None,
         )
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.light.shape[-2], self.light.shape[-1]
 
     def _pattern(self, camera: Camera) -> FixedPattern | None:
         if camera.prnu == 0 and camera.dsnu_e == 0:
@@ -371,6 +385,17 @@ class _Planned(NamedTuple):
     alike: _Alike
     points: OperatingPoint[Tensor]
     needs: Plan | None
+
+
+def _each(points: OperatingPoint[Tensor], size: tuple[int, int]) -> Iterator[OperatingPoint[float]]:
+    """The operating point of every frame (H, W), in the precision of the batch."""
+    for place, at in enumerate(each_of(points)):
+        objects = tuple(
+            passing(layer, at.exposure_s, size)
+            for some in points.objects[place : place + 1]
+            for layer in cast(tuple[Layer, ...], some)
+        )
+        yield replace(at, objects=objects)
 
 
 def _brighter(at: OperatingPoint[float], brightest: float) -> OperatingPoint[float]:

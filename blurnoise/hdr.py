@@ -26,7 +26,9 @@ from blurnoise.camera import Camera
 from blurnoise.capture import Capture, factors, windows
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import ExposedScene
+from blurnoise.layers import Layers, of_each
 from blurnoise.light.flicker import Pwm, lit
+from blurnoise.light.objects import displaced
 from blurnoise.light.translation import translated
 from blurnoise.picture import steps
 from blurnoise.picture.step import Development
@@ -65,11 +67,13 @@ def captured(
     flicker: Flicker | None = None,
     noise: bool = True,
     quantised: bool = True,
+    layers: Layers = (),
     **scene: Any,
 ) -> list[Tensor]:
     """The digital numbers of every capture, each (B, C, H, W), of linear light (B, C, H, W), 1 being white.
 
-    exposure_s: of the first. Light may exceed 1. scene: options of :class:`blurnoise.ExposedScene` (border,
+    exposure_s: of the first. Light may exceed 1. layers: objects before it, which flicker does not light.
+    scene: options of :class:`blurnoise.ExposedScene` (border,
     illuminant, pattern_seed, fidelity, tolerance_dn); the rest as :func:`blurnoise.simulate` takes it. The first is
     what :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument,
     among them captures that overlap.
@@ -80,6 +84,7 @@ def captured(
     border: Border = scene.get("border", "reflect")
     velocity = blur.motions("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
+    objects = of_each(layers, light)
     frames = []
     for place, (capture, reader, window) in enumerate(zip(captures, readers, times, strict=True)):
         start_s, taken_s = window
@@ -87,8 +92,12 @@ def captured(
         seen = flicker.on(light, taken_s, start_s) if flicker else light
         first_alike = captures[times.index(window)]  # two gains on one exposure read the same electrons
         stream = times.index(window) if first_alike.sensitivity == capture.sensitivity else place
+        later = [
+            [displaced(layer, layer.displacement_px(light.new_tensor(later_s))) for layer in own]
+            for own in objects
+        ]
         frames.append(
-            ExposedScene(translated(seen, velocity * later_s, border), **scene).expose(
+            ExposedScene(translated(seen, velocity * later_s, border), layers=later, **scene).expose(
                 reader,
                 exposure_s=taken_s,
                 illuminance_lux=illuminance_lux * capture.sensitivity,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
@@ -17,6 +17,7 @@ from blurnoise import blur
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
+from blurnoise.layers import Layer, Passing
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
 from blurnoise.trajectory import Polyline, Trajectory, per_picture
@@ -30,7 +31,8 @@ class OperatingPoint(Generic[Number]):
 
     white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, which adds to the
     trajectory of each frame, none where there are none. size: (H, W) of the picture whose boxes are moved, None for
-    the sensor's.
+    the sensor's. objects: for one frame what each does, for a batch the layers of every frame; empty where there are
+    none.
     """
 
     camera: Camera
@@ -41,6 +43,7 @@ class OperatingPoint(Generic[Number]):
     illuminant: str | Curve = "D55"
     size: tuple[int, int] | None = None
     trajectories: tuple[Trajectory | None, ...] = ()
+    objects: tuple[Passing, ...] | tuple[tuple[Layer, ...], ...] = ()
 
     @property
     def dark_e(self) -> Number:
@@ -63,6 +66,7 @@ def operating_points(
     temperature_c: Numbers,
     illuminant: str | Curve,
     trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
+    objects: tuple[tuple[Layer, ...], ...] = (),
 ) -> OperatingPoint[Tensor]:
     """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
@@ -78,8 +82,13 @@ def operating_points(
     displacement = velocity * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-    points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant)
+    points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant, objects=objects)
     paths = per_picture(trajectory, batch)
+    if any(objects) and (paths or camera.row_time_s):
+        raise ValueError(
+            "objects: move in straight lines before a camera that reads all rows at once; without a trajectory, and "
+            f"with row_time_s = 0, not {camera.row_time_s!r}"
+        )
     for at in each_of(replace(points, trajectories=paths)) if paths else ():
         path(at)  # which holds the exposure, or raises
     return replace(points, trajectories=paths) if paths else points
@@ -135,15 +144,10 @@ def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoi
         white_e=points.white_e[of],
         displacement_px=torch.as_tensor(points.displacement_px)[of],
         trajectories=_some(points.trajectories, of),
+        objects=_some(points.objects, of),
     )
 
 
-def _some(
-    trajectories: tuple[Trajectory | None, ...], of: list[int] | slice
-) -> tuple[Trajectory | None, ...]:
-    some = (
-        trajectories[of]
-        if isinstance(of, slice)
-        else tuple(trajectories[item] for item in of if trajectories)
-    )
+def _some(of_each: tuple[Any, ...], of: list[int] | slice) -> tuple[Any, ...]:
+    some = of_each[of] if isinstance(of, slice) else tuple(of_each[item] for item in of if of_each)
     return some if any(some) else ()

@@ -14,6 +14,7 @@ from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
 from blurnoise.error_budget import TOLERANCE_DN
 from blurnoise.exposure import ExposedScene, anchored, scene_reflectance
+from blurnoise.layers import Layers
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.spectra import Curve
 from blurnoise.trajectory import Trajectory
@@ -39,6 +40,7 @@ def simulate(
     tolerance_dn: float = TOLERANCE_DN,
     noise: bool = True,
     quantised: bool = True,
+    layers: Layers = (),
 ) -> Tensor:
     """Expose ``image`` with ``camera``; returns digital numbers, integral values, of the same shape.
 
@@ -53,6 +55,9 @@ def simulate(
     added to the velocity, whose gradient it stops; :func:`blurnoise.path_blur.polyline_blur` has one of its own.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
+
+    layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
+    its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
 
     Order: linear light, then :data:`blurnoise.light.effects.EFFECTS` (lens, motion), the colour filters
     (:mod:`blurnoise.sensor.mosaic`), then
@@ -73,6 +78,7 @@ def simulate(
         pattern_seed=pattern_seed,
         fidelity=fidelity,
         tolerance_dn=tolerance_dn,
+        layers=layers,
     )
     return scene.expose(
         camera,

@@ -33,11 +33,12 @@ class LightEffect(ABC):
     """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
-    to 0 leaves it out.
+    to 0 leaves it out. essential: it stays whatever it contributes, as without it the scene is another.
     """
 
     name: str
     figures: tuple[str, ...] = ()
+    essential: bool = False
 
     @abstractmethod
     def bound(self, at: OperatingPoint[float]) -> float:

@@ -34,7 +34,9 @@ class Motion(LightEffect):
         return transfer.motion_error(math.hypot(*at.displacement_px))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur:
-        """Shared with the lens."""
+        """Shared with the lens; where there are objects, :mod:`blurnoise.light.objects` moves all."""
+        if at.objects:
+            return Blur()
         moved = torch.as_tensor(at.displacement_px)
         if not at.trajectories and at.camera.shutter != "global-reset":
             return Blur(displacement_px=moved)
@@ -58,6 +60,8 @@ class Motion(LightEffect):
 
     def how(self, at: OperatingPoint[float]) -> str:
         """The length, or the path's extent and segments."""
+        if at.objects:
+            return f"with the objects, {math.hypot(*at.displacement_px):.3g} px"
         camera, lens = at.camera, at.camera.lens
         apart = camera.defocus_counts_pixel or lens.field_curvature_px
         shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf

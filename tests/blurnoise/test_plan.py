@@ -33,6 +33,7 @@ BUSY = Camera(
 )
 ORDER = [
     "distortion",
+    "objects",
     "lateral colour",
     "defocus",
     "diffraction",

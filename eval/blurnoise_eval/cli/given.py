@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from blurnoise.capture import Capture
     from blurnoise.colour import Cfa
     from blurnoise.hdr import Flicker
+    from blurnoise.mattes import Cut
     from blurnoise.spectra import Curve
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
@@ -89,6 +90,46 @@ def mask(path: Path, light: Tensor) -> Tensor:
         sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, light.shape[-2:]))
         raise ValueError(f"{path}: a mask has its picture's size; they are {sizes} px")
     return shares
+
+
+def cut_out(
+    where: str,
+    plate: Path | None,
+    light: Tensor,
+    velocity_px_s: tuple[float, float],
+    encoding: Literal["srgb", "linear"],
+) -> Cut:
+    """An object of the light (1, C, H, W) as a layer, "mask.png" or "x,y,width,height", and what is behind it.
+
+    plate: the scene without it; without it, that is invented.
+    """
+    from blurnoise import mattes
+
+    size = (light.shape[-2], light.shape[-1])
+    try:
+        numbers = [float(part) for part in where.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 4:
+        x, y, width, height = numbers
+        matte = mattes.of_box(x, y, width, height, size)
+    elif numbers:
+        raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
+    else:
+        matte = mask(Path(where), light).numpy()
+    if not matte.any():
+        raise ValueError(f"object = {where!r}: covers nothing of the picture")
+    behind = None if plate is None else _as(light, plate, encoding)
+    return mattes.cut_out(light, [matte], [velocity_px_s], behind)
+
+
+def _as(scene: Tensor, path: Path, encoding: Literal["srgb", "linear"]) -> Tensor:
+    found = light(path, encoding, None, None)
+    if found.shape != scene.shape:
+        raise ValueError(
+            f"{path}: a plate is its picture's twin; they are {tuple(found.shape)}, {tuple(scene.shape)}"
+        )
+    return found
 
 
 def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:

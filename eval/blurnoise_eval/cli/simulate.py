@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise.capture import Capture
     from blurnoise.hdr import Flicker
+    from blurnoise.mattes import Cut
 
 
 def simulate(
@@ -103,6 +104,22 @@ def simulate(
     pwm_mask: Annotated[
         Path | None, Option(metavar="MASK.png", help="where that lamp is, white alone (default: everywhere)")
     ] = None,
+    cut: Annotated[
+        str | None,
+        Option(
+            "--object",
+            metavar="MASK.png|X,Y,W,H",
+            help="what moves for itself: white in a mask, or a rectangle in px",
+        ),
+    ] = None,
+    object_dx: Annotated[
+        float, Option(metavar="PX_S", help="its motion to the right, px/s; --dx is the rest's")
+    ] = 0.0,
+    object_dy: Annotated[float, Option(metavar="PX_S", help="its motion down, px/s")] = 0.0,
+    plate: Annotated[
+        Path | None,
+        Option(metavar="PLATE.png", help="the scene without it (default: invented from around it)"),
+    ] = None,
     grey_anchor: GreyAnchor = None,
     camera: CameraName = "imx250",
     cfa: Cfa = None,
@@ -114,6 +131,7 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
       blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
+      blurnoise simulate photo.jpg -o seen.png --exposure-ms 20 --object 300,120,64,64 --object-dx 1500
       blurnoise simulate street.png -o seen.png --hdr 16 --emitters lamps.png:40 --pwm 90,0.1 --pwm-mask lamps.png
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
@@ -130,6 +148,7 @@ def simulate(
     from blurnoise.auto_exposure import mean_luma
     from blurnoise.grey_anchor import reflectance_text, share_above_white
     from blurnoise.hdr import captured, developed, fuse
+    from blurnoise.layers import passing
     from blurnoise.picture.develop import develop_8bit, in_channels
     from blurnoise.radiometry import filter_electrons, photoelectrons
     from blurnoise.sensor.mosaic import outside_share
@@ -139,6 +158,8 @@ def simulate(
     lit_by = given.illuminant(illuminant)
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
+    moving = _object(cut, plate, scene, (object_dx, object_dy), encoding, grey_anchor or emitters)
+    layers = moving.layers if moving else ()
     exposure_s = exposure_ms / 1e3
     if exposure_ms == AUTOMATIC and gain_db not in (0.0, AUTOMATIC):
         raise ValueError(
@@ -156,7 +177,7 @@ def simulate(
     taker, digital_db = taker.at_gain(gain_db)
     captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
     frames = captured(
-        scene,
+        moving.background if moving else scene,
         taker,
         captures,
         exposure_s=exposure_s,
@@ -165,6 +186,7 @@ def simulate(
         temperature_c=temperature_c,
         generator=[seed],
         flicker=lamp,
+        layers=layers,
         illuminant=lit_by,
         fidelity=fidelity,
         tolerance_dn=tolerance_dn,
@@ -193,6 +215,7 @@ def simulate(
         temperature_c=temperature_c,
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
+        objects=tuple(passing(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers),
     )
     facts: dict[str, Any] = {
         "output": str(output),
@@ -217,6 +240,7 @@ def simulate(
     facts |= (
         _of_captures(taker, captures, frames, exposure_s, (dx**2 + dy**2) ** 0.5) if len(captures) > 1 else {}
     )
+    facts |= _of_object(moving, (dx, dy), exposure_s) if moving else {}
     facts |= _of_lamp(lamp, captures, exposure_s) if lamp else {}
     facts["reflectance"] = reflectance_text(grey_anchor)
     if explain and as_json:
@@ -245,6 +269,39 @@ def _of_captures(
         "snr_db_after_switch": hdr.snr_db(taker, captures, ends_e[0]),
         "ghost_px": speed_px_s * (last_s[0] + last_s[1] / 2 - exposure_s / 2),
     }
+
+
+def _object(
+    where: str | None,
+    plate: Path | None,
+    scene: Tensor,
+    velocity_px_s: tuple[float, float],
+    encoding: Literal["srgb", "linear"],
+    rescaled: str | None,
+) -> Cut | None:
+    """What --object says. Raises ``ValueError`` for options that go with it and stand alone."""
+    if where is None:
+        if any(velocity_px_s) or plate is not None:
+            raise ValueError("object-dx, object-dy, plate: go with --object, which says what moves")
+        return None
+    if plate is not None and rescaled is not None:
+        raise ValueError(
+            "plate: goes with neither --grey-anchor nor --emitters, which change its picture's light alone"
+        )
+    return given.cut_out(where, plate, scene, velocity_px_s, encoding)
+
+
+def _of_object(moving: Cut, velocity_px_s: tuple[float, float], exposure_s: float) -> dict[str, Any]:
+    """How far it moves, and how much of what is seen in its place was invented."""
+    from math import hypot
+
+    from blurnoise.layers import seen_behind
+
+    (layer,) = moving.layers
+    x, y = (float(own) for own in layer.velocity_px_s)
+    apart = [(own - rest) * exposure_s for own, rest in zip((x, y), velocity_px_s, strict=True)]
+    invented = seen_behind(layer, apart) if moving.invented.any() else 0.0
+    return {"object_blur_px": hypot(x, y) * exposure_s, "invented_percent": 100 * invented}
 
 
 def _of_lamp(lamp: Flicker, captures: tuple[Capture, ...], exposure_s: float) -> dict[str, Any]:

@@ -1,0 +1,226 @@
+"""Mattes: where objects are in a picture, from masks, boxes and COCO's annotations, and the layers cut out by them.
+
+Domain: a matte is (H, W) float32 within [0, 1], the share of each pixel that the object covers. Coordinates in px
+from the corner of the first pixel, x right, y down, as in COCO's annotations. What is behind an object in a
+photograph nobody knows: it is invented from around it (Telea 2004), and ``invented`` says where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise._core.checks import image_batch, in_range, integer, shown
+from blurnoise.encoding import linear_from_srgb
+from blurnoise.layers import Layer
+
+Matte = NDArray[np.float32]
+Size = tuple[int, int]
+_FINER = 8  # pixels of a polygon's mask along one of the picture's
+_SHIFT = 6  # binary places of a polygon's corners in it
+_MIXED_PX = 1  # from an edge inwards, colours hold what was behind
+_BLED_PX = 2  # from an edge outwards, what is behind holds the object's
+_AROUND_PX = 24  # what is looked at around a hole
+_TELEA_PX = 5.0
+_LARGEST_PX = 1e6
+
+
+class Cut(NamedTuple):
+    """A picture (1, C, H, W) without its objects, these as layers, and where (H, W) it had to be invented."""
+
+    background: Tensor
+    layers: tuple[Layer, ...]
+    invented: NDArray[np.bool_]
+
+
+def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
+    """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
+    if not isinstance(polygons, (list, tuple)) or not polygons:
+        raise ValueError("segmentation: must hold at least one polygon")
+    corners = []
+    for polygon in polygons:
+        flat = np.asarray(polygon, np.float64)
+        if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
+            raise ValueError(
+                f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
+            )
+        corners.append(flat.reshape(-1, 2).clip(-_LARGEST_PX, _LARGEST_PX))
+    matte = np.zeros(size, np.float32)
+    every = np.concatenate(corners)
+    left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
+    right, bottom = (
+        int(min(edge, most)) for edge, most in zip(np.ceil(every.max(0)), size[::-1], strict=True)
+    )
+    if right <= left or bottom <= top:
+        return matte
+    fine = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
+    for points in corners:
+        own = np.round(((points - (left, top)) * _FINER - 0.5) * (1 << _SHIFT)).astype(np.int32)
+        cv2.fillPoly(fine, [own], 1, shift=_SHIFT)
+    area = fine.reshape(bottom - top, _FINER, right - left, _FINER).mean((1, 3), dtype=np.float32)
+    matte[top:bottom, left:right] = area
+    return matte
+
+
+def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:
+    """Of a rectangle in a picture (H, W), by area."""
+    spans = []
+    for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
+        in_range(f"box: {name}", start, -_LARGEST_PX, _LARGEST_PX)
+        in_range(f"box: {name}", length, 0.0, _LARGEST_PX, above=True)
+        pixels = np.arange(most)
+        spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
+    across, down = spans
+    return np.asarray(down[:, None] * across, np.float32)
+
+
+def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
+    """Of COCO's run lengths, column by column, beginning with what is not the object; compressed or not.
+
+    Compressed, every number takes 5 bits a character, the sixth says that more follow, and from the third on it is
+    the difference to the last but one (pycocotools, maskApi.c). Raises ``ValueError`` where they do not fill (H, W).
+    """
+    runs = (
+        _runs(counts)
+        if isinstance(counts, (str, bytes))
+        else [integer("counts", n, 0, 1 << 40) for n in counts]
+    )
+    pixels = size[0] * size[1]
+    if sum(runs) != pixels or min(runs, default=0) < 0:
+        raise ValueError(f"segmentation: run lengths make {sum(runs)} pixels; must be {size[0]} x {size[1]}")
+    values = np.arange(len(runs)) % 2
+    flat: Matte = np.repeat(values.astype(np.float32), runs)
+    return np.ascontiguousarray(flat.reshape(size[1], size[0]).T)
+
+
+def _runs(text: str | bytes) -> list[int]:
+    data = text.encode("ascii", "replace") if isinstance(text, str) else text
+    runs: list[int] = []
+    number, shift = 0, 0
+    for byte in data:
+        five = byte - 48
+        if not 0 <= five < 64 or shift > 60:
+            raise ValueError(f"segmentation: counts = {shown(text)}: not COCO's compressed run lengths")
+        number |= (five & 31) << shift
+        shift += 5
+        if five & 32:
+            continue
+        if five & 16:
+            number -= 1 << shift
+        runs.append(number + (runs[-2] if len(runs) > 2 else 0))
+        number, shift = 0, 0
+    if shift:
+        raise ValueError(f"segmentation: counts = {shown(text)}: end in the middle of a number")
+    return runs
+
+
+def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
+    """Of an annotation of COCO's in a picture (H, W): its polygons or run lengths.
+
+    Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
+    """
+    segmentation = annotation.get("segmentation")
+    if annotation.get("iscrowd"):
+        raise ValueError("segmentation: of a crowd, which is not one object")
+    if isinstance(segmentation, Mapping):
+        stated, counts = segmentation.get("size"), segmentation.get("counts")
+        if list(stated or ()) != list(size) or not isinstance(counts, (str, bytes, list, tuple)):
+            raise ValueError(
+                f"segmentation: size = {shown(stated)}: must be the picture's, {list(size)}, and have counts"
+            )
+        return of_rle(counts, size)
+    if not segmentation:
+        raise ValueError("segmentation: there is none")
+    return of_polygons(segmentation, size)
+
+
+def layer_of_rgba(
+    rgba: NDArray[Any], velocity_px_s: Iterable[float] = (0.0, 0.0), place_px: tuple[int, int] = (0, 0)
+) -> Layer:
+    """The layer of a picture (h, w, 4), 8 or 16 bits, sRGB-coded with straight alpha, its corner at (left, top)."""
+    if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"rgba: must be (h, w, 4) of 8 or 16 bits, got {rgba.shape} {rgba.dtype}")
+    planes = (
+        torch.from_numpy(rgba.astype(np.float32) / np.iinfo(rgba.dtype).max).permute(2, 0, 1).contiguous()
+    )
+    return Layer(linear_from_srgb(planes[:3].contiguous()), planes[3].contiguous(), velocity_px_s, place_px)
+
+
+def cut_out(
+    light: Tensor,
+    mattes: Sequence[Matte],
+    velocities_px_s: Sequence[Iterable[float]],
+    plate: Tensor | None = None,
+) -> Cut:
+    """The objects of a picture (1, C, H, W), linear light, back to front, and what is behind them.
+
+    plate: the scene without them, of the same shape; without it, what they cover is invented from around them.
+    Colours within 1 px of an object's edge, which hold what was behind, are taken from further inside. Raises
+    ``ValueError`` for a matte of another size, an empty one, and for objects that leave nothing to see around them.
+    """
+    image_batch("light", light)
+    size = (light.shape[-2], light.shape[-1])
+    if len(light) != 1 or len(mattes) != len(velocities_px_s):
+        raise ValueError(
+            f"light: {len(light)} pictures, {len(mattes)} mattes, {len(velocities_px_s)} velocities"
+        )
+    if plate is not None and image_batch("plate", plate).shape != light.shape:
+        raise ValueError(
+            f"plate: shape must be the picture's, {tuple(light.shape)}, got {tuple(plate.shape)}"
+        )
+    layers = []
+    covered = np.zeros(size, bool)
+    for matte, velocity in zip(mattes, velocities_px_s, strict=True):
+        if matte.shape != size:
+            raise ValueError(f"matte: shape must be the picture's, {size}, got {matte.shape}")
+        if not (matte > 0).any():
+            raise ValueError("matte: is empty")
+        layers.append(_layer(light, np.asarray(matte, np.float32), velocity))
+        covered |= matte > 0
+    if plate is not None:
+        return Cut(plate, tuple(layers), np.zeros(size, bool))
+    hole = cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0
+    if hole.all():
+        raise ValueError(
+            "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
+        )
+    return Cut(_filled(light, hole), tuple(layers), hole)
+
+
+def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
+    rows, columns = np.flatnonzero(matte.any(1)), np.flatnonzero(matte.any(0))
+    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    alpha = matte[box]
+    whole = cv2.copyMakeBorder((alpha >= 1).astype(np.uint8), *(_MIXED_PX,) * 4, cv2.BORDER_REPLICATE)
+    sides = (rows[0] == 0, rows[-1] + 1 == len(matte), columns[0] == 0, columns[-1] + 1 == matte.shape[1])
+    for side, edge in zip(((0,), (-1,), (slice(None), 0), (slice(None), -1)), sides, strict=True):
+        if not edge:  # there the object ends; at the picture's border it goes on
+            whole[side] = 0
+    sure = cv2.erode(whole, np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8), borderValue=1)
+    inside = sure[_MIXED_PX:-_MIXED_PX, _MIXED_PX:-_MIXED_PX] > 0
+    own = light[..., box[0], box[1]]
+    colour = _filled(own, ~inside & (alpha > 0)) if inside.any() else own
+    place = (int(columns[0]), int(rows[0]))
+    return Layer(colour[0], torch.from_numpy(np.ascontiguousarray(alpha)).to(light), velocity_px_s, place)
+
+
+def _filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
+    """Light (1, C, H, W) with the hole filled from around it, channel by channel; the rest as it is."""
+    if not hole.any():
+        return light
+    rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
+    box = tuple(slice(max(0, each[0] - _AROUND_PX), each[-1] + 1 + _AROUND_PX) for each in (rows, columns))
+    missing = hole[box].astype(np.uint8)
+    out = light.clone()
+    for plane in out[0]:
+        part = plane[box]
+        seen = np.ascontiguousarray(part.detach().cpu().numpy(), np.float32)
+        found = cv2.inpaint(seen, missing, _TELEA_PX, cv2.INPAINT_TELEA)
+        part[torch.from_numpy(missing > 0).to(light.device)] = torch.from_numpy(found[missing > 0]).to(light)
+    return out

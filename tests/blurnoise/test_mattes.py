@@ -1,0 +1,175 @@
+"""Mattes: polygons and boxes by area, run lengths against COCO's own tools, objects cut out of pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from pycocotools import mask as coco_masks
+
+from blurnoise import mattes
+from blurnoise.encoding import linear_from_srgb
+from blurnoise.layers import at_rest
+
+SIZE = (61, 84)
+
+
+def box_of_light(*, soft: bool) -> tuple[torch.Tensor, np.ndarray]:
+    """A red square before a grey slope, and its matte; soft: its edges half a pixel."""
+    matte = mattes.of_box(30.5, 20.5, 20, 16, SIZE) if soft else mattes.of_box(30, 20, 20, 16, SIZE)
+    behind = torch.linspace(0.2, 0.6, SIZE[1]).expand(1, 3, *SIZE)
+    red = torch.tensor([0.8, 0.1, 0.05])[None, :, None, None]
+    share = torch.from_numpy(matte)
+    return red * share + (1 - share) * behind, matte
+
+
+# --- where objects are ------------------------------------------------------
+
+
+def test_run_lengths_are_those_of_cocos_tools() -> None:
+    drawn = np.random.default_rng(0)
+    for _ in range(20):
+        size = tuple(int(side) for side in drawn.integers(2, 50, 2))
+        mask = (drawn.random(size) > drawn.random()).astype(np.uint8)
+        packed = coco_masks.encode(np.asfortranarray(mask))
+        assert (mattes.of_rle(packed["counts"], size) == mask).all()
+        assert (mattes.of_rle(packed["counts"].decode(), size) == mask).all()
+    large = np.zeros((480, 640), np.uint8)
+    large[100:300, 50:600] = 1  # numbers of several characters, either sign of their differences
+    packed = coco_masks.encode(np.asfortranarray(large))
+    assert (mattes.of_rle(packed["counts"], (480, 640)) == large).all()
+
+
+def test_run_lengths_go_down_the_columns() -> None:
+    assert mattes.of_rle([2, 3, 1], (2, 3)).tolist() == [[0, 1, 1], [0, 1, 0]]
+
+
+@pytest.mark.parametrize("counts", [[2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n"])
+def test_run_lengths_that_are_none(counts: object) -> None:
+    with pytest.raises((ValueError, TypeError), match=r"segmentation|counts"):
+        mattes.of_rle(counts, (2, 3))  # type: ignore[arg-type]
+
+
+def test_polygons_take_their_area() -> None:
+    """An outline belongs to the object: 1/16 px on every side, at most."""
+    rectangle = [10.25, 5.5, 30.75, 5.5, 30.75, 17.25, 10.25, 17.25]
+    found, exact = mattes.of_polygons([rectangle], SIZE), mattes.of_box(10.25, 5.5, 20.5, 11.75, SIZE)
+    assert float(exact.sum()) == pytest.approx(20.5 * 11.75)
+    assert float(np.abs(found - exact).max()) <= 0.15
+    assert float(found.sum()) == pytest.approx(20.5 * 11.75, abs=2 * (20.5 + 11.75) / 16 + 0.1)
+    triangle = mattes.of_polygons([[3, 3, 40, 7, 20, 33]], SIZE)
+    assert float(triangle.sum()) == pytest.approx(521, abs=110 / 16)
+
+
+def test_polygons_are_joined_and_end_with_the_picture() -> None:
+    one, other = [5, 5, 15, 5, 15, 15, 5, 15], [10, 10, 20, 10, 20, 20, 10, 20]
+    both = mattes.of_polygons([one, other], SIZE)
+    assert float(both[12, 12]) == 1.0  # where they overlap, too
+    assert float(both.sum()) == pytest.approx(175, abs=5)
+    assert float(mattes.of_polygons([[-10, -10, 4, -10, 4, 4, -10, 4]], SIZE).sum()) == pytest.approx(
+        16, abs=1
+    )
+    assert float(mattes.of_polygons([[-10, -10, -4, -10, -4, -4]], SIZE).sum()) == 0
+
+
+def test_polygons_mean_what_cocos_tools_mean() -> None:
+    polygon = [12.0, 8.0, 60.0, 15.0, 48.0, 50.0, 20.0, 41.0]
+    theirs = coco_masks.decode(coco_masks.frPyObjects([polygon], *SIZE))[..., 0]
+    ours = mattes.of_polygons([polygon], SIZE)
+    assert float(np.abs(ours - theirs).sum()) < 75  # half a pixel of their outline of 150 px
+    assert float(ours.sum()) == pytest.approx(float(theirs.sum()), rel=0.03)
+
+
+def test_annotations() -> None:
+    square = [5, 5, 15, 5, 15, 15, 5, 15]
+    assert (
+        mattes.of_annotation({"segmentation": [square]}, SIZE) == mattes.of_polygons([square], SIZE)
+    ).all()
+    runs = {"segmentation": {"size": [2, 3], "counts": [2, 3, 1]}, "iscrowd": 0}
+    assert mattes.of_annotation(runs, (2, 3)).sum() == 3
+    for wrong, message in (
+        ({**runs, "iscrowd": 1}, "of a crowd"),
+        ({"segmentation": []}, "there is none"),
+        ({"segmentation": [[1, 2, 3, 4]]}, "3 corners"),
+        ({"segmentation": {"size": [3, 2], "counts": [6]}}, "must be the picture's"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mattes.of_annotation(wrong, (2, 3))
+
+
+# --- cut out ----------------------------------------------------------------
+
+
+def test_an_object_is_cut_out_with_its_own_colours() -> None:
+    """The mixed edge of the picture is no part of the object's colour: a plain blend would keep the grey."""
+    light, matte = box_of_light(soft=True)
+    cut = mattes.cut_out(light, [matte], [(100.0, 0.0)])
+    (layer,) = cut.layers
+    assert layer.place_px == (30, 20)
+    assert tuple(layer.alpha.shape) == (17, 21)
+    for channel, own in enumerate((0.8, 0.1, 0.05)):
+        assert float((layer.light[channel][layer.alpha > 0] - own).abs().max()) < 1e-3
+    assert float((light[0, 1, 28, 30] - 0.1).abs()) > 0.05
+
+
+def test_what_is_behind_is_invented_there_alone() -> None:
+    light, matte = box_of_light(soft=True)
+    cut = mattes.cut_out(light, [matte], [(100.0, 0.0)])
+    expected = torch.linspace(0.2, 0.6, SIZE[1]).expand(1, 3, *SIZE)
+    assert bool((cut.background == light)[..., ~cut.invented].all())
+    assert float((cut.background - expected).abs().max()) < 0.08  # of a slope of 0.1 across the hole
+    assert float((cut.background - expected).abs().mean()) < 0.005
+    grown = np.zeros(SIZE, bool)
+    grown[18:39, 28:53] = True
+    assert (cut.invented == grown).all()
+
+
+def test_together_again_they_are_the_picture() -> None:
+    light, matte = box_of_light(soft=False)
+    cut = mattes.cut_out(light, [matte], [(0.0, 0.0)])
+    seen = at_rest(cut.background, cut.layers)
+    around = np.zeros(SIZE, bool)
+    around[18:38, 28:52] = True
+    around[20:36, 30:50] = False
+    assert float((seen - light)[..., ~around].abs().max()) < 1e-6
+    assert float((seen - light)[..., around].abs().max()) < 0.08
+
+
+def test_a_plate_is_not_invented() -> None:
+    light, matte = box_of_light(soft=False)
+    plate = torch.full_like(light, 0.25)
+    cut = mattes.cut_out(light, [matte], [(0.0, 0.0)], plate)
+    assert cut.background is plate
+    assert not cut.invented.any()
+
+
+def test_an_object_at_the_border_goes_on() -> None:
+    light = torch.full((1, 3, *SIZE), 0.5)
+    matte = mattes.of_box(0, 20, 12, 16, SIZE)
+    light[..., 20:36, :12] = 0.9
+    light[..., 20:36, 0] = 0.7  # not mixed with anything: the object's own
+    (layer,) = mattes.cut_out(light, [matte], [(0.0, 0.0)]).layers
+    assert float((layer.light[:, 2:-2, 0] - 0.7).abs().max()) == 0.0
+
+
+def test_what_cannot_be_cut_out() -> None:
+    light, matte = box_of_light(soft=False)
+    for wrong, message in (
+        (np.zeros(SIZE, np.float32), "is empty"),
+        (matte[1:], "must be the picture's"),
+        (np.ones(SIZE, np.float32), "give a plate"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            mattes.cut_out(light, [wrong], [(0.0, 0.0)])
+    with pytest.raises(ValueError, match="plate: shape"):
+        mattes.cut_out(light, [matte], [(0.0, 0.0)], light[..., 1:])
+
+
+def test_a_picture_with_alpha_is_a_layer() -> None:
+    rgba = np.zeros((4, 6, 4), np.uint8)
+    rgba[..., 0], rgba[:, 2:, 3] = 128, 255
+    layer = mattes.layer_of_rgba(rgba, (5.0, 0.0), (3, 7))
+    assert float(layer.light[0, 0, 0]) == pytest.approx(float(linear_from_srgb(torch.tensor(128 / 255))))
+    assert layer.alpha.sum() == 16
+    with pytest.raises(ValueError, match="rgba"):
+        mattes.layer_of_rgba(rgba[..., :3])
