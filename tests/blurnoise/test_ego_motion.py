@@ -99,7 +99,7 @@ def test_frontal_target_off_the_axis(depth_m: float, blur_px: float) -> None:
 
 
 def test_rotation() -> None:
-    """0.290 px per degree/s and 10 ms on the axis, 1.33 times that at the side and, pitching, 1.11 at the lower edge."""
+    """0.290 px per degree/s and 10 ms on the axis; 1.33 times that at the side, pitching 1.11 at the lower edge."""
     pixels = at((959.5, 539.5), (0, 539.5), (959.5, 1079))
     sky = np.full(3, np.inf)
     yaw = HD.flow_px_s(pixels, sky, EgoMotion(rotation_deg_s=(0, 1, 0))) * 0.01
