@@ -70,6 +70,13 @@ LIMITS: Mapping[str, Limit] = {
     "target_width_m": Limit(1e-6, 1e9),
     "width_px": Limit(1.0, 1 << 20),
     "hfov_deg": Limit(1e-3, 360.0),
+    "velocity_m_s": Limit(-3e8, 3e8),
+    "rotation_deg_s": Limit(-1e5, 1e5),
+    "camera_height_m": Limit(0.0, 1e6, above=True),
+    "pitch_deg": Limit(-90.0, 90.0),
+    "heading_deg": Limit(-360.0, 360.0),
+    "depth_m": Limit(1e-6, 1e9),
+    "blur_px": Limit(0.0, 1e5, above=True),
     # charts and their measurement
     "size_px": Limit(0.01, 1 << 14),
     "height_px": Limit(1, 1 << 14),

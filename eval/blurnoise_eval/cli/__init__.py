@@ -50,7 +50,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
     (compare.compare, "a simulated picture beside a real one of the same chart"),
     (chart.chart, "render a test target"),
-    (motion.motion, "road speed -> px/s and blur length"),
+    (motion.motion, "road speed -> px/s and blur; a map of the exposures it allows"),
     (cameras.cameras, "the cameras there are, their figures and where these come from"),
     (cameras_fit.cameras_fit, "your own camera, from dark and flat frames or a DNG"),
     (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),

@@ -1,0 +1,196 @@
+"""Ego-motion: where a moving camera sees the road, things ahead and the sky move in its picture, px/s.
+
+Convention: camera axes X right, Y down, Z along the optical axis, which meets the picture's middle. Pixels x right, y
+down, (0, 0) the centre of the first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its
+share along Z. Arrays are (2, ...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens.
+Flow is that of mid-exposure; times the exposure it is the blur, as long as what is seen goes straight and evenly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise._core.checks import one_of
+from blurnoise._core.limits import counted, limited
+from blurnoise.motion import Lens
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class EgoMotion:
+    """Velocity, m/s, and rotation, degrees/s and right-handed, of a camera along and about its own axes X, Y, Z.
+
+    Raises ``ValueError`` beyond 3e8 m/s or 1e5 degrees/s.
+    """
+
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    rotation_deg_s: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name, entry in (("velocity_m_s", self.velocity_m_s), ("rotation_deg_s", self.rotation_deg_s)):
+            if len(entry) != 3:
+                raise ValueError(f"{name} = {entry!r}: must be three numbers (X, Y, Z)")
+            for value in entry:
+                limited(name, value)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A camera on a vehicle on a flat road: height_m above it, looking pitch_deg down and heading_deg to the right.
+
+    Raises ``ValueError`` for a height <= 0, a pitch beyond 90 or a heading beyond 360 degrees.
+    """
+
+    height_m: float
+    pitch_deg: float = 0.0
+    heading_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("height_m", "pitch_deg", "heading_deg"):
+            limited(name, getattr(self, name), "camera_height_m" if name == "height_m" else None)
+
+    @property
+    def down(self) -> Floats:
+        """The direction towards the road, in the camera's axes."""
+        pitch = math.radians(self.pitch_deg)
+        return np.array([0.0, math.cos(pitch), math.sin(pitch)])
+
+    @property
+    def ahead(self) -> Floats:
+        """The direction in which the vehicle drives, in the camera's axes."""
+        pitch, heading = math.radians(self.pitch_deg), math.radians(self.heading_deg)
+        level = math.cos(heading)
+        return np.array([-math.sin(heading), -math.sin(pitch) * level, math.cos(pitch) * level])
+
+    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0) -> EgoMotion:
+        """The camera's motion where the vehicle drives at speed_m_s and turns to the right at yaw_deg_s."""
+        speed, yaw = limited("speed_m_s", speed_m_s), limited("yaw_deg_s", yaw_deg_s, "rotation_deg_s")
+        return EgoMotion(_vector(speed * self.ahead), _vector(yaw * self.down))
+
+    def road_m(self, rays: Floats) -> Floats:
+        """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
+        sinks = np.tensordot(self.down, rays, 1)
+        with np.errstate(divide="ignore"):
+            return np.asarray(
+                np.where(sinks > 0, self.height_m / sinks, np.where(np.isnan(sinks), np.nan, np.inf))
+            )
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture's size, its horizontal field of view, and the lens: "f-theta" or "rectilinear", a pinhole.
+
+    Raises ``ValueError`` outside the limits; a rectilinear lens needs hfov_deg < 180.
+    """
+
+    width_px: int
+    height_px: int
+    hfov_deg: float
+    lens: Lens = "f-theta"
+
+    def __post_init__(self) -> None:
+        counted("width_px", self.width_px)
+        counted("height_px", self.height_px, "width_px")
+        limited("hfov_deg", self.hfov_deg)
+        if one_of("lens", self.lens, ("f-theta", "rectilinear")) == "rectilinear" and self.hfov_deg >= 180:
+            raise ValueError(f"hfov_deg = {self.hfov_deg!r}: must be < 180 for a rectilinear lens")
+
+    @property
+    def focal_px(self) -> float:
+        """Pixels per radian on the axis."""
+        half = math.radians(self.hfov_deg) / 2
+        return self.width_px / 2 / (half if self.lens == "f-theta" else math.tan(half))
+
+    def pixels(self, most: int | None = None) -> Floats:
+        """The pixels' centres (2, H, W); with ``most``, at most so many along each side, the outermost among them."""
+        x, y = (
+            np.linspace(0.0, size - 1.0, size if most is None else min(size, most))
+            for size in (self.width_px, self.height_px)
+        )
+        return np.stack(np.meshgrid(x, y))
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Unit vectors (3, ...) towards what pixels (2, ...) see."""
+        x, y = self._from_axis(pixels)
+        if self.lens == "rectilinear":
+            rays = np.stack([x, y, np.ones_like(x)])
+            return np.asarray(rays / np.linalg.norm(rays, axis=0))
+        theta = np.hypot(x, y)
+        bent = np.sinc(theta / np.pi)  # sin(theta) / theta
+        return np.asarray(np.where(theta <= np.pi, np.stack([x * bent, y * bent, np.cos(theta)]), np.nan))
+
+    def project(self, points_m: Floats) -> Floats:
+        """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
+        x, y, z = points_m
+        if self.lens == "rectilinear":
+            with np.errstate(divide="ignore"):
+                scale = np.where(z > 0, 1 / z, np.nan)
+        else:
+            across = np.hypot(x, y)
+            scale = np.where(
+                across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1), 1 / np.abs(z)
+            )
+        middle = np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+        return np.asarray(self.focal_px * scale * points_m[:2] + middle.reshape(2, *[1] * x.ndim))
+
+    def flow_px_s(self, pixels: Floats, range_m: Floats, motion: EgoMotion) -> Floats:
+        """Velocity (2, ...) of what pixels (2, ...) see at ranges (...), by the camera's motion, px/s.
+
+        A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
+        wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x. F-theta: a ray s at range R
+        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it.
+        """
+        velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
+        if self.lens == "rectilinear":
+            x, y = self._from_axis(pixels)
+            near = np.sqrt(1 + x * x + y * y) / range_m
+            (vx, vy, vz), (wx, wy, wz) = velocity, turn
+            u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
+            v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
+            return self.focal_px * np.stack([u, v])
+        rays = self.rays(pixels)
+        along = np.tensordot(velocity, rays, 1)
+        column = (3, *[1] * (rays.ndim - 1))
+        turned = -np.cross(turn, rays, axisb=0, axisc=0) - (velocity.reshape(column) - along * rays) / range_m
+        across = np.hypot(rays[0], rays[1])
+        off = across > 0
+        divisor = np.where(off, across, 1.0)
+        radial = np.stack([np.where(off, rays[0] / divisor, 1.0), rays[1] / divisor])
+        around = np.stack([-radial[1], radial[0]])
+        theta = np.arctan2(across, rays[2])
+        angular = rays[2] * (radial * turned[:2]).sum(0) - across * turned[2]
+        wider = np.where(off, theta / divisor, 1.0)
+        return np.asarray(self.focal_px * (angular * radial + wider * (around * turned[:2]).sum(0) * around))
+
+    def _from_axis(self, pixels: Floats) -> tuple[Floats, Floats]:
+        """Pixels from the axis, in focal lengths."""
+        x, y = pixels
+        return (x - (self.width_px - 1) / 2) / self.focal_px, (y - (self.height_px - 1) / 2) / self.focal_px
+
+
+def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
+    """Ranges (...) of what rays (3, ...) meet at a depth, m: of a frontal plane, or a map (...), inf for the sky.
+
+    inf for rays that do not look ahead, which meet no plane before the camera.
+    """
+    ahead = rays[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(ahead > 0, depth_m / ahead, np.where(np.isnan(ahead), np.nan, np.inf)))
+
+
+def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
+    """The longest exposure (...) that keeps a flow's (2, ...) blur within blur_px (> 0); inf where nothing moves."""
+    limited("blur_px", blur_px)
+    with np.errstate(divide="ignore"):
+        return np.asarray(blur_px / np.hypot(*flow_px_s))
+
+
+def _vector(axes: Floats) -> Vector:
+    x, y, z = axes.tolist()
+    return x, y, z
