@@ -94,7 +94,7 @@ def plan(
 
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
-    the module. displacement_px: uniform motion during the exposure, beside the trajectory's. objects: what else moves,
+    the module. displacement_px: uniform motion, beside the trajectory. objects: what else moves,
     which is always modelled: displacement and share of the picture (:func:`blurnoise.layers.passing`); the other
     arguments as
     in :func:`blurnoise.simulate`, for one picture.
