@@ -75,7 +75,7 @@ class Predicted:
 
     def on(self, places: ArrayLike) -> At:
         """What is predicted at places (M, 2). Beside a cliff a surface swings beyond its nodes, where no model was
-        seen: all clusters are moved alike there, to a mean between the least and the greatest observed."""
+        seen: all clusters are moved alike there, to a mean between 0 and the greatest observed."""
         at = np.asarray(places, float).reshape(-1, 2)
         sums, counts = np.zeros((2, len(self.clusters), len(at)))
         known = self._counts > 0
@@ -89,7 +89,7 @@ class Predicted:
             counts[alike] = of_each.mean(axis=1, keepdims=True)
             sums[alike] = (self._sums[alike][:, pattern] / of_each) @ weights.T * counts[alike]
         mean = sums.sum(axis=0) / counts.sum(axis=0)
-        sums += counts * (mean.clip(self._mean.min(), self._mean.max()) - mean)
+        sums += counts * (mean.clip(0.0, self._mean.max()) - mean)
         return At(sums, counts, self.surface.sigma(at))
 
     def inside(self, places: ArrayLike) -> NDArray[np.bool_]:

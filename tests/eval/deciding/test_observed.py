@@ -147,6 +147,12 @@ def plane(clusters: int = 24, **changed: Any) -> Observed:
     return Observed(**(fields | changed))
 
 
+@pytest.mark.filterwarnings("error")
+def test_one_cluster_has_no_standard_error() -> None:
+    assert np.isnan(plane(clusters=1).error).all()
+    assert np.isfinite(plane(clusters=2).error).all()
+
+
 def test_lines_through_a_smooth_plane_are_the_truth() -> None:
     found = list(predicted_surfaces(plane(), QUESTION, USUAL))
     assert [surface.setting[0] for surface in found] == [3.0, 40.0]
