@@ -159,6 +159,7 @@ def _answer(
         "recommended_s": exposures_s[top] if windows else None,
         "confidence_at_recommended": curve[top] if windows else None,
         "n_pictures": 24 if interval else 5,
+        "effective_pictures": 24.0 if interval else 5.0,
         "few_pictures": not interval,
         "verdict": ("works" if windows else "no exposure works") if interval else "cannot tell",
         "pictures_to_tell": None if interval else 40,

@@ -203,5 +203,5 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
 
 
-EXPOSURE, LIGHT = axis("exposure_s"), axis("illuminance_lux")
+EXPOSURE, LIGHT, GAIN = axis("exposure_s"), axis("illuminance_lux"), axis("gain_db")
 SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

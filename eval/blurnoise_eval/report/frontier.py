@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.grid.axes import speed_px_s
+from blurnoise_eval.grid.axes import GAIN, speed_px_s
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import finite
 from blurnoise_eval.report.settings import Setting
@@ -97,6 +97,30 @@ def exposure_for_all(answers: Sequence[Answer], level: float) -> tuple[float, in
     chosen = Counter(answer["recommended_s"] for answer in answers)
     best = max(near, key=lambda each: (chosen[each], mean[each]))
     return best, served[best][0], len(at[best])
+
+
+def at_best_gain(data: RunData, answers: Sequence[Answer]) -> list[Answer]:
+    """Of answers at several stated gains, of which a camera has one at a time, those at the gain that serves best in
+    each setting: where an exposure surely works most often, then highest on average, of equals the smallest."""
+    if GAIN not in data.settings.axes:
+        return list(answers)
+    place = data.settings.axes.index(GAIN)
+    by_setting: dict[Setting, dict[float, list[Answer]]] = {}
+    for answer in answers:
+        setting = data.settings.of(answer)
+        rest = setting[:place] + setting[place + 1 :]
+        by_setting.setdefault(rest, {}).setdefault(setting[place], []).append(answer)
+
+    def merit(own: Sequence[Answer]) -> tuple[int, float]:
+        chosen = exposure_for_all(own, data.manifest["threshold"])
+        return (0, 0.0) if chosen is None else (chosen[1], fmean(values_at(own, chosen[0])))
+
+    best = {
+        id(answer)
+        for gains in by_setting.values()
+        for answer in gains[max(sorted(gains), key=lambda gain: merit(gains[gain]))]
+    }
+    return [answer for answer in answers if id(answer) in best]
 
 
 def values_at(answers: Sequence[Answer], exposure_s: float) -> list[float]:

@@ -16,12 +16,13 @@ from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import (
     Row,
+    at_best_gain,
     exposure_for_all,
     rows_that_decide,
     values_at,
 )
 from blurnoise_eval.report.measured import finite, model_names
-from blurnoise_eval.report.questions import limits_of, pictures_range, questions, varied
+from blurnoise_eval.report.questions import combinations_text, limits_of, questions, varied
 from blurnoise_eval.report.words import (
     CANNOT_TELL,
     NONE_WORKS,
@@ -33,6 +34,7 @@ from blurnoise_eval.report.words import (
     joined,
     limit_text,
     needed_text,
+    pictures_range,
     pictures_text,
     reached_text,
     value_text,
@@ -61,7 +63,7 @@ def opening(data: RunData) -> Opening:
     if not data.answers:
         return Opening(None, (_nothing(data),))
     model = leader(data)
-    own = [answer for answer in data.answers if answer["model"] == model]
+    own = at_best_gain(data, [answer for answer in data.answers if answer["model"] == model])
     rows = tuple(rows_that_decide(data, own))
     several = [] if len(model_names(data)) == 1 else [_between(data, model)]
     return Opening(
@@ -133,7 +135,7 @@ def _answer(data: RunData, answers: Sequence[Answer]) -> str:
         return _answer_of_one(answers[0])
     level, asked = data.manifest["threshold"], answers[0]["criterion"]
     n, enough = len(answers), enough_text(asked)
-    combinations = f"{n} combinations of {_what(data)}"
+    combinations = combinations_text(n, varied(data, answers))
     works, untold = _count(answers, WORKS), _count(answers, CANNOT_TELL)
     chosen = exposure_for_all(answers, level)
     if chosen is None:
@@ -160,7 +162,9 @@ def _answer(data: RunData, answers: Sequence[Answer]) -> str:
     which = (
         f"any of {combinations}" if untold == n else f"{untold} of {combinations}; in the others none does"
     )
-    few = f"{pictures_range(answers)} are too few to tell whether any exposure {enough} in {which}"
+    few = (
+        f"{pictures_range(answers)} {_are(answers)} too few to tell whether any exposure {enough} in {which}"
+    )
     return f"Best is {at}: {average}{limited}. {few[0].upper()}{few[1:]}."
 
 
@@ -175,9 +179,12 @@ def _answer_of_one(answer: Answer) -> str:
     )
     if answer["verdict"] == NONE_WORKS:
         return f"No tested exposure {enough_text(asked)}. {best}"
-    return (
-        f"{best} {pictures_text(answer)} cannot tell whether any {enough_text(asked)}; {needed_text(answer)}."
-    )
+    untold = f"{pictures_text(answer)} cannot tell whether any exposure {enough_text(asked)}"
+    return f"{best} {untold}; {needed_text(answer)}."
+
+
+def _are(answers: Iterable[Answer]) -> str:
+    return "is" if all(answer["n_pictures"] == 1 for answer in answers) else "are"
 
 
 def _what(data: RunData) -> str:

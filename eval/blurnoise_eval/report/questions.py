@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE, speed_px_s
+from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE, GAIN, speed_px_s
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, exposure_for_all, gain_at
 from blurnoise_eval.report.measured import finite, spread
@@ -22,6 +22,7 @@ from blurnoise_eval.report.words import (
     joined,
     limit_text,
     needed_text,
+    pictures_range,
 )
 
 MAX_NAMED = 4  # settings in an answer
@@ -30,20 +31,25 @@ MAX_NAMED = 4  # settings in an answer
 def questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> Iterable[tuple[str, str]]:
     """(question, answer) of one model's answers and their rows that decide; none where nothing was measured."""
     level = data.manifest["threshold"]
+    asked = {data.settings.of(answer) for answer in answers}
     best = {
         setting: chosen[0]
         for setting in data.settings.every
-        if (own := [answer for answer in answers if data.settings.of(answer) == setting])
-        and (chosen := exposure_for_all(own, level))
+        if setting in asked
+        and (chosen := exposure_for_all([a for a in answers if data.settings.of(a) == setting], level))
     }
     if not best:
         return
-    yield "Which exposure?", _per_setting(data, {each: EXPOSURE.text(at) for each, at in best.items()})
+    every = len(asked) > 1 and len(asked) == len(best)
+    yield "Which exposure?", _per_setting(data, {each: EXPOSURE.text(at) for each, at in best.items()}, every)
     gains = {each: gain for each, at in best.items() if (gain := gain_at(data, each, at)) is not None}
     if gains:
-        told = _per_setting(data, {each: gain_text(gain) for each, gain in gains.items()})
-        automatic = any(axis.automatic and value == AUTOMATIC for axis, value in data.settings.held)
-        yield "Which gain?", f"{told}{' (set by the camera, mean over pictures)' if automatic else ''}"
+        told = _per_setting(data, {each: gain_text(gain) for each, gain in gains.items()}, every)
+        if GAIN in data.settings.axes:
+            told += f" (the best of {len(data.settings.values(GAIN))} tested)"
+        elif (GAIN, AUTOMATIC) in data.settings.held:
+            told += " (set by the camera, mean over pictures)"
+        yield "Which gain?", told
     yield "How fast?", _how_fast(data, answers, rows)
     yield "How sure?", _how_sure(answers)
 
@@ -61,20 +67,22 @@ def limits_of(answers: Iterable[Answer]) -> str | None:
     return limit_text(first) + (f" (in {count} of {len(named)})" if count < len(named) else "")
 
 
-def _per_setting(data: RunData, texts: dict[Setting, str]) -> str:
-    """'20 ms at 5 lux, 5 ms at 50 lux'; one text where all are alike."""
+def _per_setting(data: RunData, texts: dict[Setting, str], every: bool) -> str:
+    """'20 ms at 5 lux, 5 ms at 50 lux'; one text where all are alike. every: whether they are all of several."""
     if len(set(texts.values())) == 1:
         text = next(iter(texts.values()))
-        lights = len(data.settings.every) > 1 and len(texts) == len(data.settings.every)
-        return f"{text} at every {_settings_word(data)}" if lights else text
+        light = set(data.settings.further) <= {GAIN}
+        return f"{text} at every {'light' if light else 'setting'}" if every else text
     shown = spread(texts, MAX_NAMED)
     left = len(texts) - len(shown)
-    listed = ", ".join(f"{texts[setting]} at {data.settings.text(setting)}" for setting in shown)
+    listed = ", ".join(f"{texts[each]} at {_but_gain(data, each)}" for each in shown)
     return f"{listed}; {left} more between" if left else listed
 
 
-def _settings_word(data: RunData) -> str:
-    return "setting" if data.settings.further else "light"
+def _but_gain(data: RunData, setting: Setting) -> str:
+    """A setting in words, without the gain, which is the answer."""
+    pairs = zip(data.settings.axes, setting, strict=True)
+    return " · ".join(axis.text(value) for axis, value in pairs if axis is not GAIN)
 
 
 def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> str:
@@ -82,12 +90,14 @@ def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
     combined = len(rows) > 1 or len(rows[0].settings) > 1
     tops = [row for row in rows if row.top_px_s is not None]
     count = sum(len(row.settings) for row in rows)
-    what = joined([name for name in varied(data, answers) if name != "speed"]) if combined else ""
+    names = [name for name in varied(data, answers) if name != "speed"]
+    what = joined(names) if combined else ""
     if not tops:
         if all(answer["verdict"] == NONE_WORKS for answer in answers):
             return f"at no tested speed{'' if fastest else ', not even at rest,'} does an exposure suffice"
         guess = max((speed_px_s(answer) for answer in answers if answer["windows_s"]), default=None)
-        seen = f"; for these pictures alone one does up to {guess:g} px/s" if guess is not None else ""
+        at = f"up to {guess:g} px/s" if guess else "at rest"
+        seen = f"; for these pictures alone one does {at}" if guess is not None else ""
         return f"at no tested speed does an exposure surely suffice{seen}"
     top = max(tops, key=lambda row: row.top_px_s or 0.0)
     if len(tops) == len(rows) and all(row.fastest for row in rows):
@@ -101,7 +111,7 @@ def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
         least = min(row.top_px_s or 0.0 for row in rows)
         rest = f"{f'up to {least:g} px/s' if least else 'at rest'} for every {what}"
     else:
-        rest = f"in {count - len(tops)} of {count} combinations of {what} at no tested speed"
+        rest = f"in {count - len(tops)} of {combinations_text(count, names)} at no tested speed"
     return f"{text}; {rest}" + (f", limited by {limit}" if limit else "")
 
 
@@ -156,15 +166,18 @@ def _more(untold: Sequence[Answer]) -> str:
     return ", ".join(steps) + (f" but {beyond}" if beyond else "")
 
 
-def pictures_range(answers: Sequence[Answer]) -> str:
-    """'24 pictures', '5 to 12 pictures'."""
-    counts = [answer["n_pictures"] for answer in answers]
-    low, high = min(counts), max(counts)
-    return f"{high} picture{'' if high == 1 else 's'}" if low == high else f"{low} to {high} pictures"
-
-
 def varied(data: RunData, answers: Sequence[Answer]) -> list[str]:
-    """What tells the answers apart: 'target', 'light', 'speed'."""
+    """What tells the answers apart: 'target', 'light', 'speed'; not what follows from the rest, as a chosen gain."""
     varied = ["target"] if len({answer["group"] for answer in answers}) > 1 else []
-    varied += [word(axis) for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
+    settings = {data.settings.of(answer) for answer in answers}
+    varied += [
+        word(axis)
+        for place, axis in enumerate(data.settings.axes)
+        if len({setting[:place] + setting[place + 1 :] for setting in settings}) < len(settings)
+    ]
     return [*varied, "speed"] if len(data.velocities_px_s) > 1 else varied
+
+
+def combinations_text(count: int, names: Sequence[str]) -> str:
+    """'8 combinations of target and light', '3 lights'."""
+    return f"{count} combinations of {joined(names)}" if len(names) > 1 else f"{count} {names[0]}s"

@@ -27,12 +27,9 @@ def deciding(data: RunData, rows: Sequence[Row], most: int) -> list[dict[str, An
     """
     if not rows:
         return []
-    groups = sorted({row.group for row in rows}, key=lambda group: -max(_pictures(rows, group)))[
-        : max(most // 3, 1)
-    ]
-    of_group = [
-        [row for row in rows if row.group == group] for group in dict.fromkeys(row.group for row in rows)
-    ]
+    ordered = list(dict.fromkeys(row.group for row in rows))
+    groups = sorted(ordered, key=lambda group: -max(_pictures(rows, group)))[: max(most // 3, 1)]
+    of_group = [[row for row in rows if row.group == group] for group in ordered]
     share = max(most // len(groups), 1)
     shown = [row for part in of_group if part[0].group in groups for row in spread(part, share)]
     return [_deciding(data, row) for row in shown[:most]]

@@ -7,7 +7,8 @@ the tested range.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
@@ -73,7 +74,7 @@ def window_text(answer: Answer) -> str:
     if not answer["windows_s"]:
         return NONE_WORKS
     if len(answer["exposures_s"]) == 1:
-        return f"{EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
+        return f"at {EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
     ends = list(window_ends(answer))
     ends[0][0] += " (shortest tested)" if answer["open_low"] else ""
     ends[-1][1] += " (longest tested)" if answer["open_high"] else ""
@@ -112,13 +113,32 @@ def needed_text(answer: Answer) -> str:
     """How many pictures more would tell: '~28 more would', 'at least 3 more would', 'very many more would'."""
     if answer["pictures_to_tell"] is not None:
         return f"~{answer['pictures_to_tell'] - answer['n_pictures']} more would"
-    lacking = FEWEST - answer["n_pictures"]
+    fewest = math.ceil(FEWEST * answer["n_pictures"] / (answer["effective_pictures"] or 1.0))
+    lacking = fewest - answer["n_pictures"]
     return f"at least {lacking} more would" if lacking > 0 else "very many more would"
 
 
 def pictures_text(answer: Answer) -> str:
-    """'1 picture', '24 pictures'."""
-    return f"{answer['n_pictures']} picture{'' if answer['n_pictures'] == 1 else 's'}"
+    """'1 picture', '24 pictures'; '24 pictures, which count as 17' where that makes them few."""
+    return pictures_range([answer])
+
+
+def pictures_range(answers: Iterable[Answer]) -> str:
+    """'24 pictures', '5 to 12 pictures'; '5 to 12 pictures, which count as 5 to 7' where that takes intervals away,
+    or makes them few."""
+    every = list(answers)
+    counts = [each["n_pictures"] for each in every]
+    text = f"{_from_to(counts)} picture{'' if max(counts) == 1 else 's'}"
+    less = any(
+        each["effective_pictures"] < bound <= each["n_pictures"] for each in every for bound in (FEWEST, FEW)
+    )
+    counted = _from_to([math.floor(each["effective_pictures"]) for each in every])
+    return f"{text}, which count as {counted}" if less else text
+
+
+def _from_to(counts: Sequence[int]) -> str:
+    low, high = min(counts), max(counts)
+    return f"{high}" if low == high else f"{low} to {high}"
 
 
 def confidence_text(answer: Answer) -> str:
@@ -143,8 +163,7 @@ def reservations(answer: Answer) -> list[str]:
     """What else must be known of an answer: few pictures, saturated values, an end of the tested range."""
     found = []
     if answer["few_pictures"] and answer["verdict"] != CANNOT_TELL:
-        unequal = " of unequal numbers of targets" if answer["n_pictures"] >= FEW else ""
-        found.append(f"few: {pictures_text(answer)}{unequal}")
+        found.append(f"few: {pictures_text(answer)}")
     chosen = answer["recommended_s"]
     if chosen is None:
         return found

@@ -6,6 +6,7 @@ Domain: pictures' names as the store has them. Without a pattern each picture is
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 
 
@@ -24,6 +25,15 @@ def cluster_of(picture: str, pattern: str | None = None) -> str:
         return picture
     shared = found.group(1 if compiled.groups else 0)
     return picture if shared is None else shared
+
+
+def check_cluster(pattern: str | None, pictures: Iterable[str]) -> None:
+    """Raises ``ValueError`` for a pattern that is not a regular expression, or is found in none of the names."""
+    names = list(pictures)
+    if pattern is not None and names and not any(_compiled(pattern).search(name) for name in names):
+        raise ValueError(
+            f"cluster = {pattern!r}: must be found in the names of pictures, such as {names[0]!r}"
+        )
 
 
 @lru_cache(maxsize=8)

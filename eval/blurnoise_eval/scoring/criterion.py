@@ -1,6 +1,6 @@
 """A criterion: what of a detector's performance is enough.
 
-Domain: levels are shares, above 0 and up to 1. Scores: ``SCORES_OF`` by kind of model; "recall@0.1" is the recall at
+Domain: levels are shares, 0 to 1. Scores: ``SCORES_OF`` by kind of model; "recall@0.1" is the recall at
 the confidence at which the untouched pictures give 0.1 false alarms each, the same under every condition.
 """
 
@@ -37,7 +37,7 @@ class Criterion:
     """Enough is ``level`` of a score or, where it is ``kept``, that share of what the same model reaches with the
     same targets in the untouched pictures.
 
-    score: a name in ``SCORES_OF``. Raises ``ValueError`` for a level outside 0-1, or another score.
+    score: a name in ``SCORES_OF``. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another score.
     """
 
     level: float
@@ -45,7 +45,7 @@ class Criterion:
     score: str = CONFIDENCE
 
     def __post_init__(self) -> None:
-        in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0)
+        in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
         if self.score not in _WORDS and not (self.alarms_per_picture or 0) > 0:
             listed = dict.fromkeys(name for names in SCORES_OF.values() for name in names)
             raise ValueError(

@@ -40,9 +40,9 @@ class Answer:
 
     criterion: what is enough, in words. at: values of all axes but the exposure. exposures_s: tested, increasing;
     confidence: of the ``n_targets`` targets (times repeats) at each, in the criterion's unit; low, high: its 95 %
-    interval over ``n_pictures`` clusters, None below 8; few_pictures: fewer than 20; both count as
-    :func:`~blurnoise_eval.scoring.certainty.effective`. saturated: mean share of the pictures' values at a limit of
-    the sensor, None where it is not known.
+    interval over ``n_pictures`` clusters, which count as ``effective_pictures``, see
+    :func:`~blurnoise_eval.scoring.certainty.effective`: None below 8 such; few_pictures: fewer than 20. saturated:
+    mean share of the pictures' values at a limit of the sensor, None where it is not known.
 
     verdict: "works": at some tested exposure ``low`` is at or above its level; "no exposure works": ``high`` is
     at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
@@ -76,6 +76,7 @@ class Answer:
     recommended_s: float | None
     confidence_at_recommended: float | None
     n_pictures: int
+    effective_pictures: float
     few_pictures: bool
     verdict: Verdict
     pictures_to_tell: int | None
@@ -239,6 +240,7 @@ def answer(
         recommended_s=None if choice is None else choice[0],
         confidence_at_recommended=None if choice is None else choice[1],
         n_pictures=curve.n_clusters,
+        effective_pictures=curve.n_effective,
         few_pictures=curve.n_effective < certainty.FEW,
         verdict=verdict,
         pictures_to_tell=_pictures_to_tell(curve, criterion.level) if verdict == "cannot tell" else None,

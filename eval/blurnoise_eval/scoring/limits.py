@@ -104,11 +104,11 @@ def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | Non
 def of_best(line: Line, best: int) -> Limits:
     """What holds the best of the tested exposures back, where none works.
 
-    What the slowest speed under this light still lacks at the best: if it does better at a longer time, light (noise
-    or darkness), if at a shorter one, saturation. Beside it blur: if the slowest does better with the same light and
-    time, or with the longer exposure that would bring the light, at which this line stays behind. On the slowest line
-    itself the best exposure is where light begins to suffice or to be too much: what has the value fall on either
-    side of it, and light if it still rises at the longest tested.
+    What the slowest speed under this light still lacks at the best: if it does better at a longer time, or still
+    rises at the longest tested, light (noise or darkness), if at a shorter one, saturation. Beside it blur: if the
+    slowest does better with the same light and time, or with the longer exposure that would bring the light, at which
+    this line stays behind. On the slowest line itself the best exposure is where light begins to suffice or to be too
+    much: what has the value fall on either side of it, and light if it still rises at the longest tested.
     """
     value, x = line.value, line.exposures_s
     parts: list[Limit | None] = []
@@ -117,7 +117,8 @@ def of_best(line: Line, best: int) -> Limits:
         brighter = line.slower[after] - own > MATTERS
         if own - value[best] > MATTERS or (brighter & (line.slower[after] - value[after] > MATTERS)).any():
             parts.append("blur")
-        if brighter.any():
+        rises = best + 1 == len(x) > 1 and own - line.slower[best - 1] > MATTERS
+        if brighter.any() or rises:
             parts.append(line.lacks(best))
         elif (line.slower[:best] - own > MATTERS).any():
             parts.append("saturation")
@@ -130,4 +131,6 @@ def of_best(line: Line, best: int) -> Limits:
     named = list(dict.fromkeys(part for part in parts if part is not None))
     if named:
         return Limits(by=" and ".join(named))
-    return Limits(untold="neither less motion nor another light, as far as tested, does better")
+    if len(x) == 1:
+        return Limits(untold="only one exposure was tested")
+    return Limits(untold="neither less motion nor another exposure, as far as tested, does better")

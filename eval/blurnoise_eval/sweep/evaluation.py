@@ -23,7 +23,7 @@ from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
-from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.schema import CONDITIONS
@@ -78,12 +78,12 @@ def evaluate(
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
-    cluster_of("", cluster)
     workers = usable_cores() if threads is None else threads
     computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
     seen_by = _camera(camera)
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
+    check_cluster(cluster, (picture.name for picture in shown))
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
@@ -139,11 +139,11 @@ class Evaluation:
     ) -> None:
         self.folder = Path(folder)
         self.output = self.folder if output is None else Path(output)
-        cluster_of("", cluster)
         self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder) as store:
+            check_cluster(cluster, store.pictures())
             self.criterion = criterion_of(store, threshold, keep, score)
         self.threshold = self.criterion.level
 

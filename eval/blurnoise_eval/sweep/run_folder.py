@@ -77,6 +77,7 @@ def open_run(
         held = None
     if held is not None and held != identity:
         differing = [key for key in identity if held.get(key) != identity[key]]
+        differing = [_contracts(held[key], identity[key]) if key == "model" else key for key in differing]
         raise _another(store, " and ".join(differing))
     for picture in _replaced(pictures, store):
         raise _another(store, f"picture {picture.name!r}")
@@ -103,6 +104,20 @@ def open_run(
             **facts,
         },
     )
+
+
+def _contracts(held: list[dict[str, Any]], asked: list[dict[str, Any]]) -> str:
+    """'model', or where the files are the same which fields of their contracts differ."""
+    if [(one["name"], one["sha256"]) for one in held] != [(one["name"], one["sha256"]) for one in asked]:
+        return "model"
+    pairs = [(one["contract"], other["contract"]) for one, other in zip(held, asked, strict=True)]
+    fields = {
+        name: None
+        for one, other in pairs
+        for name in {**one, **other}
+        if name not in one or name not in other or one[name] != other[name]
+    }
+    return f"contract of the same model ({', '.join(fields)})"
 
 
 def _another(store: Store, what: str) -> StoreError:

@@ -76,19 +76,36 @@ def test_window_text(
 def test_what_cannot_be_told_is_said_with_what_it_takes(tmp_path: Path) -> None:
     answer = made_run(tmp_path, n_examples=0).answers[2]
     assert words.verdict_text(answer) == "works"
-    untold = answer | {"verdict": "cannot tell", "n_pictures": 12, "pictures_to_tell": 40}
+    untold = answer | {
+        "verdict": "cannot tell",
+        "n_pictures": 12,
+        "effective_pictures": 12.0,
+        "pictures_to_tell": 40,
+    }
     assert words.verdict_text(untold) == "cannot tell from 12 pictures; ~28 more would"
     assert words.needed_text(untold | {"pictures_to_tell": None}) == "very many more would"
-    assert words.needed_text(untold | {"pictures_to_tell": None, "n_pictures": 1}) == "at least 7 more would"
+    one = untold | {"pictures_to_tell": None, "n_pictures": 1, "effective_pictures": 1.0}
+    assert words.needed_text(one) == "at least 7 more would"
+    uneven = untold | {"pictures_to_tell": None, "effective_pictures": 4.8}
+    assert words.needed_text(uneven) == "at least 8 more would"
+    assert words.verdict_text(uneven).startswith("cannot tell from 12 pictures, which count as 4;")
 
 
 def test_reservations_name_few_pictures_saturation_and_ends_of_the_range(tmp_path: Path) -> None:
     answer = made_run(tmp_path, n_examples=0).answers[2]
     inside = answer | {"recommended_s": EXPOSURES_S[1]}
     assert words.reservations(inside) == []
-    few = inside | {"few_pictures": True, "n_pictures": 12, "saturated_at_recommended": 0.31}
+    few = inside | {
+        "few_pictures": True,
+        "n_pictures": 12,
+        "effective_pictures": 12.0,
+        "saturated_at_recommended": 0.31,
+    }
     assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture's values saturated"]
-    assert words.reservations(few | {"n_pictures": 24})[0] == "few: 24 pictures of unequal numbers of targets"
+    assert (
+        words.reservations(few | {"n_pictures": 24, "effective_pictures": 17.6})[0]
+        == "few: 24 pictures, which count as 17"
+    )
     shortest = answer | {"recommended_s": EXPOSURES_S[0], "open_low": True}
     assert words.reservations(shortest) == ["the shortest tested: what lies below is not known"]
     assert words.reservations(shortest | {"open_low": False}) == []

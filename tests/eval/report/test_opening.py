@@ -39,7 +39,7 @@ def test_one_combination_is_answered_with_its_interval(tmp_path: Path) -> None:
     few = _kept(made_run(tmp_path, n_examples=0, interval=False, **ONE))
     assert opening(few).sentences == (
         "Best is 4 ms: keeps 0.88 of its confidence. "
-        "5 pictures cannot tell whether any keeps 0.6 of its confidence; ~35 more would.",
+        "5 pictures cannot tell whether any exposure keeps 0.6 of its confidence; ~35 more would.",
     )
 
 
@@ -103,6 +103,66 @@ def test_only_one_exposure_or_speed_is_still_an_answer(tmp_path: Path) -> None:
     shape: dict[str, Any] = {"exposures_s": (0.005,), "lights_lux": (50.0,), "speeds": (0.0,)}
     told = _questions(made_run(tmp_path, {"sign": 0.95}, n_examples=0, **shape))
     assert (told["Which exposure?"], told["How fast?"]) == ("5 ms", "at rest, the only speed tested")
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ({"lights_lux": (10.0, 200.0), "speeds": (0.0,)}, "in 1 of 2 lights"),
+        ({"lights_lux": (200.0,), "speeds": (0.0, 3000.0)}, "in 1 of 2 speeds"),
+        ({"lights_lux": (200.0,), "speeds": (0.0,), "f_numbers": (1.4, 8.0)}, "in 1 of 2 f-numbers"),
+    ],
+)
+def test_what_differs_in_one_thing_is_no_combination(
+    tmp_path: Path, shape: dict[str, Any], said: str
+) -> None:
+    data = made_run(tmp_path, {"sign": 0.95}, exposures_s=(0.001, 0.004), n_examples=0, **shape)
+    assert said in opening(data).sentences[0]
+    assert "combination" not in f"{opening(data)}"
+
+
+def _at_gains(data: RunData, worth: dict[float, float]) -> RunData:
+    """The same numbers at several gains, each times its worth; without intervals below the threshold."""
+
+    def at(answer: dict[str, Any], gain_db: float) -> dict[str, Any]:
+        names = ("confidence", "low", "high")
+        return answer | {"gain_db": gain_db} | {n: [worth[gain_db] * v for v in answer[n]] for n in names}
+
+    scores = [
+        row | ({} if row["clean"] else {"gain_db": gain_db, "applied_gain_db": gain_db})
+        for gain_db in worth
+        for row in data.scores
+        if gain_db == min(worth) or not row["clean"]
+    ]
+    return replace(data, answers=[at(a, gain) for gain in worth for a in data.answers], scores=scores)
+
+
+def test_of_several_gains_the_best_is_the_answer(tmp_path: Path) -> None:
+    data = _at_gains(made_run(tmp_path, {"sign": 0.95}, n_examples=0), {0.0: 0.5, 12.0: 1.0, 24.0: 0.9})
+    told = _questions(data)
+    assert told["Which gain?"] == "12 dB at every light (the best of 3 tested)"
+    assert told["Which exposure?"] == "64 ms at 10 lux, 4 ms at 200 lux"
+    assert "combinations of light and speed" in opening(data).sentences[0]
+    assert {row.shown["gain_db"] for row in opening(data).rows} == {12.0}
+    alike = _at_gains(made_run(tmp_path, {"sign": 0.95}, n_examples=0), {12.0: 1.0, 0.0: 1.0})
+    assert _questions(alike)["Which gain?"].startswith("0 dB at every light")  # of equals the smallest
+
+
+def test_pictures_of_unequal_weight_are_said_where_they_make_few(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    few = [a | {"effective_pictures": 6.9, "few_pictures": True} for a in data.answers]
+    uneven = replace(data, answers=few)
+    assert _questions(uneven)["How sure?"].startswith("24 pictures, which count as 6 (few), 95 % intervals;")
+    shown = tables.deciding(uneven, opening(uneven).rows, 9)
+    assert shown[0]["pictures"] == "24 pictures, which count as 6 (few)"
+    nearly = replace(data, answers=[a | {"effective_pictures": 20.5} for a in data.answers])
+    assert _questions(nearly)["How sure?"].startswith("24 pictures, 95 % intervals;")
+
+
+def test_one_picture_is_one(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0, interval=False)
+    one = [a | {"n_pictures": 1, "effective_pictures": 1.0} for a in data.answers]
+    assert "1 picture is too few to tell" in opening(replace(data, answers=one)).sentences[0]
 
 
 def _standing(value: float, behind: float | None, low: float | None, wanted: int | None) -> dict[str, Any]:
@@ -183,6 +243,7 @@ def test_many_rows_are_capped(tmp_path: Path) -> None:
     shown = tables.deciding(data, rows, 12)
     assert len(rows) > 12 >= len(shown) > 6
     assert {row["setting"] for row in shown} >= {"1 lux", "1000 lux"}
+    assert list(dict.fromkeys(row["group"] for row in shown)) == list(groups)[:4]  # in their order
 
 
 def test_near_the_best_mean_the_recommended_exposure_serves_all(tmp_path: Path) -> None:

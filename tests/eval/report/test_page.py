@@ -290,7 +290,7 @@ def test_odd_runs_are_reported(tmp_path: Path, shape: dict[str, Any]) -> None:
     if not data.answers:
         assert "The pictures hold no targets" in text
     elif len(data.answers[0]["exposures_s"]) == 1:
-        assert "5 ms (the only exposure tested)" in text or "no exposure works" in text
+        assert "at 5 ms (the only exposure tested)" in text or "no exposure works" in text
         assert "Which exposure? 5 ms" in text
 
 

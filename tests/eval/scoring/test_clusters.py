@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from blurnoise_eval.scoring.clusters import cluster_of
+from blurnoise_eval.scoring.clusters import check_cluster, cluster_of
 
 
 @pytest.mark.parametrize(
@@ -31,3 +31,15 @@ def test_frames_of_one_drive_are_one() -> None:
 def test_other_patterns_are_refused(pattern: str) -> None:
     with pytest.raises(ValueError, match=r"cluster = .*: must be a regular expression"):
         cluster_of("a", pattern)
+
+
+def test_a_pattern_that_no_name_holds_is_refused() -> None:
+    names = ["drive-07/frame_0012", "other"]
+    check_cluster(None, names)
+    check_cluster(r"drive-(\d+)", iter(names))
+    with pytest.raises(
+        ValueError, match=r"^cluster = 'tour': must be found .* such as 'drive-07/frame_0012'$"
+    ):
+        check_cluster("tour", names)
+    with pytest.raises(ValueError, match=r"must be a regular expression"):
+        check_cluster("(", names)

@@ -76,7 +76,9 @@ def test_lamps_are_no_saturation() -> None:
     [
         (line((0.2, 0.5, 0.4, 0.1), (0.2, 0.6, 0.8, 0.9)), "blur and noise"),
         (line((0.2, 0.6, 0.4, 0.1), (0.2, 0.6, 0.8, 0.9)), "blur and noise"),  # blur keeps from more light
-        (line((0.1, 0.3, 0.5, 0.6), (0.1, 0.3, 0.5, 0.6), brightness=(0.1,) * 4), None),
+        (line((0.1, 0.3, 0.5, 0.6), (0.1, 0.3, 0.5, 0.6), brightness=(0.1,) * 4), "darkness"),  # as at rest
+        (line((0.1, 0.3, 0.5, 0.6), (0.1, 0.3, 0.7, 0.8)), "blur and noise"),
+        (line((0.1, 0.3, 0.5, 0.6), (0.1, 0.3, 0.6, 0.61), brightness=(0.1,) * 4), None),
         (line((0.2, 0.5, 0.4, 0.1), (0.2, 0.6, 0.8, 0.9), brightness=(0.1,) * 4), "blur and darkness"),
         (line((0.2, 0.5, 0.1, 0.1), (0.2, 0.7, 0.7, 0.7)), "blur"),
         (line((0.1, 0.5, 0.1, 0.1), (0.6, 0.5, 0.5, 0.5)), "saturation"),
@@ -97,3 +99,8 @@ def test_what_holds_the_best_back(given: Line, expected: str | None) -> None:
 def test_one_exposure_tells_nothing() -> None:
     one: dict[str, Any] = {"saturated": np.zeros(1), "brightness": np.array([0.1])}
     assert of_best(Line((0.01,), np.array([0.3]), None, False, **one), 0).by is None
+
+
+def test_of_a_single_exposure_nothing_beside_it_tells() -> None:
+    only = Line((0.01,), np.array([0.5]), np.array([0.5]), True, np.array([0.0]), np.array([0.4]))
+    assert of_best(only, 0) == Limits(untold="only one exposure was tested")

@@ -304,6 +304,17 @@ def test_repeats_and_base_seed_change_the_noise(detector: Detector, tmp_path: Pa
     assert len(set(found)) == 4
 
 
+def test_a_run_with_another_contract_says_what_of_it_differs(detector: Detector, tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
+        sweep.run([detector], CAMERA, TWO, PLAN, store)
+        identity = store.about("identity")
+        del identity["model"][0]["contract"]["head"]  # as of a version that did not know it
+        store.set_about("identity", identity)
+        with pytest.raises(StoreError, match=r"with another contract of the same model \(head\);"):
+            results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
+
+
 def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     other = Detector(matched_filter.build(tmp_path / "x.onnx", sizes_px=(22, 16, 10), input_px=64))
     facts = {"command": "a command", "threads": 2}
