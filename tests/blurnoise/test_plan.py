@@ -38,6 +38,7 @@ ORDER = [
     "diffraction",
     "measured MTF",
     "motion",
+    "rolling shutter",
     "vignetting",
     "spectral integration",
     "PRNU",
