@@ -145,7 +145,7 @@ def trajectory(
         return camera_shake.shake(seed, values[0], exposure_s, duration_s=span_s)
     if kind == "sine" and len(values) in (2, 3):
         direction_deg = values[2] if len(values) == 3 else 0.0
-        return Trajectory.sinusoid(*values[:2], span_s, direction_deg=direction_deg)
+        return Trajectory.sinusoid(values[0], values[1], span_s, direction_deg=direction_deg)
     raise ValueError(
         f"trajectory = {text!r}: must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
     )
