@@ -33,6 +33,7 @@ from blurnoise.light.translation import translated
 from blurnoise.picture import steps
 from blurnoise.picture.step import Development
 from blurnoise.spectra import Curve
+from blurnoise.trajectory import Trajectory
 
 BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far
@@ -62,6 +63,7 @@ def captured(
     exposure_s: float,
     illuminance_lux: float,
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    trajectory: Trajectory | None = None,
     temperature_c: Numbers = 25.0,
     generator: rng.Randomness = None,
     flicker: Flicker | None = None,
@@ -82,6 +84,10 @@ def captured(
     readers = _readers(camera, captures)
     times = windows(captures, limited("exposure_s", exposure_s))
     border: Border = scene.get("border", "reflect")
+    if trajectory is not None and len(times) > 1:
+        raise ValueError(
+            f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
+        )
     velocity = blur.motions("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
     objects = of_each(layers, light)
@@ -102,6 +108,7 @@ def captured(
                 exposure_s=taken_s,
                 illuminance_lux=illuminance_lux * capture.sensitivity,
                 velocity_px_s=velocity,
+                trajectory=trajectory,
                 temperature_c=temperature_c,
                 generator=[rng.derived(seed, f"capture {stream}") if stream else seed for seed in seeds],
                 noise=noise,

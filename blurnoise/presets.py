@@ -42,10 +42,13 @@ _GLOBAL = MappingProxyType(
     }
 )
 _ROWS_1650 = (
-    "derived: 1650 clocks of 74.25 MHz, which with 990 lines are the 45 frames/s at full resolution of the data sheet's "
-    "table 1; registers 0x300C, 0x300A in Grain Media's sen_mt9m034.c"
+    "derived: 1650 clocks of 74.25 MHz, with 990 lines the 45 frames/s of the data sheet's table 1; "
+    "registers 0x300C, 0x300A in Grain Media's sen_mt9m034.c"
 )
-_ROWS_AR0237 = "assumed: no line length found; 1 / (60 x 1088), the most at the 60 frames/s of onsemi's data sheet AR0237CS/D"
+_ROWS_AR0237 = (
+    "assumed: no line length found; 1 / (60 x 1088), "
+    "the most at the 60 frames/s that onsemi's data sheet AR0237CS/D states for 1080p"
+)
 _LENS = "assumed: the lens is the user's choice; f/1.4 without loss, as in Lin et al. 2024"
 _OF_SNR = "derived: 10^(SNRmax/10) of the "
 _OF_DR = "derived: saturation / 10^(DR/20) - 0.5, of the "

@@ -35,10 +35,11 @@ _MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distan
 _CLOSING_PX = 32  # of the margin, at its end
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _STRIP = 1 << 16  # values of a strip of rows
-_SPACING_PX = (
-    0.5  # of sub-exposures: they err by transfer.motion_error of it, where a row's window begins and ends
-)
-_LEAST_SAMPLES = 16
+_SPACING_PX = 1.0  # of sub-exposures, which err by transfer.motion_error of it at most
+_LEAST_CELLS, _LEAST_SAMPLES = (
+    8,
+    16,
+)  # of a row's exposure, however little moves: its window ends within a cell
 _ROOM_PX = 32  # of a row's band-limited ends
 _BLOCK = 32  # rows whose phases are a product
 
@@ -137,7 +138,7 @@ def of_rows(
     """Each row exposed in its own window of a path, px from ``origin_px``; differentiable in the light.
 
     Along rows exactly, by their own transfer functions; across them by Lanczos's taps, integrated over the window;
-    both at once by sub-exposures every half pixel of the path, each for the rows whose windows hold it. Brightness
+    both at once by sub-exposures every pixel of the path, each for the rows whose windows hold it. Brightness
     follows the windows' lengths. Raises ``ValueError`` unless the path holds all windows.
     """
     knots, durations = path.window(*readout.span_s)
@@ -356,36 +357,40 @@ def row_responses(f: Floats, time: Floats, x_px: Floats, readout: Readout) -> ND
 
 
 def _sub_exposed(light: Tensor, time: Floats, knots: Floats, readout: Readout, border: Border) -> Tensor:
-    """Cells of time at whose middle the picture is displaced, weighted by what of them each row's window holds."""
+    """Cells of time at whose middle the picture is displaced, weighted by what of them each row's window holds.
+
+    Along rows by a phase, so that rows are transformed once and back once; across them by Lanczos's taps.
+    """
     starts, stops = readout.windows_s
     steps = np.hypot(*np.diff(knots)) / _SPACING_PX
-    least = np.diff(time) / (stops - starts).min() * _LEAST_SAMPLES
+    least = np.diff(time) / (stops - starts).min() * _LEAST_CELLS
     gone = np.concatenate([[0.0], np.cumsum(np.maximum(steps, least))])
     edges = np.interp(np.linspace(0, gone[-1], math.ceil(gone[-1]) + 1), gone, time)
-    total = torch.zeros_like(light)
-    for first, last in pairwise(edges.tolist()):
-        held = np.clip(np.minimum(last, stops) - np.maximum(first, starts), 0, None) / (stops - starts)
-        (rows,) = np.nonzero(held)
-        if not len(rows):
-            continue
-        top, bottom = int(rows[0]), int(rows[-1]) + 1
-        x, y = (float(np.interp((first + last) / 2, time, along)) for along in knots)
-        seen = _displaced(light, x, y, top, bottom, border)
-        weights = torch.from_numpy(held[top:bottom, None]).to(light)
-        total = total + torch.nn.functional.pad(seen * weights, (0, 0, top, light.shape[-2] - bottom))
-    return total
+    held = np.minimum(edges[1:], stops[:, None]) - np.maximum(edges[:-1], starts[:, None])
+    held = held.clip(0.0) / (stops - starts)[:, None]  # (rows, cells)
+    x, y = (np.interp((edges[1:] + edges[:-1]) / 2, time, along) for along in knots)
 
-
-def _displaced(light: Tensor, x_px: float, y_px: float, top: int, bottom: int, border: Border) -> Tensor:
-    """Rows top to bottom of the picture displaced."""
-    whole = math.floor(-y_px)
-    first, count = whole + 1 - _LOBES, 2 * _LOBES
-    taps = lanczos(-y_px - whole - np.arange(1 - _LOBES, _LOBES + 1))
-    before, after = max(0, -(top + first)), max(0, bottom + first + count - 1 - light.shape[-2])
-    plane = extended(light, (before, 0), (before + light.shape[-2] + after, light.shape[-1]), border)
-    begin = before + top + first
-    rows = sum(
-        plane[..., begin + tap : begin + tap + bottom - top, :] * float(weight)
-        for tap, weight in enumerate(taps / taps.sum())
-    )
-    return shifted_rows(torch.as_tensor(rows), torch.full((bottom - top,), x_px, dtype=torch.float64), border)
+    (height, width), kind = light.shape[-2:], light.dtype
+    first = np.floor(-y).astype(np.int64) + 1 - _LOBES  # of the taps, from a row
+    taps = lanczos(-y[:, None] - first[:, None] - np.arange(2 * _LOBES))
+    taps /= taps.sum(1, keepdims=True)
+    before, after = _ends(first, 2 * _LOBES)
+    margin = _MARGIN_PX + math.ceil(float(np.abs(x).max()))
+    length = fourier.fast_length(width + 2 * margin)
+    plane = extended(light, (before, margin), (before + height + after, length), border)
+    spectra = torch.fft.rfft(torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1))
+    phases = torch.from_numpy(np.exp(-2j * np.pi * np.outer(x, np.fft.rfftfreq(length)))).to(spectra)
+    weights = torch.from_numpy(held).to(device=light.device, dtype=kind)
+    strips, strip = [], max(1, _STRIP // (4 * length))
+    for top in range(0, height, strip):
+        bottom = min(height, top + strip)
+        (cells,) = np.nonzero(held[top:bottom].any(0))
+        total = torch.zeros_like(spectra[..., top:bottom, :])
+        for cell in cells.tolist():
+            begin = before + top + int(first[cell])
+            seen = torch.zeros_like(total)
+            for tap, weight in enumerate(taps[cell].tolist()):
+                seen = seen.add(spectra[..., begin + tap : begin + tap + bottom - top, :], alpha=weight)
+            total = total + seen * phases[cell] * weights[top:bottom, cell, None]
+        strips.append(torch.fft.irfft(total, n=length)[..., margin : margin + width])
+    return torch.cat(strips, -2)

@@ -61,6 +61,10 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     ),
     (blurnoise.RandomExposure, {**LIT, **DIRECTED, "p": 0.5}),
     (blurnoise.ExposedScene, {"light": PICTURES, **SCENE}),
+    (
+        blurnoise.Trajectory,
+        {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0), "reference": "middle"},
+    ),
     (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
     (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
     (blurnoise.defocus, {"image": PICTURES, "radius_px": 1.0, "border": "reflect"}),

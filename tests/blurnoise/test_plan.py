@@ -39,6 +39,7 @@ ORDER = [
     "diffraction",
     "measured MTF",
     "motion",
+    "rolling shutter",
     "vignetting",
     "spectral integration",
     "PRNU",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut
     from blurnoise.spectra import Curve
+    from blurnoise.trajectory import Trajectory
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.scoring.on_picture import Model
@@ -162,6 +163,45 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
     lamp = Pwm(*numbers)
     lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
     return Flicker(lamp, None if mask_path is None else mask(mask_path, light))
+
+
+def trajectory(
+    text: str | None, camera: Camera, light: Tensor, exposure_s: float, seed: int
+) -> Trajectory | None:
+    """A CSV file's, "shake:PX" of a seed, or "sine:PX,HZ" and if wished its direction, for a whole readout."""
+    from blurnoise import Trajectory, camera_shake
+
+    if text is None:
+        return None
+    kind, colon, numbers = text.partition(":")
+    if not colon or kind not in ("shake", "sine"):
+        scale = camera.field.per_sensor_px((light.shape[-2], light.shape[-1]))
+        return camera_shake.from_csv(text, focal_px=camera.field.focal_px[0] * scale)
+    span_s = exposure_s + 2 * camera.row_time_s * max(camera.height_px, camera.width_px)
+    try:
+        values = [float(part) for part in numbers.split(",")]
+    except ValueError:
+        values = []
+    if kind == "shake" and len(values) == 1:
+        return camera_shake.shake(seed, values[0], exposure_s, duration_s=span_s)
+    if kind == "sine" and len(values) in (2, 3):
+        direction_deg = values[2] if len(values) == 3 else 0.0
+        return Trajectory.sinusoid(values[0], values[1], span_s, direction_deg=direction_deg)
+    raise ValueError(
+        f"trajectory = {text!r}: must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
+    )
+
+
+def rolling(line_time_us: float | None, camera: Camera) -> Camera:
+    """The camera with another line time, 0 for a global shutter; as it is where none is given."""
+    from dataclasses import replace
+
+    if line_time_us is None:
+        return camera
+    shutter: Literal["global", "rolling", "global-reset"] = (
+        "rolling" if camera.shutter == "global" else camera.shutter
+    )
+    return replace(camera, row_time_s=line_time_us / 1e6, shutter=shutter if line_time_us else "global")
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

@@ -39,6 +39,19 @@ def simulate(
     lux: Annotated[float, Option(metavar="LUX", help="light on the scene, lux")] = 100.0,
     dx: Annotated[float, Option(metavar="PX_S", help="motion to the right, px/s")] = 0.0,
     dy: Annotated[float, Option(metavar="PX_S", help="motion down, px/s")] = 0.0,
+    trajectory: Annotated[
+        str | None,
+        Option(
+            metavar="FILE.csv|shake:PX|sine:PX,HZ",
+            help="a path beside that: places or rates of rotation over time, a shake of --seed, a vibration[,DEG]",
+        ),
+    ] = None,
+    line_time_us: Annotated[
+        float | None,
+        Option(
+            metavar="US", help="rolling shutter: from row to row (default: the camera's); 0: a global shutter"
+        ),
+    ] = None,
     temperature_c: Annotated[float, Option(metavar="C", help="of the sensor, degC")] = 25.0,
     gain_db: Annotated[
         float,
@@ -130,6 +143,7 @@ def simulate(
 
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
+      blurnoise simulate photo.jpg -o seen.png --trajectory shake:12 --line-time-us 20
       blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 20 --object 300,120,64,64 --object-dx 1500
       blurnoise simulate street.png -o seen.png --hdr 16 --emitters lamps.png:40 --pwm 90,0.1 --pwm-mask lamps.png
@@ -137,7 +151,7 @@ def simulate(
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
     """
-    taker = given.camera(camera, f_number, cfa)
+    taker = given.rolling(line_time_us, given.camera(camera, f_number, cfa))
     from dataclasses import asdict
 
     import torch
@@ -176,6 +190,7 @@ def simulate(
         gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
     taker, digital_db = taker.at_gain(gain_db)
     captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
+    moves = given.trajectory(trajectory, taker, scene, exposure_s, seed)
     frames = captured(
         moving.background if moving else scene,
         taker,
@@ -183,6 +198,7 @@ def simulate(
         exposure_s=exposure_s,
         illuminance_lux=lux,
         velocity_px_s=(dx, dy),
+        trajectory=moves,
         temperature_c=temperature_c,
         generator=[seed],
         flicker=lamp,
@@ -212,6 +228,7 @@ def simulate(
         exposure_s=exposure_s,
         illuminance_lux=lux,
         displacement_px=(dx * exposure_s, dy * exposure_s),
+        trajectory=moves,
         temperature_c=temperature_c,
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
@@ -229,6 +246,16 @@ def simulate(
         "full_scale_dn": taker.full_scale_dn,
         "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
     }
+    if moves is not None:
+        left, top, right, bottom = moves.seen(exposure_s, (dx, dy)).box
+        facts |= {"path_width_px": right - left, "path_height_px": bottom - top}
+    if taker.row_time_s:
+        facts["readout_ms"] = (
+            1e3
+            * taker.row_time_s
+            * scene.shape[-2]
+            / taker.field.per_sensor_px((scene.shape[-2], scene.shape[-1]))
+        )
     if taker.cfa != "none":
         facts["cfa"] = taker.cfa
         per_lux_s = filter_electrons(taker, lit_by)

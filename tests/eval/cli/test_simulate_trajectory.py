@@ -1,0 +1,92 @@
+"""``blurnoise simulate``: trajectories and line times."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import write_picture
+from commands import Output, pixels, told
+
+from blurnoise import Camera, Trajectory, simulate
+from blurnoise.camera_shake import from_csv
+
+
+def native(path: Path) -> np.ndarray:
+    return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+
+
+@pytest.mark.parametrize("line_time_us", [0, 20])
+def test_a_vibration(tmp_path: Path, capsys: Output, line_time_us: int) -> None:
+    """The numbers that Python gives, and how far it goes."""
+    source, picture = tmp_path / "scene.png", pixels((31, 44), np.uint8)
+    write_picture(source, picture)
+    out = ("-o", tmp_path / "dn.png", "--bit-depth", "native", "--seed", 5, "--line-time-us", line_time_us)
+    facts = told(capsys, "simulate", source, *out, "--trajectory", "sine:3,80,90")
+    camera = Camera.preset("imx250")
+    if line_time_us:
+        camera = replace(camera, row_time_s=2e-5, shutter="rolling")
+        assert facts["readout_ms"] == pytest.approx(1e3 * 2e-5 * 31 / max(31 / 2056, 44 / 2464))
+    else:
+        assert "readout_ms" not in facts
+    span_s = 0.01 + 2 * camera.row_time_s * 2464
+    path = Trajectory.sinusoid(3.0, 80.0, span_s, direction_deg=90.0)
+    dn = simulate(
+        torch.from_numpy(picture / np.float32(255))[None, None],
+        camera,
+        exposure_s=0.01,
+        illuminance_lux=100.0,
+        trajectory=path,
+        generator=[5],
+    )
+    np.testing.assert_array_equal(native(tmp_path / "dn.png"), dn[0, 0].numpy())
+    assert facts["path_height_px"] == pytest.approx(6.0, abs=0.03)  # 0.8 of a period, its extremes among it
+    assert facts["path_width_px"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
+    source, log = tmp_path / "scene.png", tmp_path / "rates.csv"
+    write_picture(source, pixels((31, 44), np.uint8))
+    log.write_text("time_s,wx_deg_s,wy_deg_s\n7.00,0,400\n7.02,0,400\n", encoding="utf-8")
+    facts = told(capsys, "simulate", source, "-o", tmp_path / "o.png", "--trajectory", log)
+    focal = Camera.preset("imx250").field.focal_px[0] * 44 / 2464
+    assert facts["path_width_px"] == pytest.approx(focal * np.radians(4.0), rel=1e-3)
+    assert from_csv(log, focal_px=focal).x_px[-1] < 0
+    for seed in (1, 2):
+        facts = told(
+            capsys,
+            "simulate",
+            source,
+            "-o",
+            tmp_path / f"{seed}.png",
+            "--trajectory",
+            "shake:9",
+            "--seed",
+            seed,
+        )
+        assert max(facts["path_width_px"], facts["path_height_px"]) == pytest.approx(9.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--trajectory sine:3", "trajectory = 'sine:3': must be FILE.csv, shake:PX or sine:PX,HZ[,DEG]"),
+        ("--trajectory shake:x", "trajectory = 'shake:x'"),
+        ("--trajectory none.csv", "none.csv"),
+        ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
+        ("--line-time-us -3", "row_time_s = -3e-06"),
+    ],
+)
+def test_what_is_no_trajectory(tmp_path: Path, capsys: Output, options: str, words: str) -> None:
+    source = tmp_path / "scene.png"
+    write_picture(source, pixels((9, 12), np.uint8))
+    assert main(["simulate", str(source), "-o", str(tmp_path / "o.png"), *options.split()]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o.png").exists()
