@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import torch
 from torch import Tensor
@@ -45,6 +45,8 @@ from blurnoise._core.windows import Window, continued_in, cut, placed
 
 STEP_PX = 2.0
 """What the fastest moves within one part of an exposure, at most."""
+BoxKind = Literal["object", "half", "swept"]
+BOX_KINDS = ("object", "half", "swept")
 _TAIL_PX = 8  # of a band-limited line beyond its ends, as in blurnoise.fourier
 _ALIKE_PX = 1e-4  # motions that differ by less are one
 _LONGEST_PX = 4096.0  # of a motion that is cut into parts: each of them costs a transform of the whole window
@@ -175,6 +177,32 @@ def seen_behind(layer: Layer, displacement_px: Iterable[float]) -> float:
     moved = real_tensor("displacement_px", displacement_px).detach().double()
     covered = blur.motion_blur(alpha, moved, border="constant").clamp(0, 1)
     return max(0.0, 1 - float((alpha * covered).sum()) / total)
+
+
+def boxes_in_motion(
+    boxes_xyxy: Tensor, displacement_px: Tensor | Iterable[float], kind: BoxKind = "object"
+) -> Tensor:
+    """Boxes (N, 4) of objects that move by (2,) or (N, 2) px: three answers to where they are, as truth.
+
+    "object": where they are at mid-exposure. "swept": all that they pass, half the motion more to either side, whose
+    IoU with the object's is w / (w + L). "half": where they are for half of the exposure or more, which is the object's
+    own box up to a motion of twice its size along either axis, and nowhere beyond: NaN. Raises ``ValueError``.
+    """
+    one_of("kind", kind, BOX_KINDS)
+    if boxes_xyxy.ndim != 2 or boxes_xyxy.shape[1] != 4:
+        raise ValueError(f"boxes_xyxy: shape must be (N, 4), got {tuple(boxes_xyxy.shape)}")
+    moved = real_tensor("displacement_px", displacement_px).to(boxes_xyxy)
+    if moved.shape not in {(2,), tuple(boxes_xyxy[:, :2].shape)}:
+        raise ValueError(
+            f"displacement_px: shape must be (2,) or ({len(boxes_xyxy)}, 2), got {tuple(moved.shape)}"
+        )
+    if kind == "object":
+        return boxes_xyxy
+    passed = moved.abs().expand(len(boxes_xyxy), 2)
+    if kind == "swept":
+        return boxes_xyxy + torch.cat([-passed / 2, passed / 2], 1)
+    there = (passed <= 2 * (boxes_xyxy[:, 2:] - boxes_xyxy[:, :2])).all(1, keepdim=True)
+    return torch.where(there, boxes_xyxy, torch.nan)
 
 
 def exposed(
