@@ -9,7 +9,7 @@ from pycocotools import mask as coco_masks
 
 from blurnoise import mattes
 from blurnoise.encoding import linear_from_srgb
-from blurnoise.layers import at_rest
+from blurnoise.layered import at_rest
 
 SIZE = (61, 84)
 

@@ -13,7 +13,7 @@ from commands import Output, told
 
 WIDTH, HEIGHT = 120, 80
 WHERE = "50,30,20,16"
-TAKEN = ("--exposure-ms", 10, "--lux", 1000, "--seed", 3)
+TAKEN = ("--exposure-ms", 10, "--lux", 250, "--seed", 3)
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from blurnoise import Layer, expose_layers, motion_blur
 from blurnoise.encoding import linear_from_srgb
-from blurnoise.layers import at_rest, boxes_in_motion, seen_behind
+from blurnoise.layered import at_rest
+from blurnoise.layers import boxes_in_motion, seen_behind
 
 Motion = tuple[float, float]
 STILL = (0.0, 0.0)
