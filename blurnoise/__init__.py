@@ -11,7 +11,8 @@ from blurnoise.blur import defocus, motion_blur
 from blurnoise.camera import Camera
 from blurnoise.error_budget import plan
 from blurnoise.exposure import ExposedScene, Exposure
-from blurnoise.layers import Layer, expose_layers
+from blurnoise.layered import expose_layers
+from blurnoise.layers import Layer
 from blurnoise.motion import blur_pixels, velocity_px_s
 from blurnoise.picture.develop import develop
 from blurnoise.radiometry import photoelectrons

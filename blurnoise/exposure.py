@@ -118,7 +118,7 @@ class Frame(NamedTuple):
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
-    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.layers`).
+    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.layered`).
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """

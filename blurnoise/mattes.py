@@ -2,7 +2,7 @@
 
 Domain: a matte is (H, W) float32 within [0, 1], the share of each pixel that the object covers. Coordinates in px
 from the corner of the first pixel, x right, y down, as in COCO's annotations. What is behind an object in a
-photograph nobody knows: it is invented from around it (Telea 2004), and ``invented`` says where.
+photograph nobody knows: it is invented from around it (Bertalmío et al. 2001), and ``invented`` says where.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SHIFT = 6  # binary places of a polygon's corners in it
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 _AROUND_PX = 24  # what is looked at around a hole
-_TELEA_PX = 5.0
+_NEAR_PX = 5.0
 _LARGEST_PX = 1e6
 
 
@@ -221,6 +221,8 @@ def _filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     for plane in out[0]:
         part = plane[box]
         seen = np.ascontiguousarray(part.detach().cpu().numpy(), np.float32)
-        found = cv2.inpaint(seen, missing, _TELEA_PX, cv2.INPAINT_TELEA)
+        found = cv2.inpaint(
+            seen, missing, _NEAR_PX, cv2.INPAINT_NS
+        )  # of floats, OpenCV 5.0's Telea goes wild
         part[torch.from_numpy(missing > 0).to(light.device)] = torch.from_numpy(found[missing > 0]).to(light)
     return out

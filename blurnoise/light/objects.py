@@ -15,9 +15,9 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from blurnoise import layers
+from blurnoise import layered
 from blurnoise._core.borders import Border
-from blurnoise.layers import Layer, Passing
+from blurnoise.layers import Layer, Passing, on_canvas
 from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.translation import translated
@@ -25,7 +25,7 @@ from blurnoise.operating_point import OperatingPoint, items
 
 
 class Objects(LightEffect):
-    """Layers by :mod:`blurnoise.layers`. Where there are some it stays, as they are part of the picture."""
+    """Layers by :mod:`blurnoise.layered`. Where there are some it stays, as they are part of the picture."""
 
     name = "objects"
     essential = True
@@ -55,7 +55,7 @@ class Objects(LightEffect):
             if at.camera.lens.displaces:
                 own = tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
             picture = light[place : place + 1]
-            seen.append(layers.exposed(picture, own, at.exposure_s[place], moved[place], border))
+            seen.append(layered.exposed(picture, own, at.exposure_s[place], moved[place], border))
         return seen[0] if len(seen) == 1 else torch.cat(seen)
 
     def how(self, at: OperatingPoint[float]) -> str:
@@ -65,7 +65,7 @@ class Objects(LightEffect):
             return "none here"
         longest = max(math.hypot(*each.displacement_px) for each in found)
         apart = any(any(each.displacement_px) for each in found) and any(at.displacement_px)
-        way = f"parts of {layers.STEP_PX:g} px" if apart or len(found) > 1 else "matte formula"
+        way = f"parts of {layered.STEP_PX:g} px" if apart or len(found) > 1 else "matte formula"
         return f"{len(found)} in layers, up to {longest:.3g} px: {way}, in their windows"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
@@ -93,7 +93,7 @@ _FAINT = 1e-3  # share of a pixel below which there is no colour
 def _distorted(layer: Layer, like: Tensor, at: OperatingPoint[Tensor], border: Border) -> Layer:
     """The layer as the lens shows it, in a window as large as the picture."""
     height, width = like.shape[-2:]
-    plane = layers.on_canvas(layer, (height, width), like)
+    plane = on_canvas(layer, (height, width), like)
     seen = DISTORTION.apply(plane, at, border)[0]
     light, alpha = _coloured(seen)
     return replace(layer, light=light, alpha=alpha, place_px=(0, 0))

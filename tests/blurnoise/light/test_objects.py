@@ -8,11 +8,10 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, Layer, expose_layers, plan, simulate
-from blurnoise.camera import Lens
 from blurnoise.capture import staggered
-from blurnoise.distortion import Distortion
 from blurnoise.hdr import captured
 from blurnoise.layers import passing
+from blurnoise.lens import Distortion, Lens
 from blurnoise.light.effects import through
 from blurnoise.light.objects import OBJECTS, displaced
 from blurnoise.operating_point import OperatingPoint
@@ -63,14 +62,13 @@ def test_a_lens_blurs_what_the_motions_make() -> None:
 
 def test_distortion_comes_first() -> None:
     """At rest, the distorted composite; in motion, layers move in the px of the picture."""
-    field = replace(CAMERA, lens=Lens(distortion=Distortion("brown", (-0.15,)), focal_px=1500.0))
-    still = replace(SQUARE, velocity_px_s=(0.0, 0.0))
-    sharp = expose_layers(BACKGROUND, [still], exposure_s=0.01)
-    found, expected = (mean_frame(*each, camera=field) for each in ((BACKGROUND, [still]), (sharp, ())))
-    assert float((expected - mean_frame(sharp)).abs().max()) > 100  # it distorts
-    inside = (..., slice(25, 32), slice(35, 45))
-    torch.testing.assert_close(found[inside], expected[inside], rtol=0, atol=20.0)
-    assert float((found - expected).abs().mean()) < 2.0
+    barrel = Lens(distortion=Distortion("opencv", (-0.2, 0.02, 0.001, -0.0005)))
+    field = replace(CAMERA, width_px=2 * SIZE[1], height_px=2 * SIZE[0], hfov_deg=70.0, lens=barrel)
+    even, still = torch.full_like(BACKGROUND, 0.3), replace(SQUARE, velocity_px_s=(0.0, 0.0), place_px=(5, 6))
+    sharp = expose_layers(even, [still], exposure_s=0.01)
+    found, expected = (mean_frame(*each, camera=field) for each in ((even, [still]), (sharp, ())))
+    undistorted = mean_frame(sharp)
+    assert float((found - expected).abs().mean()) < 0.1 * float((undistorted - expected).abs().mean())
 
 
 def test_plans_keep_objects_and_bound_them() -> None:
@@ -159,6 +157,6 @@ def test_layers_are_displaced_by_any_distance(shift: tuple[float, float]) -> Non
     across = torch.arange(moved.alpha.shape[1], dtype=torch.float32)
     total = moved.alpha.sum()
     middle = ((moved.alpha.sum(0) * across).sum() / total, (moved.alpha.sum(1) * down).sum() / total)
-    assert float(middle[0]) + moved.place_px[0] == pytest.approx(39.5 + shift[0], abs=0.05)
-    assert float(middle[1]) + moved.place_px[1] == pytest.approx(27.5 + shift[1], abs=0.05)
+    assert float(middle[0]) + moved.place_px[0] == pytest.approx(39.5 + shift[0], abs=0.1)
+    assert float(middle[1]) + moved.place_px[1] == pytest.approx(27.5 + shift[1], abs=0.1)
     assert displaced(SQUARE, torch.zeros(2)) is SQUARE
