@@ -102,7 +102,7 @@ def exposed(
     blurred = blur.motion_blur(ground, moved_px[None], border=border)
     if not laid:
         return blurred
-    asked = any(each.requires_grad for each in (blurred, exposure_s, *(one.layer for one in laid)))
+    asked = blurred.requires_grad or exposure_s.requires_grad or any(one.layer.requires_grad for one in laid)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
     for window, group in _groups(laid):
         apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
