@@ -182,7 +182,7 @@ def _differentiable(picture: Tensor, by: Tensor, border: Border) -> Tensor:
 def _between(plane: Tensor, taps: Tensor) -> Tensor:
     """Lines (C, H, W) with their margin as (C, H, 2 (W - margins)), a value between each two."""
     lines = plane[..., 1:].flatten(0, 1)[:, None]
-    between = functional.conv1d(lines, taps[None, None])[:, 0].unflatten(0, plane.shape[:2])
+    between = functional.conv1d(lines, taps[None, None]).reshape(*plane.shape[:2], -1)
     return torch.stack([plane[..., _MARGIN:-_MARGIN], between], -1).flatten(-2)
 
 
