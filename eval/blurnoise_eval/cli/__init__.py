@@ -39,7 +39,7 @@ from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say,
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
     (decide.decide, "the same answers from a fraction of the conditions, by a search"),
-    (program.program, "a finished run -> exposure and gain for every light, as cameras hold them"),
+    (program.program, "a finished run -> exposure and gain for every light"),
     (maps.maps, "which image-quality metric tells how a run's detectors do"),
     (report.report, "write a run's figures, tables and page again"),
     (detections.detections, "write what a run's models found as COCO results files"),
