@@ -66,7 +66,7 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     return out
 
 
-def flows(name: str, value: Tensor, image: Tensor) -> Tensor:
+def flows(name: str, value: object, image: Tensor) -> Tensor:
     """Vectors for each pixel of ``image`` (B, C, H, W), as (B, 2, H, W) in its dtype and on its device.
 
     value: (2, H, W) or (B, 2, H, W). Raises ``TypeError`` or ``ValueError`` naming it.
@@ -182,7 +182,7 @@ def _differentiable(picture: Tensor, by: Tensor, border: Border) -> Tensor:
 def _between(plane: Tensor, taps: Tensor) -> Tensor:
     """Lines (C, H, W) with their margin as (C, H, 2 (W - margins)), a value between each two."""
     lines = plane[..., 1:].flatten(0, 1)[:, None]
-    between = functional.conv1d(lines, taps[None, None]).reshape(*plane.shape[:2], -1)
+    between = functional.conv1d(lines, taps[None, None])[:, 0].reshape(*plane.shape[:2], -1)
     return torch.stack([plane[..., _MARGIN:-_MARGIN], between], -1).flatten(-2)
 
 

@@ -67,8 +67,11 @@ class Layer:
                 f"layer: velocity_px_s = {shown(velocity)}: must be two numbers (x, y) of at most {most:g}"
             )
         object.__setattr__(self, "velocity_px_s", velocity)
-        left, top = self.place_px
-        for along in (left, top):
+        if not isinstance(self.place_px, (tuple, list)) or len(self.place_px) != 2:
+            raise ValueError(
+                f"layer: place_px = {shown(self.place_px)}: must be two whole numbers (left, top)"
+            )
+        for along in self.place_px:
             integer("layer: place_px", along, -_PLACE_PX, _PLACE_PX)
 
     def displacement_px(self, exposure_s: Tensor) -> Tensor:
@@ -90,12 +93,13 @@ Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
 
 def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
     """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
+    must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
+    if not isinstance(layers, (tuple, list)):
+        raise TypeError(must)
     given = list(layers)
     if any(not isinstance(each, Layer) for each in given):
-        if len(given) != len(background) or any(isinstance(each, Layer) for each in given):
-            raise ValueError(
-                f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
-            )
+        if len(given) != len(background) or not all(isinstance(each, (tuple, list)) for each in given):
+            raise ValueError(must)
         found = tuple(tuple(cast(Sequence[Layer], each)) for each in given)
     else:
         found = (tuple(cast(list[Layer], given)),) * len(background)

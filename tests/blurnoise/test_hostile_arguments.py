@@ -51,8 +51,20 @@ FIGURES = {
     if name not in ("sources", "quantum_efficiency", "lens")
 }
 
+LAYER = {
+    "light": torch.full((3, 9, 7), 0.4),
+    "alpha": torch.ones(9, 7),
+    "velocity_px_s": (80.0, 0.0),
+    "place_px": (5, 6),
+}
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (blurnoise.Layer, LAYER),
+    (
+        blurnoise.expose_layers,
+        {"background": PICTURES, "layers": [blurnoise.Layer(**LAYER)], "exposure_s": 0.05, "velocity_px_s": (0.0, 9.0),
+         "border": "reflect", "step_px": 2.0},
+    ),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
     (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),
     (
