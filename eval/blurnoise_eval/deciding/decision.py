@@ -110,6 +110,7 @@ class Decision(Evaluation):
             data.manifest["warnings"] += self.how()
             return data
         data.manifest["searched"] = [*self.how(), _PREDICTED]
+        data.manifest["taken"] = [row for row in data.scores if not row["clean"]]
         ends = ("", "_low", "_high")
         unknown = dict.fromkeys(f"{name}{end}" for name in _OF_GRID for end in ends)
         return replace(data, models=[{**model, **unknown} for model in data.models])

@@ -56,6 +56,15 @@ class RunData:
         return words
 
     @property
+    def taken(self) -> Sequence[dict[str, Any]]:
+        """How pictures were taken: a row per condition, with the gain that was applied. Of a search the conditions
+        that it asked for, which are no scores to show."""
+        rows: Sequence[dict[str, Any]] = self.manifest.get("taken") or [
+            row for row in self.scores if not row["clean"]
+        ]
+        return rows
+
+    @property
     def found_from(self) -> float:
         """The confidence from which a target in an example counts as found: that asked for, where such a one is."""
         asked = not self.criterion.kept and self.criterion.score == CONFIDENCE

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.grid.axes import GAIN, speed_px_s
+from blurnoise_eval.grid.axes import GAIN, LIGHT, speed_px_s
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import finite
 from blurnoise_eval.report.settings import Setting
@@ -133,18 +133,28 @@ def values_at(answers: Sequence[Answer], exposure_s: float) -> list[float]:
     return [value for value in found if value is not None]
 
 
+_SPARE = 2**0.5  # beyond the conditions that a search asks for, half a stop apart
+
+
 def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
     """The gain that was applied in a setting at an exposure, mean over pictures, dB.
 
-    Between tested exposures it is straight over their logarithm; None where it is not known, or beyond them.
+    Between tested exposures it is straight over their logarithm; None where it is not known, or beyond them. A search
+    takes few pictures in each light; its gains follow from light times exposure, whatever the light.
     """
+    place = data.settings.axes.index(LIGHT)
+    rest = setting[:place] + setting[place + 1 :]
     known: dict[float, float] = {}
-    for row in data.scores:
-        gain = None if row["clean"] else finite(row.get("applied_gain_db"))
-        if gain is not None and data.settings.of(row) == setting:
+    for row in data.taken:
+        of = data.settings.of(row)
+        gain = finite(row.get("applied_gain_db"))
+        if gain is not None and data.searched and of[:place] + of[place + 1 :] == rest:
+            known[row["exposure_s"] * of[place] / setting[place]] = gain
+        elif gain is not None and of == setting:
             known[row["exposure_s"]] = gain
     tested = sorted(known)
-    if not tested or not tested[0] <= exposure_s <= tested[-1]:
+    spare = _SPARE if data.searched else 1.0
+    if not tested or not tested[0] / spare <= exposure_s <= tested[-1] * spare:
         return None
     return float(np.interp(np.log(exposure_s), np.log(tested), [known[each] for each in tested]))
 

@@ -44,7 +44,9 @@ def questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
     yield "Which exposure?", _per_setting(data, {each: EXPOSURE.text(at) for each, at in best.items()}, every)
     gains = {each: gain for each, at in best.items() if (gain := gain_at(data, each, at)) is not None}
     if gains:
-        told = _per_setting(data, {each: gain_text(gain) for each, gain in gains.items()}, every)
+        told = _per_setting(
+            data, {each: gain_text(gain) for each, gain in gains.items()}, every and len(gains) == len(best)
+        )
         if GAIN in data.settings.axes:
             told += f" (the best of {len(data.settings.values(GAIN))} tested)"
         elif (GAIN, AUTOMATIC) in data.settings.held:

@@ -271,6 +271,23 @@ def test_the_gain_is_that_applied_and_none_beyond_what_was_tested(tmp_path: Path
     assert _questions(data)["Which gain?"] == "6 dB at 10 lux, 12 dB at 200 lux"
 
 
+def test_gains_of_a_search_follow_light_times_exposure(tmp_path: Path) -> None:
+    """Of conditions in other lights: 10 lux for 1 ms are 200 lux for 50 us; to half a stop beyond them."""
+    data = made_run(tmp_path, n_examples=0)
+    at = {**next(row for row in data.scores if not row["clean"]), "applied_gain_db": None}
+    data.manifest["searched"] = ["by a search"]
+    data.manifest["taken"] = [
+        {**at, "illuminance_lux": 10.0, "exposure_s": 0.001, "applied_gain_db": 30.0},
+        {**at, "illuminance_lux": 40.0, "exposure_s": 0.001, "applied_gain_db": 18.0},
+    ]
+    lit = {row["illuminance_lux"] for row in data.answers}
+    (lux, *_) = sorted(lit)
+    assert gain_at(data, (lux,), 0.01 / lux) == pytest.approx(30.0)
+    assert gain_at(data, (lux,), 0.02 / lux) == pytest.approx(24.0)
+    assert gain_at(data, (lux,), 0.04 * 1.4 / lux) == pytest.approx(18.0)
+    assert gain_at(data, (lux,), 0.04 * 1.5 / lux) is None
+
+
 def test_where_each_light_has_its_own_exposure_none_is_proposed_for_all(tmp_path: Path) -> None:
     """As where the camera sets it: what is tested under one light is not under another."""
     data = made_run(tmp_path, {"sign": 0.95}, exposures_s=(0.016,), lights_lux=(200.0,), n_examples=0)

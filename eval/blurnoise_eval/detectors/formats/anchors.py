@@ -33,7 +33,7 @@ def describe(signature: Signature) -> Layout | None:
 
 def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
     """Not without a head: :class:`WithAnchors` decodes."""
-    raise NotImplementedError("anchors: only with a contract's head")
+    raise ValueError("head: must be stated in the contract of family anchors")
 
 
 @dataclass(eq=False)  # a Family's fields are no read-only ones
