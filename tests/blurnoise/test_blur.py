@@ -242,6 +242,7 @@ def test_ringing_is_bounded_and_never_reaches_the_counts(length: float, angle_de
     assert float(frame.min()) >= 0
 
 
+@pytest.mark.slow
 def test_gradients_reach_picture_and_motion() -> None:
     image = noise(1, 1, 9, 11).requires_grad_()
     motion = torch.tensor([2.3, -1.1], dtype=torch.float64, requires_grad=True)

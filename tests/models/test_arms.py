@@ -59,6 +59,7 @@ def test_file_of_no_training_is_refused(tmp_path: Path) -> None:
         recipe.is_ready()
 
 
+@pytest.mark.slow
 def test_trainings_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arms, "_train", stand_in)
     wanted = recipes(tmp_path / "models", seeds=1, scenes=5, pictures=640)
@@ -68,6 +69,7 @@ def test_trainings_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert sum(seen) == 2 * 640
 
 
+@pytest.mark.slow
 def test_death_of_a_training_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(arms, "_train", stand_in)
     wanted = recipes(tmp_path / "models", seeds=2, scenes=5, pictures=640)

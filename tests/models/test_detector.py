@@ -75,6 +75,7 @@ def test_states_its_contract_and_how_it_was_trained() -> None:
     assert detector().input_size_px == (320, 320)
 
 
+@pytest.mark.slow
 def test_finds_the_signs_of_scenes_it_has_not_seen() -> None:
     scenes = [scene(HELD_OUT_SEED, index) for index in range(240)]
     answers = [detector().detect(each.picture) for each in scenes]
@@ -95,6 +96,7 @@ def test_finds_every_sign_of_the_default_sweep() -> None:
         assert found(answer) == len(boxes)
 
 
+@pytest.mark.slow
 def test_a_longer_blur_takes_larger_signs() -> None:
     """Signs of 100, 50 and 32 px fail in the order of their sizes, and do not come back."""
     blurs = [0, 2, 4, 6, 8, 11, 15, 20, 27, 31, 36, 41, 48, 52, 56, 60, 64, 69, 74, 79, 85]

@@ -16,6 +16,8 @@ from blurnoise_models.export import write_onnx
 from blurnoise_models.network import Decoded, SignNet
 from blurnoise_models.training import ARMS, Pool, Step, augmentation, batch, train
 
+pytestmark = pytest.mark.slow  # networks are trained
+
 SIZE_PX = 96
 
 

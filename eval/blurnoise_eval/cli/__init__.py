@@ -85,7 +85,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(*[_told(error)] if words else error.format_message().splitlines(), error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        say(f"blurnoise: error: {shortened(str(error))}", error=True)
+        told = str(error)
+        if isinstance(error, OSError) and error.strerror and error.filename is not None:
+            told = f"{error.filename}: {error.strerror}"
+        say(f"blurnoise: error: {shortened(told)}", error=True)
         return 2
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):

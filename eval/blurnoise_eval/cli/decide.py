@@ -20,7 +20,7 @@ from blurnoise_eval.cli._options import (
     or_auto,
     spread,
 )
-from blurnoise_eval.cli.console import print_assumptions
+from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 from blurnoise_eval.cli.sweep import sweep
 
@@ -122,7 +122,7 @@ def decide(
     workers = given.threads(threads)
     models, pictures = given.subject(**shared)
     for each in models if shared["model"] or shared["ocr"] else ():
-        print_assumptions(each.contract, each.path)
+        print_assumed(each.contract, each.path)
     done = decided(
         models,
         pictures,

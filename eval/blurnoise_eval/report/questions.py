@@ -157,13 +157,14 @@ def _more(untold: Sequence[Answer]) -> str:
     )
     if not more:
         return f"of the rest: {needed_text(untold[0])}" if len(untold) > 1 else needed_text(untold[0])
-    steps = [f"~{more[0]} more pictures would tell" + (" one more" if len(untold) > 1 else "")]
+    pictures = "picture" if more[0] == 1 else "pictures"
+    steps = [f"~{more[0]} more {pictures} would tell" + (" one more" if len(untold) > 1 else "")]
     if len(more) > 1 and more[-1] > more[0]:
         half = more[(len(more) - 1) // 2]
         steps += [f"~{half} half of the rest"] if more[0] < half < more[-1] else []
         steps += [f"~{more[-1]} all"]
     elif len(more) > 1:
-        steps = [f"~{more[0]} more pictures would tell all"]
+        steps = [f"~{more[0]} more {pictures} would tell all"]
     beyond = len(untold) - len(more)
     return ", ".join(steps) + (f" but {beyond}" if beyond else "")
 

@@ -59,6 +59,7 @@ def test_capacity_has_no_bias_and_its_intervals_hold(length_px: float, cnr: floa
         assert np.mean(plain) > 1.15 * truth
 
 
+@pytest.mark.slow
 def test_two_dimensional_numbers_are_the_closed_forms() -> None:
     """Motion across x alone: the y edge sees a pixel. 24 pairs, so means are known to a fifth of the scatter."""
     cnr, still = 30.0, {"sigma_px": 0.3}

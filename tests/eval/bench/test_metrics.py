@@ -221,6 +221,7 @@ def test_chart_shows_every_error(bench: Bench) -> None:
     assert set(METHODS) < set(entries)
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(metrics, "QUICK", TINY)
     command = ["bench", "metrics", "--quick", "--threads", "1", "-o", str(tmp_path)]

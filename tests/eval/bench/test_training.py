@@ -302,6 +302,7 @@ def drawn_signs(folder: Path, seed: int, count: int) -> Path:
     return folder / "instances.json"
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
     import blurnoise_models.scenes
     import blurnoise_models.training

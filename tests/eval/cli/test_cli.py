@@ -127,6 +127,7 @@ def test_bad_lists(text: str) -> None:
         numbers(text)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_photographs_says_what_light_means(
     tmp_path: Path, capsys: Output, model: Path, pictures: Path
 ) -> None:

@@ -84,6 +84,7 @@ def test_a_camera_tells_its_sources_as_they_stand(camera: Path, capsys: Output, 
     assert plot.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_quality_and_gallery_draw_a_camera_by_its_name(camera: Path, pictures: Path, capsys: Output) -> None:
     folder = camera.parent
     drawn = [str(pictures / "a.png"), "-o", str(folder / "g.png"), "--count", "2", "--size", "64"]

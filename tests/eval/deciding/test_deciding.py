@@ -150,6 +150,7 @@ def test_killed_it_goes_on_to_the_same_rows(done: Decision, tmp_path: Path) -> N
     assert held(tmp_path / "run") == held(done.folder)
 
 
+@pytest.mark.slow
 def test_a_wider_question_begins_with_what_there_is(
     done: Decision, detector: Detector, tmp_path: Path
 ) -> None:

@@ -124,6 +124,7 @@ def test_a_wider_question_starts_from_the_nodes_there_are() -> None:
     assert wider.precise
 
 
+@pytest.mark.slow
 def test_a_notch_is_answered_by_the_lattice() -> None:
     found = search()
     made.searched(found, made.notched)
@@ -132,6 +133,7 @@ def test_a_notch_is_answered_by_the_lattice() -> None:
     assert len(found.nodes) == len(found.lattice)
 
 
+@pytest.mark.slow
 def test_what_surprises_twice_is_not_smooth() -> None:
     """Held-out nodes that lie off what nodes said: it searches on, here until pictures that differ by 0.5 are the
     larger doubt. If they do again, however rough the surface looks by then, it asks for the whole lattice."""

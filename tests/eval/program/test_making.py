@@ -107,6 +107,7 @@ def test_the_worst_is_better_served_by_its_own_program(program: Program, objecti
     assert careful.course.value < program.course.value
 
 
+@pytest.mark.slow
 def test_few_stages_are_enough_and_more_are_no_worse() -> None:
     response = made_response()
     values = []

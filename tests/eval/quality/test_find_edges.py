@@ -46,6 +46,7 @@ def blurred(name: str) -> tuple[Tensor, list[tuple[int, int, int, int]]]:
     return image, found(image).rois
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BLURS)
 def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name: str) -> None:
     """Four sides of four squares: their angles to 0.2°, MTF50 to 0.4 %, with noise to four standard errors."""

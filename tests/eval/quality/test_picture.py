@@ -100,6 +100,7 @@ def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
     assert (said["unit"], said["mode"]) == ("DN", "exact")
 
 
+@pytest.mark.slow
 def test_both_directions_make_the_square(tmp_path: Path, capsys: Output) -> None:
     """Of a simulated chart moved to the right: each vertical edge goes with a horizontal one, and the other way."""
     camera = Camera.preset("imx250")
@@ -225,6 +226,7 @@ def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
     assert iso["regions"][0]["mtf50"] == pytest.approx(exact["regions"][0]["mtf50"], rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PHOTOS, reason="no photographs here")
 @pytest.mark.parametrize("path", PHOTOS[2:5], ids=lambda path: path.stem)
 def test_photographs_give_flags_or_numbers(path: Path, capsys: Output) -> None:

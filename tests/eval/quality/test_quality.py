@@ -289,6 +289,7 @@ def test_colour_cameras_are_measured_behind_one_filter() -> None:
     assert repr(found) == repr(expected)  # NaN, where one chart has no interval, equals no NaN
 
 
+@pytest.mark.slow
 def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
     rows = [
         Row(at.on(CAMERA), metric.name, Estimate(1.0, 0.5, 2.0), 1, 1)
@@ -396,6 +397,7 @@ def test_noise_and_blur_have_a_shade_of_their_own() -> None:
     assert [list(x) for x in hollow] == [[1.0]]
 
 
+@pytest.mark.slow
 def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
     few = ["--exposure-ms", "4,16", "--lux", "50", "--dx", "0,500", "--repeats", "1", "--threads", "1"]
     assert main(["quality", "-o", str(tmp_path / "q"), *few, "--json"]) == 0

@@ -143,6 +143,7 @@ def test_three_models_side_by_side(tmp_path: Path, page_only: None) -> None:
         assert look["tap"] >= (40 if width < 640 else 28)
 
 
+@pytest.mark.slow
 def test_one_reader_and_two_directions(tmp_path: Path, page_only: None) -> None:
     data = made_run(tmp_path, kind="reader", speeds=(-600.0, 0.0, 600.0), n_examples=1)
     for look in looked_at(write_report(data, tmp_path), tmp_path / "profile").values():
@@ -152,6 +153,7 @@ def test_one_reader_and_two_directions(tmp_path: Path, page_only: None) -> None:
         assert start["tiles"] == 2 * 4  # the two directions of one speed share a tile
 
 
+@pytest.mark.slow
 def test_below_eight_pictures_no_tile_reads_as_certain(tmp_path: Path, page_only: None) -> None:
     data = made_run(tmp_path, n_examples=1, interval=False)
     for look in looked_at(write_report(data, tmp_path), tmp_path / "profile").values():

@@ -27,6 +27,7 @@ def test_names(changes: dict[str, Any], name: str) -> None:
     assert condition_name({**AT, **changes}, IMX250) == name
 
 
+@pytest.mark.slow
 def test_command_sweeps_further_axes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = [
         "sweep",

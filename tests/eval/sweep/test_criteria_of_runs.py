@@ -78,6 +78,7 @@ def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run: Path) -
     assert groups == {"a stop sign", "a grey wall"}  # an absolute threshold can be asked of any
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "text", "groups"),
     [

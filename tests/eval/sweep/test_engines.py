@@ -105,6 +105,7 @@ def test_rows_depend_neither_on_threads_nor_on_order(
     assert not expected
 
 
+@pytest.mark.slow
 def test_processes_give_what_threads_give(detector: Detector, pictures: PictureSet, tmp_path: Path) -> None:
     """Rows, pictures, what could not be read, and how many values were not finite, for a reader that gives NaN."""
     rows = np.full((1, 3, 5), 0.2, np.float32)

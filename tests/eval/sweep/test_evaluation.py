@@ -59,6 +59,7 @@ def timeless(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return [{k: v for k, v in row.items() if not k.endswith("_ms") and "latency" not in k} for row in rows]
 
 
+@pytest.mark.slow
 def test_python_and_the_command_find_the_same(
     done: Evaluation, model: Path, pictures: PictureSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -219,6 +219,7 @@ def test_a_run_among_the_pictures_goes_on(
         assert json.loads(capsys.readouterr().out)["resumed"] == 2 * PER_PICTURE
 
 
+@pytest.mark.slow
 def test_a_run_in_the_folder_of_its_pictures_goes_on(model: Path, tmp_path: Path, capsys: Output) -> None:
     photos(tmp_path, "a.png")
     command = ["sweep", "--model", str(model), "--images", str(tmp_path), *OPTIONS, "-o", str(tmp_path)]
