@@ -15,6 +15,7 @@ from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
 from blurnoise_eval.grid import conditions
 from blurnoise_eval.grid.axes import AXES, axis
+from blurnoise_eval.sweep import evaluation
 from typer import Option, Typer
 from typer.main import get_command
 
@@ -38,6 +39,7 @@ def grid(monkeypatch: pytest.MonkeyPatch, command: str, *options: str) -> dict[s
     monkeypatch.setattr(given, "models", lambda *_, **__: [])
     monkeypatch.setattr(given, "read", lambda models: False)
     monkeypatch.setattr(given, "pictures", lambda **_: PictureSet("folder", "none", ()))
+    assert evaluation.SweepPlan is not ask  # it is imported before, or it would keep the stand-in
     monkeypatch.setattr(conditions, "SweepPlan", ask)
     with pytest.raises(Asked) as caught:
         main([command, "-o", "run", *options])
