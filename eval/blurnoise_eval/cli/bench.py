@@ -15,7 +15,17 @@ from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
 What = Literal[
-    "simulate", "sweep", "blur", "noise", "metrics", "edges", "intervals", "decide", "augment", "training"
+    "simulate",
+    "sweep",
+    "blur",
+    "motion",
+    "noise",
+    "metrics",
+    "edges",
+    "intervals",
+    "decide",
+    "augment",
+    "training",
 ]
 # Of 'bench training': scenes to train on, pictures seen, seeds per arm, held-out scenes.
 TRAINING = {"scenes": 9_000, "pictures": 18_000, "seeds": 3, "held_out": 120}
@@ -101,6 +111,7 @@ def bench(
 
       simulate   the whole chain and its stages, beside other libraries
       blur       every way to blur by motion, time beside error
+      motion     every way to move an object, a picture, its rows or its road, time beside error
       noise      every way to draw noise, time beside distance from the exact law
       metrics    every way to measure a slanted edge, time beside error
       edges      edges that deceive, and honest ones: how many of them are withheld or flagged
@@ -195,6 +206,8 @@ def _room(
         intervals_view,
         metrics,
         metrics_view,
+        motion,
+        motion_view,
         noise,
         noise_view,
     )
@@ -204,6 +217,7 @@ def _room(
         "edges": (edges, edges_view),
         "intervals": (intervals, intervals_view),
         "metrics": (metrics, metrics_view),
+        "motion": (motion, motion_view),
         "noise": (noise, noise_view),
         "simulate": (chain, chain_view),
     }

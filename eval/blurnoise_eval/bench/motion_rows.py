@@ -1,0 +1,111 @@
+"""Job of the bench of moving things: a picture in uniform motion, seen by a rolling shutter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from blurnoise import Trajectory, motion_blur, rolling_shutter
+from blurnoise_eval.bench import motion_scenes, motion_truth
+from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
+from blurnoise_eval.bench.motion_peers import FRAMES, mapped, mean_of_frames
+
+VELOCITY_PX_S = (900.0, -500.0)
+ROW_S = 24.098e-6  # of the AR0233, three exposures
+_MOVED_PX = (VELOCITY_PX_S[0] * EXPOSURE_S, VELOCITY_PX_S[1] * EXPOSURE_S)
+_ROOM_PX = 24
+
+
+@dataclass(frozen=True)
+class Rows(Case):
+    """Read from the first row to the last."""
+
+    @property
+    def readout(self) -> rolling_shutter.Readout:
+        """When its rows are exposed."""
+        return rolling_shutter.Readout(self.picture.shape[-2], ROW_S, EXPOSURE_S)
+
+    def places(self, later_s: float = 0.0) -> tuple[Picture, Picture]:
+        """Where what each pixel sees, so long after its row's middle, is at time 0: x and y, (H, W)."""
+        height, width = self.picture.shape[-2:]
+        time = self.readout.middle_s(np.arange(height, dtype=np.float64))[:, None] + later_s
+        vx, vy = VELOCITY_PX_S
+        x = np.arange(width) - vx * time
+        y = np.arange(height)[:, None] - vy * time
+        return x.astype(np.float32), np.broadcast_to(y, x.shape).astype(np.float32)
+
+
+def _case(extent: Extent) -> Rows:
+    light = motion_scenes.leaves(extent.height_px, extent.width_px)
+    seen = motion_truth.rolled(
+        light, lambda time: (VELOCITY_PX_S[0] * time, VELOCITY_PX_S[1] * time), ROW_S, EXPOSURE_S, extent.moments
+    )  # fmt: skip
+    longest_s = (EXPOSURE_S + ROW_S * extent.height_px) / 2
+    across, down = (math.ceil(abs(along) * longest_s) + _ROOM_PX for along in VELOCITY_PX_S)
+    rows, columns = slice(down, extent.height_px - down), slice(across, extent.width_px - across)
+    return Rows(torch.from_numpy(light).float()[None], seen[:, rows, columns], rows, columns)
+
+
+def _ours(case: Rows) -> Call:
+    def call() -> Tensor:
+        blurred = motion_blur(case.picture, _MOVED_PX)
+        return rolling_shutter.warped(blurred, VELOCITY_PX_S, ROW_S, "reflect")
+
+    return call
+
+
+def _row_by_row(case: Rows) -> Call:
+    begin, end = case.readout.span_s
+    path = Trajectory.straight(VELOCITY_PX_S, 2 * max(-begin, end) + 1e-6)
+    return lambda: rolling_shutter.of_rows(case.picture, path, (0.0, 0.0), case.readout, "reflect")
+
+
+def _remapped(flags: int) -> Callable[[Rows], Call]:
+    def of(case: Rows) -> Call:
+        def call() -> Picture:
+            blurred = motion_blur(case.picture, _MOVED_PX)[0].permute(1, 2, 0).contiguous().numpy()
+            return mapped(blurred, *case.places(), flags)
+
+        return call
+
+    return of
+
+
+def _sheared(case: Rows) -> Call:
+    return lambda: mapped(case.pixels, *case.places())
+
+
+def _global(case: Rows) -> Call:
+    return lambda: motion_blur(case.picture, _MOVED_PX)
+
+
+def _frames(number: int) -> Method:
+    def of(case: Rows) -> Call:
+        return lambda: mean_of_frames(
+            number, lambda time: mapped(case.pixels, *case.places(EXPOSURE_S * time))
+        )
+
+    return Method(f"{number} frames", FRAMES, f"mean of {number} pictures, cv2.remap", of, str(number))
+
+
+def job() -> Job:
+    """Blurred, then warped; row by row; OpenCV's interpolations; one of the two left out; frames."""
+    remaps = [
+        Method(f"blur, remap {how}", "cv2.remap", f"our blur, then cv2.remap, {how}", _remapped(flags), how)
+        for how, flags in (("linear", cv2.INTER_LINEAR), ("cubic", cv2.INTER_CUBIC))
+    ]
+    ways = (
+        Method(OURS, OURS, "blurnoise.motion_blur, then rolling_shutter.warped", _ours),
+        Method("ours, any path", OURS, "rolling_shutter.of_rows: row by row", _row_by_row, "any path"),
+        *remaps,
+        Method("sheared, no blur", "one of the two", "cv2.remap of the sharp picture", _sheared, "sheared"),
+        Method("blurred, no shear", "one of the two", "a global shutter", _global, "blurred"),
+        *(_frames(number) for number in (8, 16, 32)),
+    )
+    return Job("rolling shutter", "a rolling shutter", _case, ways)
