@@ -106,8 +106,9 @@ def _draw(axes: Axes, bench: Bench, job: Job) -> None:
         if method.family == FRAMES:
             frames.append((row.ms.median, row.error_dn))
         if method.mark:
+            below = method.family == FRAMES or method.mark == "1 px"  # out of the way of the others' marks
             axes.annotate(
-                method.mark, (row.ms.median, row.error_dn), (5, -11 if method.family == FRAMES else 5), textcoords="offset points",
+                method.mark, (row.ms.median, row.error_dn), (5, -11 if below else 5), textcoords="offset points",
                 fontsize=7.5, color=look["color"],
             )  # fmt: skip
     axes.plot(*zip(*frames, strict=True), color=_MARKERS[FRAMES][0], lw=0.8, alpha=0.6, zorder=2)
