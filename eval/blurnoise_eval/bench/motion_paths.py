@@ -15,13 +15,14 @@ from blurnoise.camera_shake import shake
 from blurnoise.path_blur import path_blur, polyline_blur
 from blurnoise.trajectory import Polyline
 from blurnoise_eval.bench import motion_scenes, motion_truth
+from blurnoise_eval.bench.contenders import Contender
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
 from blurnoise_eval.bench.motion_peers import (
     FRAMES,
-    STRAIGHT,
     absent,
     deepinv_path,
     displaced,
+    lines,
     mean_of_frames,
     spread_of,
     straight,
@@ -100,8 +101,8 @@ def _deepinv(case: Paths) -> Call:
     return deepinv_path(case.picture, case.places_px, case.side_px)
 
 
-def _chord(library: str) -> Callable[[Paths], Call]:
-    return lambda case: straight(library, case.picture, case.chord_px)
+def _chord(line: Contender) -> Callable[[Paths], Call]:
+    return lambda case: straight(line, case.picture, case.chord_px)
 
 
 def _frames(number: int) -> Method:
@@ -135,7 +136,7 @@ def job() -> Job:
     for mark, about in (("splatted", "over four pixels, as DeblurGAN"), ("histogram", "in whole pixels")):
         of = _spread(whole=mark == "histogram")
         ways.append(Method(f"{mark} PSF", "PSF", f"path {about}, cv2.filter2D", of, mark))
-    for name, each in STRAIGHT.items():
-        ways.append(Method(f"{name}, chord", name, f"{each.about}, along the chord", _chord(name)))
+    for name, each in lines().items():
+        ways.append(Method(f"{name}, chord", name, f"{each.about}, along the chord", _chord(each)))
     ways += [_frames(number) for number in (8, 16, 32)]
     return Job("path", "a path: hand shake", _case, tuple(ways), missing)

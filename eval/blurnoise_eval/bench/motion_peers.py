@@ -16,30 +16,33 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise_eval.bench.contenders import albumentations_state, contenders, import_fault
+from blurnoise_eval.bench.contenders import Contender, albumentations_state, contenders, import_fault
 from blurnoise_eval.bench.motion_job import Call, Picture
 from blurnoise_eval.bench.motion_truth import Floats, moments
 
 FRAMES = "frames"
 """The family of means of warped pictures."""
-STRAIGHT = {each.name: each for each in contenders() if each.name in ("kornia", "albumentations")}
-"""The blurs along a line that are here, of other libraries."""
 _BORDER = cv2.BORDER_REFLECT_101
+
+
+def lines() -> dict[str, Contender]:
+    """The blurs along a line that are here, of other libraries, by name."""
+    return {each.name: each for each in contenders() if each.name in ("kornia", "albumentations")}
 
 
 def absent() -> dict[str, str]:
     """Libraries that cannot take part, and why."""
     faults = {"deepinv": import_fault("deepinv")}
-    if "albumentations" not in STRAIGHT:
+    if "albumentations" not in lines():
         faults["albumentations"] = albumentations_state()
     return {name: fault for name, fault in faults.items() if fault}
 
 
-def straight(library: str, picture: Tensor, moved_px: tuple[float, float]) -> Call:
+def straight(line: Contender, picture: Tensor, moved_px: tuple[float, float]) -> Call:
     """A library's blur along the nearest line that it knows."""
     x, y = moved_px
-    blur, length, angle = STRAIGHT[library].blur, math.hypot(x, y), math.degrees(math.atan2(y, x))
-    return lambda: blur(picture, length, [angle])
+    length, angle = math.hypot(x, y), math.degrees(math.atan2(y, x))
+    return lambda: line.blur(picture, length, [angle])
 
 
 def mean_of_frames(count: int, at: Callable[[float], Picture]) -> Picture:

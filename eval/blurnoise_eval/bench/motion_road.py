@@ -14,8 +14,9 @@ from blurnoise import motion_blur
 from blurnoise.ego_motion import Mount, View
 from blurnoise.flow_blur import flow_blur
 from blurnoise_eval.bench import motion_scenes, motion_truth
+from blurnoise_eval.bench.contenders import Contender
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
-from blurnoise_eval.bench.motion_peers import FRAMES, STRAIGHT, mapped, mean_of_frames, straight
+from blurnoise_eval.bench.motion_peers import FRAMES, lines, mapped, mean_of_frames, straight
 
 HFOV_DEG, HEIGHT_M, SPEED_M_S = 60.0, 1.4, 100 / 3.6
 _ROOM_PX = 16
@@ -55,8 +56,8 @@ def _one_blur(case: Road) -> Call:
     return lambda: motion_blur(case.picture, case.mean_px)
 
 
-def _others(library: str) -> Callable[[Road], Call]:
-    return lambda case: straight(library, case.picture, case.mean_px)
+def _others(line: Contender) -> Callable[[Road], Call]:
+    return lambda case: straight(line, case.picture, case.mean_px)
 
 
 def _frames(number: int) -> Method:
@@ -79,8 +80,8 @@ def _frames(number: int) -> Method:
 def job() -> Job:
     """Every pixel by its own flow; one blur for all; frames."""
     peers = [
-        Method(f"{name}, one blur", name, f"{each.about}, by the mean", _others(name))
-        for name, each in STRAIGHT.items()
+        Method(f"{name}, one blur", name, f"{each.about}, by the mean", _others(each))
+        for name, each in lines().items()
     ]
     ways = (
         Method(OURS, OURS, "blurnoise.flow_blur", _ours),
