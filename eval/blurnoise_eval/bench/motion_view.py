@@ -31,6 +31,8 @@ _MARKERS = {
     "one blur": ("#e69f00", ">", "our blur by the mean motion"),
 }
 """Colour, marker and words for each family."""
+_BELOW = ("1 px", "new", "cubic")
+"""Marks that stand below their points, out of the way of others."""
 _GREY = "0.45"
 _COLUMNS = 3
 
@@ -106,7 +108,7 @@ def _draw(axes: Axes, bench: Bench, job: Job) -> None:
         if method.family == FRAMES:
             frames.append((row.ms.median, row.error_dn))
         if method.mark:
-            below = method.family == FRAMES or method.mark == "1 px"  # out of the way of the others' marks
+            below = method.family == FRAMES or method.mark in _BELOW
             axes.annotate(
                 method.mark, (row.ms.median, row.error_dn), (5, -11 if below else 5), textcoords="offset points",
                 fontsize=7.5, color=look["color"],
