@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,20 +20,29 @@ from numpy.typing import NDArray
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, positive, shown
 from blurnoise._core.limits import limited
+from blurnoise.camera import Camera
 from blurnoise.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 _STEPS = 2000  # of a shake during its exposure
 _ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
 _LENGTH_PX = 64.0  # of a path during an exposure, in whose unit their terms are stated
-_MOST_STEPS = 1_000_000
+LONGEST_SHAKE = 500
+"""Of a whole shake over the exposure that its extent is of."""
 _FINE = 8  # places between two readings of a rate
 BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
 """A quarter car, as assumed: of its body the frequency on its springs and their damping, of its wheel the frequency
 between springs and tyre, body over wheel, and how far the axles are apart."""
 _AXES = np.eye(3)
+_SLACK = 1e-5
 
 
+def path_duration_s(camera: Camera, exposure_s: float) -> float:
+    """How long a path about mid-exposure has to be, s: the exposure, however it is rounded, and the readout."""
+    return exposure_s * (1 + _SLACK) + 2 * camera.row_time_s * camera.height_px
+
+
+@lru_cache(maxsize=256)
 def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float | None = None) -> Trajectory:
     """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
 
@@ -45,11 +55,9 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
     exposure = positive("exposure_s", exposure_s)
     duration = in_range("duration_s", exposure if duration_s is None else duration_s, exposure, 3600.0)
+    if duration > LONGEST_SHAKE * exposure:
+        raise ValueError(f"duration_s = {duration:g}: must be at most {LONGEST_SHAKE} times exposure_s")
     count = math.ceil(_STEPS * duration / exposure)
-    if count > _MOST_STEPS:
-        raise ValueError(
-            f"duration_s = {duration:g}: must be at most {_MOST_STEPS // _STEPS} times exposure_s"
-        )
     drawn = np.random.default_rng(rng.derived(seed, "shake"))
     pull, noise, jerks = drawn.uniform(size=3) * (0.7, 10.0, 0.2)
     speed = _LENGTH_PX / _STEPS

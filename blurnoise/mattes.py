@@ -185,12 +185,17 @@ def cut_out(
         covered |= matte > 0
     if plate is not None:
         return Cut(plate, tuple(layers), np.zeros(size, bool))
-    hole = cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0
-    if hole.all():
+    missing = hole(covered)
+    if missing.all():
         raise ValueError(
             "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
         )
-    return Cut(_filled(light, hole), tuple(layers), hole)
+    return Cut(_filled(light, missing), tuple(layers), missing)
+
+
+def hole(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where what is behind objects that cover so much (H, W) is not seen, or holds some of their light."""
+    return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
 def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
@@ -218,8 +223,8 @@ def _filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     box = tuple(slice(max(0, each[0] - _AROUND_PX), each[-1] + 1 + _AROUND_PX) for each in (rows, columns))
     missing = hole[box].astype(np.uint8)
     out = light.clone()
-    for plane in out[0]:
-        part = plane[box]
+    for channel in range(out.shape[1]):
+        part = out[0, channel][box]
         seen = np.ascontiguousarray(part.detach().cpu().numpy(), np.float32)
         found = cv2.inpaint(
             seen, missing, _NEAR_PX, cv2.INPAINT_NS

@@ -177,7 +177,7 @@ def trajectory(
     if not colon or kind not in ("shake", "sine"):
         scale = camera.field.per_sensor_px((light.shape[-2], light.shape[-1]))
         return camera_shake.from_csv(text, focal_px=camera.field.focal_px[0] * scale)
-    span_s = exposure_s + 2 * camera.row_time_s * max(camera.height_px, camera.width_px)
+    span_s = camera_shake.path_duration_s(camera, exposure_s)
     try:
         values = [float(part) for part in numbers.split(",")]
     except ValueError:
