@@ -34,12 +34,11 @@ BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
 """A quarter car, as assumed: of its body the frequency on its springs and their damping, of its wheel the frequency
 between springs and tyre, body over wheel, and how far the axles are apart."""
 _AXES = np.eye(3)
-_SLACK = 1e-5
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
-    """How long a path about mid-exposure has to be, s: the exposure, however it is rounded, and the readout."""
-    return exposure_s * (1 + _SLACK) + 2 * camera.row_time_s * camera.height_px
+    """How long a path about mid-exposure is surely long enough, s: the exposure, and what the readout adds."""
+    return exposure_s + 2 * camera.row_time_s * camera.height_px
 
 
 @lru_cache(maxsize=256)
@@ -143,8 +142,13 @@ def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AX
     in rows, in the unit's. Rates are linear between readings; what is faster than half their rate is not in them.
     Raises ``OSError``, or ``ValueError`` naming the file and what is wrong in it.
     """
+    return from_text(Path(path).read_text(encoding="utf-8-sig"), str(path), focal_px=focal_px, axes=axes)
+
+
+def from_text(content: str, name: str, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
+    """:func:`from_csv` of what such a file says; ``name`` is the file's, for messages."""
     try:
-        columns = _columns(Path(path))
+        columns = _columns(content)
         time = columns.pop("time_s") if "time_s" in columns else np.zeros(0)
         if len(time) < 2 or not bool((np.diff(time) > 0).all()):
             raise ValueError("time_s: must be at least two times that increase")
@@ -159,7 +163,7 @@ def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AX
             f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
         )
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{name}: {error}") from None
 
 
 def from_rates(
@@ -187,9 +191,8 @@ def _of_rates(time: Floats, wx: Floats, wy: Floats, focal_px: float) -> Trajecto
     return Trajectory.of(fine, focal * np.stack(angles))
 
 
-def _columns(path: Path) -> dict[str, Floats]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+def _columns(content: str) -> dict[str, Floats]:
+    rows = [row for row in csv.reader(content.splitlines()) if row and not row[0].lstrip().startswith("#")]
     if not rows:
         raise ValueError("is empty")
     names = [name.strip() for name in rows[0]]

@@ -54,7 +54,8 @@ def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
     expected = develop(dn, Camera.preset("imx250"))
     alike = (found[:1] - expected).abs() < 1.5 / 255  # the angle's rounding moves few values by one number
     assert float(alike.float().mean()) > 0.999
-    assert float((exposed(image, masks)[:1] - expected).abs().mean()) > 3 / 255  # all is told from it
+    whole = (exposed(image, masks)[:1] - expected).abs() < 1.5 / 255
+    assert float(whole.float().mean()) < 0.97  # all is told from it
 
 
 def test_what_stands_still_stays_sharp() -> None:

@@ -129,6 +129,15 @@ GreyAnchor = Annotated[
         "is taken for reflectance)",
     ),
 ]
+StatedPath = Annotated[
+    str | None,
+    Option(
+        "--trajectory",
+        metavar="FILE.csv|shake:PX|sine:PX,HZ",
+        help="a path beside the motion, as of 'blurnoise simulate'; a shake is each picture's own, so far in the "
+        "longest exposure, and shorter ones see a part of it",
+    ),
+]
 Cfa = Annotated[
     Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"] | None,
     Option(help="colour filters in place of the camera's; none: a sensor for each colour, mono: one for all"),

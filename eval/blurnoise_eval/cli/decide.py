@@ -15,6 +15,7 @@ from blurnoise_eval.cli._options import (
     GreyAnchor,
     Json,
     Range,
+    StatedPath,
     bounds,
     options_of,
     or_auto,
@@ -86,6 +87,7 @@ def decide(
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,
     grey_anchor: GreyAnchor = None,
+    trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     engine: Annotated[
         str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
@@ -102,7 +104,7 @@ def decide(
 
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
-    light and speed. Where the plane does not hold (dark current, motion in several directions) it is that grid,
+    light and speed. Where the plane does not hold (dark current, several directions, a trajectory) it is that grid,
     and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them. Stopped, it goes on
     when the same command is given again; a wider question in the same folder begins with what is there.
     """
@@ -137,6 +139,7 @@ def decide(
         repeats=repeats,
         seed=seed,
         grey_anchor=grey_anchor,
+        trajectory=trajectory,
         engine=engine,
         threads=workers,
         progress=True,

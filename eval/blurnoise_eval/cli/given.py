@@ -168,28 +168,11 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
 def trajectory(
     text: str | None, camera: Camera, light: Tensor, exposure_s: float, seed: int
 ) -> Trajectory | None:
-    """A CSV file's, "shake:PX" of a seed, or "sine:PX,HZ" and if wished its direction, for a whole readout."""
-    from blurnoise import Trajectory, camera_shake
+    """As :mod:`blurnoise.stated_trajectory` has it, for a picture's exposure."""
+    from blurnoise.stated_trajectory import StatedTrajectory
 
-    if text is None:
-        return None
-    kind, colon, numbers = text.partition(":")
-    if not colon or kind not in ("shake", "sine"):
-        scale = camera.field.per_sensor_px((light.shape[-2], light.shape[-1]))
-        return camera_shake.from_csv(text, focal_px=camera.field.focal_px[0] * scale)
-    span_s = camera_shake.path_duration_s(camera, exposure_s)
-    try:
-        values = [float(part) for part in numbers.split(",")]
-    except ValueError:
-        values = []
-    if kind == "shake" and len(values) == 1:
-        return camera_shake.shake(seed, values[0], exposure_s, duration_s=span_s)
-    if kind == "sine" and len(values) in (2, 3):
-        direction_deg = values[2] if len(values) == 3 else 0.0
-        return Trajectory.sinusoid(values[0], values[1], span_s, direction_deg=direction_deg)
-    raise ValueError(
-        f"trajectory = {text!r}: must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
-    )
+    size = (light.shape[-2], light.shape[-1])
+    return None if text is None else StatedTrajectory.parse(text).of(camera, size, exposure_s, seed)
 
 
 def rolling(line_time_us: float | None, camera: Camera) -> Camera:

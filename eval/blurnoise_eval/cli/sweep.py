@@ -19,6 +19,7 @@ from blurnoise_eval.cli._options import (
     Grid,
     Json,
     Mains,
+    StatedPath,
     axis_options,
     one_of,
 )
@@ -107,6 +108,7 @@ def sweep(
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
+    trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     cfa: Cfa = None,
     keep: Keep = None,
@@ -162,7 +164,9 @@ def sweep(
         reads=given.read(models),
     )
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
-    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor, auto_exposure=auto)
+    plan = SweepPlan(
+        grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor, auto_exposure=auto, trajectory=trajectory
+    )
     for each in models if model or ocr else ():
         print_assumed(each.contract, each.path)
     done = evaluate(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, integer
 from blurnoise.camera import Camera
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
 from blurnoise_eval.deciding.observed import Observed, observed
@@ -99,6 +100,7 @@ def decided(
     repeats: int = 1,
     seed: int = 0,
     grey_anchor: str | None = None,
+    trajectory: str | None = None,
     engine: str | Engine = "threads",
     threads: int = 1,
     progress: bool | None = None,
@@ -124,10 +126,11 @@ def decided(
         )
     cluster_of("", cluster)
     temperature = question.further.get("temperature_c", 25.0)
-    because = what_breaks(camera, question.exposures_s, question.lines, temperature)
+    path = None if trajectory is None else StatedTrajectory.parse(trajectory)
+    because = what_breaks(camera, question.exposures_s, question.lines, temperature, path)
     if because:
         evaluate(
-            list(models), pictures, camera, SweepPlan(question.grid, **shared), output,
+            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path), output,
             **enough, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
         with Store(Path(output)) as store:

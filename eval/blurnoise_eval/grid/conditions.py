@@ -22,6 +22,7 @@ from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.exposure import Exposure
 from blurnoise.grey_anchor import GreyAnchor
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import (
     AUTOMATIC,
     AXES,
@@ -173,6 +174,8 @@ class SweepPlan:
     (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
     auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both.
+    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
+    picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -181,8 +184,11 @@ class SweepPlan:
     examples: bool = True
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    trajectory: str | StatedTrajectory | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.trajectory, str):
+            object.__setattr__(self, "trajectory", StatedTrajectory.parse(self.trajectory))
         if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
             object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
         if self.grey_anchor is not None:
@@ -201,12 +207,21 @@ class SweepPlan:
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
-        longest = checked["exposure_s"][-1]
-        if longest == AUTOMATIC:
-            longest = self.auto_exposure.limit_s
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
-            limited(f"{name}: {fastest:g} times exposure_s", fastest * longest, "displacement_px")
+            limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
+
+    @property
+    def longest_s(self) -> float:
+        """The longest exposure, or the longest that the camera may set."""
+        longest = self.values("exposure_s")[-1]
+        return self.auto_exposure.limit_s if longest == AUTOMATIC else longest
+
+    @property
+    def path(self) -> tuple[StatedTrajectory, float] | None:
+        """The trajectory and the longest exposure along it."""
+        stated = self.trajectory
+        return (stated, self.longest_s) if isinstance(stated, StatedTrajectory) else None
 
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera's own stands."""
@@ -241,14 +256,15 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any, and no
-        auto-exposure where it sets nothing."""
+        """Plain values for JSON; no grey anchor and no trajectory where there is none, as in runs from before there
+        was any, and no auto-exposure where it sets nothing. Of a trajectory it is its identity."""
         values = asdict(self)
         if not any(AUTOMATIC in self.values(name) for name in NAMES):
             del values["auto_exposure"]
         if self.grey_anchor is None:
             del values["grey_anchor"]
-        return values
+        del values["trajectory"]
+        return values | ({"trajectory": self.path[0].identity} if self.path else {})
 
 
 @dataclass(frozen=True)

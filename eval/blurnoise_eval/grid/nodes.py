@@ -49,6 +49,10 @@ class NodePlan:
             if any(node[name] != self.further.get(name) for name in FURTHER):
                 raise ValueError(f"nodes: {node!r}: must stand at {dict(self.further)}")
 
+    @property
+    def path(self) -> None:
+        """Nothing moves along a path: it would see another part of that in every exposure."""
+
     def conditions(self) -> list[Conditions]:
         """The nodes, each once; those that share a blur stand next to each other, in them those of one exposure."""
         return sorted(set(self.nodes), key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))

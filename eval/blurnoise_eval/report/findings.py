@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from blurnoise.grey_anchor import reflectance_text
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
@@ -137,6 +138,16 @@ def reflectance(data: RunData) -> str | None:
     return None if rendered and anchor is None else reflectance_text(anchor)
 
 
+def path_text(path: StatedTrajectory, longest_s: float) -> str:
+    """What pictures do beside their velocity, as the manifest keeps it."""
+    of_each = (
+        f", another in every picture, so far in {1e3 * longest_s:g} ms"
+        if path.text.startswith("shake:")
+        else ""
+    )
+    return f"{path.identity}{of_each}; blur and speeds are of the uniform motion beside it"
+
+
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
     sources = fields.get("sources", {})
@@ -168,6 +179,8 @@ def run_facts(data: RunData) -> dict[str, str]:
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
+    if manifest.get("trajectory"):
+        facts["trajectory"] = manifest["trajectory"]
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": pictures,

@@ -21,6 +21,7 @@ from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.radiometry import dark_electrons, photoelectrons
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import Image, UnreadablePicture, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.matching import MoveBoxes
@@ -70,17 +71,27 @@ class Scene:
 
 
 def frames(
-    scene: Scene, cells: Sequence[Cell], camera: Camera, auto_exposure: AutoExposure = USUAL
+    scene: Scene,
+    cells: Sequence[Cell],
+    camera: Camera,
+    auto_exposure: AutoExposure = USUAL,
+    path: tuple[StatedTrajectory, float] | None = None,
 ) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and stands first.
 
-    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light.
+    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light. path: what the
+    picture does beside its velocity, and the longest exposure along it; a shake is that of the cell's seed.
     """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     exposures = []
     for cell, at in exposed:
-        exposures.append(_set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure))
+        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure)
+        if path is not None:
+            stated, longest_s = path
+            size = (scene.image8.shape[0], scene.image8.shape[1])
+            exposure = replace(exposure, trajectory=stated.of(camera, size, longest_s, cell.seed))
+        exposures.append(exposure)
     taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
         yield Frame(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.scoring.on_picture import Model, View, view
@@ -33,6 +34,7 @@ class Work:
     camera: Camera
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    path: tuple[StatedTrajectory, float] | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -71,7 +73,7 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
-        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure):
+        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure, self._work.path):
             kept = frame.cell.cell_id in block.examples
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None
