@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from blurnoise.capture import Capture
     from blurnoise.colour import Cfa
     from blurnoise.hdr import Flicker
-    from blurnoise.mattes import Cut
+    from blurnoise.mattes import Cut, Matte
     from blurnoise.spectra import Curve
     from blurnoise.trajectory import Trajectory
     from blurnoise_eval.datasets import PictureSet
@@ -75,11 +75,13 @@ def light(
         colon = ""
     if not colon or not mask_path:
         raise ValueError(f"emitters = {emitters!r}: must be MASK.png:FACTOR")
-    return scene * (1 + mask(Path(mask_path), scene) * (in_range("emitters: factor", times, 0.0, 1e6) - 1))
+    return scene * (
+        1 + mask(Path(mask_path), scene.shape) * (in_range("emitters: factor", times, 0.0, 1e6) - 1)
+    )
 
 
-def mask(path: Path, light: Tensor) -> Tensor:
-    """A picture of the light's size (B, C, H, W) as shares (H, W), white being 1."""
+def mask(path: Path, size: tuple[int, ...]) -> Tensor:
+    """A picture of that size (..., H, W) as shares (H, W), white being 1."""
     import torch
 
     from blurnoise_eval.datasets import decode
@@ -87,8 +89,8 @@ def mask(path: Path, light: Tensor) -> Tensor:
     stored = decode(path)
     shares = torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
     shares = shares if shares.ndim == 2 else shares.mean(-1)
-    if shares.shape != light.shape[-2:]:
-        sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, light.shape[-2:]))
+    if shares.shape != size[-2:]:
+        sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, size[-2:]))
         raise ValueError(f"{path}: a mask has its picture's size; they are {sizes} px")
     return shares
 
@@ -106,22 +108,29 @@ def cut_out(
     """
     from blurnoise import mattes
 
-    size = (light.shape[-2], light.shape[-1])
+    found = matte(where, (light.shape[-2], light.shape[-1]))
+    behind = None if plate is None else _as(light, plate, encoding)
+    return mattes.cut_out(light, [found], [velocity_px_s], behind)
+
+
+def matte(where: str, size: tuple[int, int]) -> Matte:
+    """Of an object in a picture (H, W), "mask.png" or "x,y,width,height"."""
+    from blurnoise import mattes
+
     try:
         numbers = [float(part) for part in where.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) == 4:
         x, y, width, height = numbers
-        matte = mattes.of_box(x, y, width, height, size)
+        found = mattes.of_box(x, y, width, height, size)
     elif numbers:
         raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
     else:
-        matte = mask(Path(where), light).numpy()
-    if not matte.any():
+        found = mask(Path(where), size).numpy()
+    if not found.any():
         raise ValueError(f"object = {where!r}: covers nothing of the picture")
-    behind = None if plate is None else _as(light, plate, encoding)
-    return mattes.cut_out(light, [matte], [velocity_px_s], behind)
+    return found
 
 
 def _as(scene: Tensor, path: Path, encoding: Literal["srgb", "linear"]) -> Tensor:
@@ -162,7 +171,7 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
         raise ValueError(f"pwm = {pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
     lamp = Pwm(*numbers)
     lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
-    return Flicker(lamp, None if mask_path is None else mask(mask_path, light))
+    return Flicker(lamp, None if mask_path is None else mask(mask_path, light.shape))
 
 
 def trajectory(
