@@ -31,6 +31,7 @@ from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.layers import Layer, Layers, of_each, passing
 from blurnoise.light import effects
+from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.operating_point import OperatingPoint, each_of, items, of_one_exposure, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.mosaics import magnification
@@ -193,7 +194,8 @@ class ExposedScene:
         )
         batch = len(self.light)
         seeds = rng.item_seeds(generator, batch)
-        given = (self.light, points.exposure_s, points.white_e, points.displacement_px, points.temperature_c)
+        moved = points.displacement_px if points.flow_px is None else points.flow_px
+        given = (self.light, points.exposure_s, points.white_e, moved, points.temperature_c)
         asked = [torch.as_tensor(each).requires_grad for each in given]
         asked += [layer.requires_grad for some in self._layers for layer in some]
         differentiable = torch.is_grad_enabled() and any(asked)
@@ -410,7 +412,10 @@ def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
 
 def _reduced(at: Point, needs: Plan | None) -> Point:
     """The operating points with what is left out set to 0."""
-    return replace(at, camera=needs.camera) if needs else at
+    if needs is None:
+        return at
+    one_motion = MOTION_VARIATION.name in needs.without
+    return replace(at, camera=needs.camera, flow_px=None if one_motion else at.flow_px)
 
 
 def _decoded(picture: NDArray[Any]) -> Tensor:
