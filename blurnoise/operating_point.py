@@ -90,9 +90,10 @@ def operating_points(
         farthest = apart.square().sum(1).amax((1, 2)).sqrt()
         points = replace(points, flow_px=flow, variation_px=farthest)
     paths = per_picture(trajectory, batch)
-    if flow is not None and paths:
+    other = "a trajectory" if paths else "a global reset" if camera.row_time_s and camera.shutter == "global-reset" else ""
+    if flow is not None and other:
         raise ValueError(
-            "trajectory: goes with one velocity for all of a picture, (2,) or (B, 2), not with one for each pixel"
+            f"velocity_px_s: of each pixel; with {other} it must be one for all of a picture, (2,) or (B, 2)"
         )
     if any(objects) and (paths or camera.row_time_s):
         raise ValueError(

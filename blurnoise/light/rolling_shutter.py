@@ -16,6 +16,7 @@ from torch import Tensor
 from blurnoise import rolling_shutter
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
+from blurnoise.flow_blur import flow_warp
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.operating_point import OperatingPoint, each_of, row_by_row
 from blurnoise.rolling_shutter import Readout
@@ -36,7 +37,8 @@ class RollingShutter(LightEffect):
         readout = _readout(at, at.camera.field.size)
         farthest = math.hypot(*_velocity(at)) * max(map(abs, readout.span_s))
         if not row_by_row(at):
-            farthest = math.hypot(*_velocity(at)) * abs(readout.row_s) * (readout.rows - 1) / 2
+            fastest = math.hypot(*_velocity(at)) + _per_s(float(at.variation_px), at.exposure_s)
+            farthest = fastest * abs(readout.row_s) * (readout.rows - 1) / 2
         elif at.trajectory is not None:
             x, y = at.trajectory.origin_px(at.exposure_s)
             knots, _ = at.trajectory.window(*readout.span_s)
@@ -57,6 +59,9 @@ class RollingShutter(LightEffect):
                 path = _whole_path(point, readout)
                 origin = path.origin_px(point.exposure_s)
                 parts.append(rolling_shutter.of_rows(picture, path, origin, readout, border))
+            elif at.flow_px is not None and point.exposure_s:
+                flow = at.flow_px[item : item + 1] / at.exposure_s[item]
+                parts.append(_flowing(picture, flow, readout, border))
             elif point.exposure_s:
                 velocity = displaced[item] / at.exposure_s[item]
                 parts.append(rolling_shutter.warped(picture, velocity, readout.row_s, border))
@@ -83,6 +88,7 @@ class RollingShutter(LightEffect):
             camera.scan,
             at.exposure_s,
             at.displacement_px,
+            at.variation_px,
             at.trajectories,
         )
 
@@ -127,7 +133,22 @@ class RollingShutter(LightEffect):
 
 def _velocity(at: OperatingPoint[float]) -> tuple[float, float]:
     x, y = at.displacement_px
-    return (float(x) / at.exposure_s, float(y) / at.exposure_s) if at.exposure_s else (0.0, 0.0)
+    return _per_s(float(x), at.exposure_s), _per_s(float(y), at.exposure_s)
+
+
+def _per_s(moved_px: float, exposure_s: float) -> float:
+    return moved_px / exposure_s if exposure_s else 0.0
+
+
+def _flowing(light: Tensor, flow_px_s: Tensor, readout: Readout, border: Border) -> Tensor:
+    """A blurred picture of which row i shows what the flow has brought there by tau_i, the flow being steady.
+
+    Where that was is found with the flow half-way, so that what accelerates on its way through the picture is right
+    to second order.
+    """
+    tau = light.new_tensor(readout.middle_s(np.arange(readout.rows)))[:, None]
+    half_way = flow_warp(flow_px_s, flow_px_s * (tau / 2), border="replicate")
+    return flow_warp(light, half_way * tau, border=border)
 
 
 def _readout(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
