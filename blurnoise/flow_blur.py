@@ -106,9 +106,7 @@ def _times(length_px: float) -> list[float]:
     return [(place + 0.5 - count / 2) * spread for place in range(count)]
 
 
-def _remapped(
-    picture: Tensor, by: Tensor, target: Tensor, border: Border, at: list[float] | None
-) -> None:
+def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: list[float] | None) -> None:
     """By OpenCV, on the CPU: four channels at a time, a third of the time of three, or one."""
     width = picture.shape[-1]
     plane = _with_margin(picture, border).numpy()

@@ -90,15 +90,21 @@ def operating_points(
         farthest = apart.square().sum(1).amax((1, 2)).sqrt()
         points = replace(points, flow_px=flow, variation_px=farthest)
     paths = per_picture(trajectory, batch)
-    other = "a trajectory" if paths else "a global reset" if camera.row_time_s and camera.shutter == "global-reset" else ""
+    other = (
+        "a trajectory"
+        if paths
+        else "a global reset"
+        if camera.row_time_s and camera.shutter == "global-reset"
+        else ""
+    )
     if flow is not None and other:
         raise ValueError(
             f"velocity_px_s: of each pixel; with {other} it must be one for all of a picture, (2,) or (B, 2)"
         )
-    if any(objects) and (paths or camera.row_time_s):
+    if any(objects) and camera.row_time_s and (paths or flow is not None or camera.shutter == "global-reset"):
         raise ValueError(
-            "objects: move in straight lines before a camera that reads all rows at once; without a trajectory, and "
-            f"with row_time_s = 0, not {camera.row_time_s!r}"
+            f"objects: row_time_s = {camera.row_time_s!r}; where rows are read one after another they go with a "
+            "rolling shutter and uniform motion alone, without a trajectory or a flow"
         )
     for at in each_of(replace(points, trajectories=paths)) if paths else ():
         path(at)  # which holds the exposure, or raises

@@ -1,4 +1,4 @@
-"""A flow before a camera that reads row by row: against what each pixel sees in its own window of time, in closed form."""
+"""A flow before a camera that reads row by row: against what each sees in its own window of time."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_constant_flow_is_rolled_as_the_uniform_motion() -> None:
     light = torch.from_numpy(road(np.zeros(71)))[None, None].float()
     same = torch.tensor([300.0, -200.0])[:, None, None].expand(2, 71, 95)
     found, uniform = (exposed(ROLLING, light, each)[0, 0].numpy() for each in (same, (300.0, -200.0)))
-    assert inside(found - uniform) < 0.5
+    assert inside(found - uniform) < 1.0  # linear between values half a pixel apart, twice
 
 
 def test_gradients_reach_the_flow_and_the_plan_knows_the_rows() -> None:
