@@ -9,9 +9,9 @@ One object of light F and matte alpha before a background B makes, the exposure 
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
 time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the fastest moves, within each
-of which it is taken for exact. The error of the formula is then that of the covariance within a part. Never blend a
-blurred picture by a blurred matte: that leaves the object sharp in its own place.
+overlap that move differently, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the
+fastest moves, within each of which it is taken for exact. The error of the formula is then that of the covariance
+within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
 All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
 a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
@@ -90,21 +90,23 @@ def exposed(
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         window = window_of(layer, displacement, size, border)
         if window.height > 0 and window.width > 0:
-            laid.append(_Laid(layer, displacement, window))
+            laid.append(_Laid((layer,), displacement, window))
     ground = background
     while laid and _as_one(laid[0].displacement_px, moved_px):  # what moves with the background is part of it
-        layer, _, window = laid.pop(0)
+        first = laid.pop(0)
+        window = first.window
         ground = background.clone() if ground is background else ground
-        plane = plane_of(layer, window, size, border, background)
+        plane = first.plane(window, size, border, background)
         ground[..., *window.within] = (
             plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *window.within].clone()
         )
     blurred = blur.motion_blur(ground, moved_px[None], border=border)
     if not laid:
         return blurred
-    asked = blurred.requires_grad or exposure_s.requires_grad or any(one.layer.requires_grad for one in laid)
+    asked = blurred.requires_grad or exposure_s.requires_grad or any(layer.requires_grad for layer in layers)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
-    for window, group in _groups(laid):
+    for window, members in _groups(laid):
+        group = _joined(members)
         apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
         if apart:
             seen = _in_parts(group, window, ground, blurred, moved_px, border, step_px)
@@ -116,11 +118,19 @@ def exposed(
 
 
 class _Laid(NamedTuple):
-    """A layer, what it moves, and the pixels of the picture that it may cover."""
+    """Layers that move alike, back to front, what they move, and the pixels of the picture that they may cover."""
 
-    layer: Layer
+    layers: tuple[Layer, ...]
     displacement_px: Tensor
     window: Window
+
+    def plane(self, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
+        """Light times matte, and the matte, (1, C + 1, h, w) in ``work``, of all as one."""
+        plane = plane_of(self.layers[0], work, size, border, like)
+        for layer in self.layers[1:]:
+            before = plane_of(layer, work, size, border, like)
+            plane = before + (1 - before[:, -1:]) * plane
+        return plane
 
 
 def _as_one(one: Tensor, other: Tensor) -> bool:
@@ -147,12 +157,24 @@ def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
     return [(window, [laid[place] for place in sorted(members)]) for window, members in groups]
 
 
+def _joined(group: Sequence[_Laid]) -> list[_Laid]:
+    """Layers back to front, neighbours that move alike as one."""
+    found: list[_Laid] = []
+    for each in group:
+        if found and _as_one(found[-1].displacement_px, each.displacement_px):
+            last = found.pop()
+            window = last.window.joined(each.window)
+            each = _Laid((*last.layers, *each.layers), last.displacement_px, window)
+        found.append(each)
+    return found
+
+
 def _blurred(
     laid: _Laid, window: Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
     work = _work(window, [laid.displacement_px])
-    plane = plane_of(laid.layer, work, size, border, like)
+    plane = laid.plane(work, size, border, like)
     moved = blur.motion_blur(plane, laid.displacement_px[None], border="circular")
     seen = cut(moved, work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
@@ -180,7 +202,7 @@ def _in_parts(
     work = _work(window, displacements)
     colour, share = _blurred(group[-1], window, size, border, ground)
     scene = _Moving(continued_in(ground, work, border), moved_px, count, work, window)
-    planes = [plane_of(each.layer, work, size, border, ground) for each in group]
+    planes = [each.plane(work, size, border, ground) for each in group]
     moving = [
         _Moving(plane, each.displacement_px, count, work, window)
         for plane, each in zip([*planes[:-1], planes[-1][:, -1:]], group, strict=True)
