@@ -34,7 +34,7 @@ _CUT_PX = 160  # longest side of what GrabCut works on: its time goes with the p
 _AROUND_BOX = 0.25  # of a box's sides, what is looked at around it
 _CUTS = 3  # rounds of GrabCut
 _FEWEST_PIXELS = 64  # of object and of background, to know their colours
-_LEAST_OF_BOX = 0.25
+_REACHES = 0.9  # of a box's area, what the upright hull of its object has at least
 
 
 class Cut(NamedTuple):
@@ -89,8 +89,9 @@ def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte
 def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte:
     """Of what stands in a box of a picture (H, W, 3), 8 bits: what has other colours than what is around the box.
 
-    GrabCut (Rother, Kolmogorov & Blake 2004) with a fixed seed, at most ``_CUT_PX`` px a side. The ellipse in the box
-    where that finds less than ``_LEAST_OF_BOX`` of it, and where there is nothing around it to compare with.
+    GrabCut (Rother, Kolmogorov & Blake 2004) with a fixed seed, at most ``_CUT_PX`` px a side. An object reaches all
+    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp ghost:
+    then all of the box is taken, as where there is nothing around it to compare with.
     """
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = box_xyxy
@@ -107,20 +108,29 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
         cv2.resize(boxed[top:bottom, left:right], small.shape[1::-1], interpolation=cv2.INTER_AREA) >= 0.5
     )
     labels = np.where(inside, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
+    if min(inside.sum(), (~inside).sum()) < _FEWEST_PIXELS:
+        return boxed
+    cv2.setRNGSeed(0)  # of this thread
+    cv2.grabCut(
+        small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK
+    )
+    own = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    outlines = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    cv2.drawContours(own, outlines, -1, 1, cv2.FILLED)  # what has the background's colours within is its own
+    if _share_of_hull(own, inside) < _REACHES:
+        return boxed
     found = np.zeros_like(boxed)
-    if min(inside.sum(), (~inside).sum()) >= _FEWEST_PIXELS:
-        cv2.setRNGSeed(0)  # of this thread
-        models = np.zeros((1, 65)), np.zeros((1, 65))
-        cv2.grabCut(small, labels, None, *models, _CUTS, cv2.GC_INIT_WITH_MASK)
-        object_ = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32)
-        found[top:bottom, left:right] = cv2.resize(object_, part.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        found *= boxed
-    if found.sum() >= _LEAST_OF_BOX * boxed.sum():
-        return found
-    across, down = np.arange(width) + 0.5, np.arange(height)[:, None] + 0.5
-    radii = max((x1 - x0) / 2, 0.5), max((y1 - y0) / 2, 0.5)
-    away = np.hypot((across - (x0 + x1) / 2) / radii[0], (down - (y0 + y1) / 2) / radii[1])
-    return np.asarray(boxed * np.clip(0.5 + (1 - away) * min(radii), 0, 1), np.float32)
+    found[top:bottom, left:right] = cv2.resize(
+        own.astype(np.float32), part.shape[1::-1], interpolation=cv2.INTER_LINEAR
+    )
+    return np.asarray(found * boxed, np.float32)
+
+
+def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
+    """The area of the upright hull of an object by that of its box."""
+    hulls = [each.any(axis).nonzero()[0] for each in (own, box) for axis in (0, 1)]
+    across, down, wide, high = (float(np.ptp(each) + 1) if len(each) else 0.0 for each in hulls)
+    return across * down / (wide * high)
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:

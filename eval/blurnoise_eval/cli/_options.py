@@ -142,8 +142,8 @@ _objects = partial(Option, rich_help_panel="What moves for itself (--moves targe
 Mattes = Annotated[
     Literal["auto", "segmentation", "grabcut", "box"],
     _objects(
-        help="what of a box is the target: its segmentation where it has one (auto), what GrabCut makes of the box, or "
-        "all of it; rendered signs are known"
+        help="what of a box is the target: its segmentation where it has one (auto), what GrabCut makes of the box, "
+        "or all of it; rendered signs are known"
     ),
 ]
 Plates = Annotated[
@@ -160,8 +160,8 @@ ObjectSpeed = Annotated[
 Boxes = Annotated[
     Literal["object", "half", "swept"],
     Option(
-        help="what a detection is held to: the object's box at mid-exposure, where it is for half of the exposure, or "
-        "all that it passes"
+        help="what a detection is held to: the object's box at mid-exposure, where it is for half of the exposure, "
+        "or all that it passes"
     ),
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]

@@ -19,7 +19,7 @@ _FASTEST = 100.0
 @dataclass(frozen=True)
 class Objects:
     """mattes: "auto": an annotation's segmentation where it has one, else as "grabcut", which cuts the object from
-    its box; "segmentation": that alone; "box": all of the box. speeds: by class, a multiple of the velocity, 0: it
+    its box or takes the box (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box": all of the box. speeds: by class, a multiple of the velocity, 0: it
     stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
     :func:`blurnoise.layers.boxes_in_motion`. Raises ``ValueError`` naming the field.
     """
