@@ -10,9 +10,9 @@ One object of light F and matte alpha before a background B makes, the exposure 
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
 time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the fastest moves, within each
-of which it is taken for exact. The error of the formula is then that of the covariance within a part. Never blend a
-blurred picture by a blurred matte: that leaves the object sharp in its own place.
+overlap that move differently, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the
+fastest moves, within each of which it is taken for exact. The error of the formula is then that of the covariance
+within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
 All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
 a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
@@ -38,7 +38,7 @@ from blurnoise._core.checks import (
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
 from blurnoise.courses import Along, Course, Flow, RowByRow, Straight, finest
-from blurnoise.layers import Layer, Layers, of_each, plane_of
+from blurnoise.layers import Layer, Layers, of_each, plane_of, window_at_rest
 from blurnoise.trajectory import Trajectory
 
 STEP_PX = 2.0
@@ -124,27 +124,26 @@ def exposed(
         displacement = layer.displacement_px(exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         course = camera.course(displacement, exposure_s, size)
-        left, top = layer.place_px
-        rest = Window(top, left, *layer.alpha.shape)
-        window = everything if border == "circular" else course.passed(rest).clipped(size)
+        passed = course.passed(window_at_rest(layer)).clipped(size)
+        window = everything if border == "circular" else passed
         if window.height > 0 and window.width > 0:
-            laid.append(_Laid(layer, course, window))
+            laid.append(_Laid((layer,), course, window))
     ground = background
     while laid and laid[0].course.as_one_with(ground_course):  # what moves with the background is part of it
-        layer, _, window = laid.pop(0)
-        left, top = layer.place_px
-        rest = Window(top, left, *layer.alpha.shape).clipped(size) if border != "circular" else window
+        first = laid.pop(0)
+        rest = first.window if border == "circular" else window_at_rest(first.layers[0]).clipped(size)
         if rest.height <= 0 or rest.width <= 0:
             continue
         ground = background.clone() if ground is background else ground
-        plane = plane_of(layer, rest, size, border, background)
+        plane = first.plane(rest, size, border, background)
         ground[..., *rest.within] = plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *rest.within].clone()
     blurred = ground_course.blurred(ground, everything, border)
     if not laid:
         return blurred
-    asked = blurred.requires_grad or exposure_s.requires_grad or any(one.layer.requires_grad for one in laid)
+    asked = blurred.requires_grad or exposure_s.requires_grad or any(layer.requires_grad for layer in layers)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
-    for window, group in _groups(laid):
+    for window, members in _groups(laid):
+        group = _joined(members)
         apart = len(group) > 1 or not (ground_course.still or group[0].course.still)
         if apart:
             seen = _in_parts(group, window, ground, blurred, ground_course, border, step_px)
@@ -156,11 +155,19 @@ def exposed(
 
 
 class _Laid(NamedTuple):
-    """A layer, how it moves, and the pixels of the picture that it may cover."""
+    """Layers that move alike, back to front, how they move, and the pixels of the picture that they may cover."""
 
-    layer: Layer
+    layers: tuple[Layer, ...]
     course: Course
     window: Window
+
+    def plane(self, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
+        """Light times matte, and the matte, (1, C + 1, h, w) in ``work``, of all as one."""
+        plane = plane_of(self.layers[0], work, size, border, like)
+        for layer in self.layers[1:]:
+            before = plane_of(layer, work, size, border, like)
+            plane = before + (1 - before[:, -1:]) * plane
+        return plane
 
 
 def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
@@ -176,12 +183,23 @@ def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
     return [(window, [laid[place] for place in sorted(members)]) for window, members in groups]
 
 
+def _joined(group: Sequence[_Laid]) -> list[_Laid]:
+    """Layers back to front, neighbours that move alike as one."""
+    found: list[_Laid] = []
+    for each in group:
+        if found and found[-1].course.as_one_with(each.course):
+            last = found.pop()
+            each = _Laid((*last.layers, *each.layers), last.course, last.window.joined(each.window))
+        found.append(each)
+    return found
+
+
 def _blurred(
     laid: _Laid, window: Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
     work = _work(window, [laid.course])
-    plane = plane_of(laid.layer, work, size, border, like)
+    plane = laid.plane(work, size, border, like)
     seen = cut(laid.course.blurred(plane, work, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
@@ -209,7 +227,7 @@ def _in_parts(
     work = _work(window, courses)
     colour, share = _blurred(group[-1], window, size, border, ground)
     scene = ground_course.shown(continued_in(ground, work, border), count, work, window)
-    planes = [plane_of(each.layer, work, size, border, ground) for each in group]
+    planes = [each.plane(work, size, border, ground) for each in group]
     moving = [
         each.course.shown(plane, count, work, window)
         for plane, each in zip([*planes[:-1], planes[-1][:, -1:]], group, strict=True)

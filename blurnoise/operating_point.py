@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
 from blurnoise.flow_blur import flows
-from blurnoise.layers import Layer, Passing
+from blurnoise.layers import Layer, Passing, passing
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
 from blurnoise.trajectory import Polyline, Trajectory, per_picture
@@ -138,13 +138,16 @@ def row_by_row(at: OperatingPoint[float]) -> bool:
     return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
 
 
-def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
-    """The operating point of every frame, in the precision of the batch."""
+def each_of(
+    points: OperatingPoint[Tensor], size: tuple[int, int] | None = None
+) -> Iterator[OperatingPoint[float]]:
+    """The operating point of every frame, in the precision of the batch; of one (H, W) with what objects do to it."""
     displacement = torch.as_tensor(points.displacement_px)
     varies = torch.as_tensor(points.variation_px).expand(len(displacement))
     numbers = (points.exposure_s, points.temperature_c, points.white_e, displacement, varies)
     rows = zip(*(each.tolist() for each in numbers), strict=True)
     for item, (exposure_s, temperature_c, white_e, (x, y), variation_px) in enumerate(rows):
+        layers = cast(tuple[tuple[Layer, ...], ...], points.objects[item : item + 1]) if size else ()
         yield OperatingPoint(
             points.camera,
             exposure_s,
@@ -154,6 +157,7 @@ def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
             points.illuminant,
             trajectories=points.trajectories[item : item + 1],
             variation_px=variation_px,
+            objects=tuple(passing(layer, exposure_s, size) for some in layers for layer in some if size),
         )
 
 
