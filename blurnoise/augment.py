@@ -27,7 +27,7 @@ from blurnoise.augment_boxes import moved_corners, swept_px, velocity_px_s, with
 from blurnoise.auto_exposure import AutoExposure, mean_luma
 from blurnoise.camera import Amplified
 from blurnoise.encoding import Encoding
-from blurnoise.exposure import scene_reflectance
+from blurnoise.exposure import MOVES, scene_reflectance
 from blurnoise.exposure_ranges import (
     DRAWN,
     Cameras,
@@ -39,7 +39,7 @@ from blurnoise.exposure_ranges import (
     shakes,
 )
 from blurnoise.mattes import Cut
-from blurnoise.moving_masks import MOVES, Moves, checked, in_motion, matte_of
+from blurnoise.moving_masks import Moves, checked, in_motion, matte_of
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.simulation import simulate

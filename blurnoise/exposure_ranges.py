@@ -18,7 +18,8 @@ from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
 from blurnoise.auto_exposure import AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
-from blurnoise.moving_masks import MOVES, Moves
+from blurnoise.exposure import MOVES
+from blurnoise.moving_masks import Moves
 from blurnoise.trajectory import Trajectory
 
 Range = float | Sequence[float]

@@ -16,12 +16,11 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance
 from blurnoise.layers import reach_px
-from blurnoise.mattes import Cut, Matte, cut_out, hole
+from blurnoise.mattes import Cut, Matte, cut_out, hole_of
 
 Moves = Literal["all", "targets", "background"]
 """What moves: everything, as before a camera that turns; what masks show, before a camera at rest; or what is behind
 it, before a camera that follows the targets."""
-MOVES = ("all", "targets", "background")
 
 
 def checked(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
@@ -42,7 +41,7 @@ def matte_of(masks: Tensor) -> Matte | None:
     if not masks.numel():
         return None
     matte = masks.detach().amax(0).to(torch.float32).cpu().numpy()
-    return None if not matte.any() or hole(matte > 0).all() else matte
+    return None if not matte.any() or hole_of(matte > 0).all() else matte
 
 
 def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:

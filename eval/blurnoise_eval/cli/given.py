@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from blurnoise.trajectory import Trajectory
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.grid.objects import Objects
     from blurnoise_eval.scoring.on_picture import Model
 
 
@@ -322,6 +323,22 @@ def subject(
     """Models and pictures as a sweep's options name them; sets: the other arguments of :func:`pictures`."""
     opened = models(model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector)
     return opened, pictures(targets=target or (), reads=read(opened), **sets)
+
+
+def objects(mattes: str, plates: Path | None, speeds: Sequence[str], boxes: str) -> Objects:
+    """What moves for itself; speeds: "CLASS=FACTOR" each."""
+    from blurnoise_eval.grid.objects import Objects
+
+    told = {}
+    for text in speeds:
+        label, _, factor = text.rpartition("=")
+        try:
+            told[label] = float(factor)
+        except ValueError:
+            label = ""
+        if not label:
+            raise ValueError(f"object-speed = {text!r}: must be CLASS=FACTOR, such as car=0.5")
+    return Objects(mattes, told, None if plates is None else str(plates), boxes)
 
 
 def threads(count: int | None) -> int:

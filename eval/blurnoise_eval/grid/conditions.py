@@ -28,6 +28,7 @@ from blurnoise_eval.grid.axes import (
     AXES,
     CORE,
     FURTHER,
+    MOVES,
     NAMES,
     VELOCITY,
     axis,
@@ -35,6 +36,7 @@ from blurnoise_eval.grid.axes import (
     setting_of,
     velocity_of,
 )
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
@@ -113,8 +115,8 @@ class Conditions(Mapping[str, float | None]):
 
     @property
     def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
-        """Motion and lens: conditions of which these are equal can share one blurred picture."""
-        return self.displacement_px, tuple(self[name] for name in _LENS)
+        """Motion, what moves, and lens: conditions of which these are equal can share one blurred picture."""
+        return self.displacement_px, (self["moves"], *(self[name] for name in _LENS))
 
     def on(self, camera: Camera) -> dict[str, float]:
         """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
@@ -143,7 +145,9 @@ class Conditions(Mapping[str, float | None]):
                 continue
             if each.automatic and value == AUTOMATIC:
                 value = automatic[each.name]
-            if place == "camera":
+            if each.choices:
+                fields[place] = each.choices[int(value)]
+            elif place == "camera":
                 lens[part] = value
             elif part:
                 fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
@@ -173,7 +177,8 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
-    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both.
+    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
+    what moves where not all of a picture does, and the boxes that are the truth.
     trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
     picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     """
@@ -184,6 +189,7 @@ class SweepPlan:
     examples: bool = True
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
     trajectory: str | StatedTrajectory | None = None
 
     def __post_init__(self) -> None:
@@ -191,6 +197,8 @@ class SweepPlan:
             object.__setattr__(self, "trajectory", StatedTrajectory.parse(self.trajectory))
         if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
             object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
+        if isinstance(self.objects, Mapping):
+            object.__setattr__(self, "objects", Objects(**self.objects))
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:
@@ -201,6 +209,11 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        cut = {each: value for each, value in self.objects.to_dict().items() if each != "boxes"}
+        if cut and not self.cuts:
+            raise ValueError(
+                f"{', '.join(cut)}: say what moves for itself; go with moves targets or background"
+            )
         if AUTOMATIC in checked["exposure_s"]:
             if len(checked["exposure_s"]) > 1:
                 raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
@@ -226,6 +239,11 @@ class SweepPlan:
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera's own stands."""
         return tuple(self.grid.get(name, ()))
+
+    @property
+    def cuts(self) -> bool:
+        """Whether anything in it moves but all of a picture."""
+        return any(self.values(MOVES.name))
 
     def conditions(self) -> list[Conditions]:
         """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
@@ -257,8 +275,11 @@ class SweepPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; no grey anchor and no trajectory where there is none, as in runs from before there
-        was any, and no auto-exposure where it sets nothing. Of a trajectory it is its identity."""
-        values = asdict(self)
+        was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is its
+        identity."""
+        values = {**asdict(self), "objects": self.objects.to_dict()}
+        if not values["objects"]:
+            del values["objects"]
         if not any(AUTOMATIC in self.values(name) for name in NAMES):
             del values["auto_exposure"]
         if self.grey_anchor is None:

@@ -14,8 +14,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.grey_anchor import GreyAnchor
-from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, setting_of
+from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, MOVES, setting_of
 from blurnoise_eval.grid.conditions import MOST_REPEATS, Conditions, SweepPlan
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 
 _EXAMPLES = 12  # conditions whose pictures are kept
 
@@ -37,6 +38,7 @@ class NodePlan:
     examples: bool = True
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
 
     def __post_init__(self) -> None:
         if self.grey_anchor is not None:
@@ -52,6 +54,11 @@ class NodePlan:
     @property
     def path(self) -> None:
         """Nothing moves along a path: it would see another part of that in every exposure."""
+
+    @property
+    def cuts(self) -> bool:
+        """Whether anything moves but all of a picture."""
+        return bool(self.further.get(MOVES.name))
 
     def conditions(self) -> list[Conditions]:
         """The nodes, each once; those that share a blur stand next to each other, in them those of one exposure."""
@@ -70,6 +77,8 @@ class NodePlan:
             values |= {"grey_anchor": self.grey_anchor}
         if AUTOMATIC in self.further.values():
             values |= {"auto_exposure": vars(self.auto_exposure)}
+        if own := self.objects.to_dict():
+            values |= {"objects": own}
         return values
 
 

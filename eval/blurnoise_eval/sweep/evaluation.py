@@ -19,7 +19,7 @@ from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
@@ -92,6 +92,8 @@ def evaluate(
         "engine": engine if isinstance(engine, str) else repr(engine),
     }
     facts |= {"threads": workers} if isinstance(engine, str) else {}
+    if plan.cuts:
+        datasets.check_cut(shown, plan.objects)
     for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
         at.exposure(seen_by)
     if plan.path is not None:  # a file may be too short, or need a focal length
@@ -210,7 +212,7 @@ class Evaluation:
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
             "models": self.models,
-            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
+            "answers": [{name: plain(value) for name, value in named(row).items()} for row in self.answers],
         }
         if self.outcome is not None:
             done = self.outcome

@@ -12,6 +12,7 @@ from typing import Any
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
@@ -242,7 +243,8 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
         ("models.csv", data.models),
     ):
         columns = list(rows[0]) if rows else []
-        write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
+        lines = csv_lines(columns, map(named, rows))
+        write_whole(folder / name, (line.encode("utf-8") for line in lines))
         written.append(folder / name)
     return written
 
