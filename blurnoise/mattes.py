@@ -90,8 +90,8 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
     """Of what stands in a box of a picture (H, W, 3), 8 bits: what has other colours than what is around the box.
 
     GrabCut (Rother, Kolmogorov & Blake 2004) with a fixed seed, at most ``_CUT_PX`` px a side. An object reaches all
-    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp ghost:
-    then all of the box is taken, as where there is nothing around it to compare with.
+    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp
+    ghost: then all of the box is taken, as where there is nothing around it to compare with.
     """
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = box_xyxy
@@ -111,9 +111,7 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
     if min(inside.sum(), (~inside).sum()) < _FEWEST_PIXELS:
         return boxed
     cv2.setRNGSeed(0)  # of this thread
-    cv2.grabCut(
-        small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK
-    )
+    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK)
     own = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     outlines = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     cv2.drawContours(own, outlines, -1, 1, cv2.FILLED)  # what has the background's colours within is its own
@@ -128,7 +126,7 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
 
 def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
     """The area of the upright hull of an object by that of its box."""
-    hulls = [each.any(axis).nonzero()[0] for each in (own, box) for axis in (0, 1)]
+    hulls = [np.flatnonzero(each.any(axis)) for each in (own > 0, box) for axis in (0, 1)]
     across, down, wide, high = (float(np.ptp(each) + 1) if len(each) else 0.0 for each in hulls)
     return across * down / (wide * high)
 
