@@ -90,8 +90,8 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
     """Of what stands in a box of a picture (H, W, 3), 8 bits: what has other colours than what is around the box.
 
     GrabCut (Rother, Kolmogorov & Blake 2004) with a fixed seed, at most ``_CUT_PX`` px a side. An object reaches all
-    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp ghost:
-    then all of the box is taken, as where there is nothing around it to compare with.
+    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp
+    ghost: then all of the box is taken, as where there is nothing around it to compare with.
     """
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = box_xyxy
@@ -126,7 +126,7 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
 
 def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
     """The area of the upright hull of an object by that of its box."""
-    hulls = [each.any(axis).nonzero()[0] for each in (own, box) for axis in (0, 1)]
+    hulls = [np.flatnonzero(each.any(axis)) for each in (own > 0, box) for axis in (0, 1)]
     across, down, wide, high = (float(np.ptp(each) + 1) if len(each) else 0.0 for each in hulls)
     return across * down / (wide * high)
 

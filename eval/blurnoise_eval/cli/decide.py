@@ -5,15 +5,19 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
+    Boxes,
     CameraName,
     GreyAnchor,
     Json,
+    Mattes,
+    ObjectSpeed,
+    Plates,
     Range,
     StatedPath,
     bounds,
@@ -63,6 +67,13 @@ def decide(
         object,
         _asked(parser=or_auto, metavar="auto|DB", help="dB; auto: what brings each picture's mean to 18 %"),
     ] = "auto",
+    moves: Annotated[
+        Literal["all", "targets", "background"], _asked(help="what moves, as of 'blurnoise sweep'")
+    ] = "all",
+    mattes: Mattes = "auto",
+    plates: Plates = None,
+    object_speed: ObjectSpeed = None,
+    boxes: Boxes = "object",
     threshold: Threshold = None,
     keep: Keep = None,
     score: Score = None,
@@ -117,9 +128,11 @@ def decide(
         "f_number": f_number,
         "defocus_radius_px": defocus_px,
         "gain_db": gain,
+        "moves": None if moves == "all" else moves,
     }
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
+    objects = given.objects(mattes, plates, object_speed or (), boxes)
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
     workers = given.threads(threads)
     models, pictures = given.subject(**shared)
@@ -140,6 +153,7 @@ def decide(
         seed=seed,
         grey_anchor=grey_anchor,
         trajectory=trajectory,
+        objects=objects,
         engine=engine,
         threads=workers,
         progress=True,

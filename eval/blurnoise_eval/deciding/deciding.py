@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import in_range, integer
 from blurnoise.camera import Camera
 from blurnoise.stated_trajectory import StatedTrajectory
-from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
 from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
@@ -32,6 +32,7 @@ from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
@@ -101,6 +102,7 @@ def decided(
     seed: int = 0,
     grey_anchor: str | None = None,
     trajectory: str | None = None,
+    objects: Objects = USUAL_OBJECTS,
     engine: str | Engine = "threads",
     threads: int = 1,
     progress: bool | None = None,
@@ -112,7 +114,12 @@ def decided(
     where the plane does not hold. Raises what that raises.
     """
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
-    shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}
+    shared: dict[str, Any] = {
+        "repeats": repeats,
+        "seed": seed,
+        "grey_anchor": grey_anchor,
+        "objects": objects,
+    }
     criterion = stated(
         threshold,
         keep,
@@ -139,6 +146,8 @@ def decided(
         return Decision(output, **enough, progress=progress)
     direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
     plan = NodePlan((), question.further, direction, **shared)
+    if plan.cuts:
+        check_cut(pictures, objects)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     facts: dict[str, Any] = {

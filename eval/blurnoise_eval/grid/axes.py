@@ -168,7 +168,7 @@ AXES: tuple[Axis, ...] = (
         "moves", "moves", "--moves",
         "what moves by --dx and --dy: all of the picture, its targets before what is still, or the background while "
         "the camera tracks the targets (default: all)",
-        "What moves", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
+        "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
         text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
     ),
 )  # fmt: skip

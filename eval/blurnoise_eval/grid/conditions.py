@@ -209,11 +209,7 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
-        cut = {each: value for each, value in self.objects.to_dict().items() if each != "boxes"}
-        if cut and not self.cuts:
-            raise ValueError(
-                f"{', '.join(cut)}: say what moves for itself; go with moves targets or background"
-            )
+        self.objects.check_used(self.cuts)
         if AUTOMATIC in checked["exposure_s"]:
             if len(checked["exposure_s"]) > 1:
                 raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")

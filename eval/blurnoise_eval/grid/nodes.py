@@ -45,6 +45,7 @@ class NodePlan:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        self.objects.check_used(self.cuts)
         if unknown := sorted(set(self.further) - set(FURTHER)):
             raise ValueError(f"further = {unknown}: must be of {', '.join(FURTHER)}")
         for node in self.nodes:

@@ -18,9 +18,11 @@ _FASTEST = 100.0
 
 @dataclass(frozen=True)
 class Objects:
-    """mattes: "auto": an annotation's segmentation where it has one, else as "grabcut", which cuts the object from
-    its box or takes the box (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box": all of the box. speeds: by class, a multiple of the velocity, 0: it
-    stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
+    """mattes: how targets are told from the rest, of ``MATTES``; speeds: by class, a multiple of the velocity.
+
+    "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box, or
+    takes all of it (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box". A speed of 0: it stands.
+    plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
     :func:`blurnoise.layers.boxes_in_motion`. Raises ``ValueError`` naming the field.
     """
 
@@ -38,6 +40,14 @@ class Objects:
             for label, speed in given
         }
         object.__setattr__(self, "speeds", tuple(sorted(checked.items())))
+
+    def check_used(self, cuts: bool) -> None:
+        """Raise ``ValueError`` where something is stated of what moves for itself and nothing does, ``cuts``."""
+        stated = [name for name in self.to_dict() if name != "boxes"]
+        if stated and not cuts:
+            raise ValueError(
+                f"{', '.join(stated)}: of what moves for itself; goes with moves targets or background"
+            )
 
     def speed_of(self, label: str) -> float:
         """That of a class, 1 unless stated."""

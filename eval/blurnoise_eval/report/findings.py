@@ -15,6 +15,7 @@ from blurnoise_eval.report.measured import clean_confidence, largest_groups, mod
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
+INVENTED = 0.1  # of targets' area, from which on the report says that what is seen behind them is invented
 SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what the box decides
 
 
@@ -37,6 +38,24 @@ def swept(data: RunData) -> list[str]:
                 f"{row['detection_rate_swept']:.2f}."
             )
     return lines
+
+
+def invented(data: RunData) -> str | None:
+    """How much of what is seen where targets were cut out nobody had seen; None where that is little."""
+    shares = [
+        (share, row)
+        for row in data.scores
+        if not row["clean"] and (share := row.get("invented_share")) is not None
+    ]
+    much = [(share, row) for share, row in shares if share >= INVENTED]
+    if not much:
+        return None
+    most, row = max(much, key=lambda each: each[0])
+    return (
+        f"Behind targets the background was invented, and what is seen of it is {100 * INVENTED:.0f} % of their area "
+        f"and more in {len(much)} of {len(shares)} conditions, most at {data.settings.condition_text(row)}: "
+        f"{100 * most:.0f} %. Pictures without the targets (--plates) would show what is there."
+    )
 
 
 def alarms(data: RunData) -> list[str]:
@@ -76,6 +95,7 @@ def warnings(data: RunData) -> list[str]:
     """What limits the answers: the run's own warnings, weak groups, skipped pictures."""
     threshold = data.manifest["threshold"]
     warnings = list(data.manifest["warnings"])
+    warnings += [told] if (told := invented(data)) else []
     names = model_names(data)
     if len(names) > 1 and not data.manifest["images"].get("labelled", True):
         warnings.append(
