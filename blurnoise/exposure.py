@@ -85,10 +85,12 @@ class Exposure:
         integer("seed", self.seed, 0, rng.LAST_SEED)
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
-        if one_of("moves", self.moves, MOVES) != "all" and (self.trajectory or self.camera.row_time_s):
+        one_of("moves", self.moves, MOVES)
+        other = self.trajectory is not None or self.camera.shutter == "global-reset"
+        if self.moves != "all" and self.camera.row_time_s and other:
             raise ValueError(
-                f"moves = {self.moves!r}: targets move in straight lines before a camera that reads all rows at "
-                f"once; must be 'all' along a trajectory and with row_time_s = {self.camera.row_time_s!r}"
+                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
+                "rolling shutter and without a trajectory; must be 'all'"
             )
 
     @property

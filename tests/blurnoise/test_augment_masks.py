@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -196,12 +197,15 @@ def test_what_moves_is_drawn_evenly_and_named() -> None:
     assert abs(float(params["moves_index"].double().mean()) - 0.5) < 5 * 0.5 / math.sqrt(2000)
     assert 2.0 <= float(params["shake_px"].min()) < float(params["shake_px"].max()) <= 6.0
     assert "moves=('targets', 'background')" in str(aug.ranges)
-    plain = RandomExposure(p=1.0)
+    plain, reset = RandomExposure(p=1.0), replace(Camera.preset("ar0237"), shutter="global-reset")
     assert not {"moves_index", "shake_px"} & set(plain.generate_parameters((2, 3, 8, 8)))
     with pytest.raises(ValueError, match="moves"):
         ExposureRanges(moves=())
     with pytest.raises(ValueError, match="shake_px"):
         ExposureRanges(shake_px=(-1.0, 2.0))
+    for name, given in (("ar0237", {"shake_px": 3.0}), (reset, {})):
+        with pytest.raises(ValueError, match="reads row by row"):
+            ExposureRanges(name, moves="targets", **given)
     with pytest.raises(ValueError, match="ar0237"):
         ExposureRanges("ar0237", exposure_s=1e-6, shake_px=3.0)
 
@@ -243,6 +247,19 @@ def test_shakes_are_each_pictures_own_and_boxes_cover_them() -> None:
     grown = aug.transform_boxes(Boxes.from_tensor(boxes, mode="xyxy"), params, aug.flags).to_tensor("xyxy")
     added = (grown[:, 0, 2:] - grown[:, 0, :2]) - (boxes[:, 0, 2:] - boxes[:, 0, :2])
     assert added.amax(1).tolist() == pytest.approx([9.0] * 4, abs=0.1)  # the extent is its longer side
+
+
+@pytest.mark.parametrize(("camera", "shake_px"), [("imx250", 5.0), ("ar0237", 0.0)])
+def test_parts_move_before_a_shaken_camera_and_before_one_that_rolls(camera: str, shake_px: float) -> None:
+    image, masks = batch(3)
+    aug = RandomExposure(
+        camera, exposure_s=(0.01, 0.03), moves=("targets", "background"), shake_px=shake_px, p=1.0
+    )
+    torch.manual_seed(6)
+    out, drawn = aug(image, masks=masks), aug._params
+    for item in range(3):
+        one = {k: v if k == "forward_input_shape" else v[item : item + 1] for k, v in drawn.items()}
+        assert torch.equal(aug(image[item : item + 1], params=one)[0], out[item])
 
 
 def test_shaken_pictures_do_not_depend_on_their_batch_before_a_rolling_shutter() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -94,12 +95,14 @@ def evaluate(
     facts |= {"threads": workers} if isinstance(engine, str) else {}
     if plan.cuts:
         datasets.check_cut(shown, plan.objects)
-    for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
-        at.exposure(seen_by)
+    path = None
     if plan.path is not None:  # a file may be too short, or need a focal length
-        (path, longest_s), readout_s = plan.path, seen_by.row_time_s * seen_by.height_px
+        (stated_path, longest_s), readout_s = plan.path, seen_by.row_time_s * seen_by.height_px
         half_s = longest_s / 2 + (readout_s if seen_by.shutter == "global-reset" else readout_s / 2)
-        path.of(seen_by, seen_by.field.size, longest_s, plan.seed).window(-half_s, half_s)
+        path = stated_path.of(seen_by, seen_by.field.size, longest_s, plan.seed)
+        path.window(-half_s, half_s)
+    for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
+        replace(at.exposure(seen_by), trajectory=path)
     with Store(Path(output), create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:

@@ -207,7 +207,8 @@ def _apart(taken: Exposure) -> bool:
 def box_mover(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or what else
     ``objects.boxes`` says; None: they stay."""
-    if objects.boxes == "object" or not any(taken.velocity_px_s):
+    along_path = objects.boxes == "swept" and taken.trajectory is not None
+    if objects.boxes == "object" or not (any(taken.velocity_px_s) or along_path):
         return _mover(lambda of: of.move_boxes, taken, objects) if effects.displace(taken.camera) else None
     if objects.boxes == "swept":
         return _mover(lambda of: of.sweep_boxes, taken, objects, within=True)
