@@ -32,7 +32,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
 
     Boxes stay, or with ``grow_boxes`` cover what the motion sweeps, whole pixels if they are integers; masks and
     keypoints stay. ``make_params`` draws everything, the noise seed included, from torch's global generator:
-    ``transform`` with the same parameters gives the same bits.
+    ``transform`` with the same parameters gives the same bits. With ``moves`` all masks of a sample, (N, H, W) within
+    [0, 1], are its targets, in every frame of a video.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
     pictures that are neither uint8 nor float, and for rotated boxes that were to grow.
