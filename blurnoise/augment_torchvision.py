@@ -7,6 +7,7 @@ uint8 rounded. Convention: as in v2, all images of one call get the same conditi
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import PIL.Image
@@ -17,19 +18,12 @@ from torchvision.transforms import v2
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.augment import (
-    Cameras,
-    ExposureGenerator,
-    ExposureRanges,
-    Gain,
-    Range,
-    expose_pictures,
-    moved_corners,
-    swept_half_px,
-    within_picture,
-)
+from blurnoise.augment import ExposureGenerator, expose_pictures
+from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
 from blurnoise.encoding import Encoding
+from blurnoise.exposure_ranges import Cameras, ExposureRanges, Gain, Range, shakes
 from blurnoise.light import effects
+from blurnoise.moving_masks import Moves
 from blurnoise.sensor.readout import Fidelity
 
 
@@ -38,7 +32,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
 
     Boxes stay, or with ``grow_boxes`` cover what the motion sweeps, whole pixels if they are integers; masks and
     keypoints stay. ``make_params`` draws everything, the noise seed included, from torch's global generator:
-    ``transform`` with the same parameters gives the same bits.
+    ``transform`` with the same parameters gives the same bits. With ``moves`` all masks of a sample, (N, H, W) within
+    [0, 1], are its targets, in every frame of a video.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
     pictures that are neither uint8 nor float, and for rotated boxes that were to grow.
@@ -53,6 +48,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         direction_deg: Range = ExposureRanges.direction_deg,
         temperature_c: Range = ExposureRanges.temperature_c,
         gain_db: Gain = ExposureRanges.gain_db,
+        shake_px: Range = ExposureRanges.shake_px,
+        moves: Moves | Sequence[Moves] = ExposureRanges.moves,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -60,7 +57,15 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
     ) -> None:
         super().__init__()
         self.ranges = ExposureRanges(
-            camera, exposure_s, illuminance_lux, speed_px_s, direction_deg, temperature_c, gain_db
+            camera,
+            exposure_s,
+            illuminance_lux,
+            speed_px_s,
+            direction_deg,
+            temperature_c,
+            gain_db,
+            shake_px,
+            moves,
         )
         one_of("encoding", encoding, ("srgb", "linear"))
         one_of("fidelity", fidelity, ("auto", "full"))
@@ -75,8 +80,13 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         return f"{self.ranges}, {super().extra_repr()}"
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        """Conditions and noise seed, (1,) each, and whether they apply."""
-        return {**self._generator((1,)), "applies": bool(torch.rand(()) < self.p)}
+        """Conditions and noise seed, (1,) each, whether they apply, and the masks, if parts are to move."""
+        drawn = {**self._generator((1,)), "applies": bool(torch.rand(()) < self.p)}
+        found = [each for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
+        if found and self.ranges.moves != ("all",):
+            masks = [each.as_subclass(Tensor).reshape(-1, *each.shape[-2:]) for each in found]
+            drawn["masks"] = torch.cat(masks)[None]
+        return drawn
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         """One input under ``params``: an image or video exposed, boxes grown if asked for, all else as it is."""
@@ -101,15 +111,19 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         scene = picture.float() / 255 if picture.dtype == torch.uint8 else picture
         frames = scene.reshape(-1, *scene.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
+        camera, masks = self.ranges.cameras[int(params["camera_index"])], params.get("masks")
         exposed = expose_pictures(
             frames,
-            self.ranges.cameras[int(params["camera_index"])],
+            camera,
             exposure_s=params["exposure_s"],
             illuminance_lux=params["illuminance_lux"],
             speed_px_s=params["speed_px_s"],
             direction_deg=params["direction_deg"],
             temperature_c=params["temperature_c"],
             gain_db=self.ranges.gain(params),
+            masks=None if masks is None else masks.expand(len(frames), -1, -1, -1),
+            moves=self.ranges.moving(params)[0],
+            trajectory=shakes(params, [camera], slice(None))[0],
             generator=rng.item_seeds(noise, len(frames)),
             encoding=self.encoding,
             fidelity=self.fidelity,
@@ -124,13 +138,13 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
             raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
         upright = tv_tensors.BoundingBoxFormat.XYXY
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
-        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges.cameras, boxes.canvas_size)
+        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges, boxes.canvas_size)
         if self.grow_boxes:
-            half_x, half_y = swept_half_px(params)[0].tolist()
+            sides = swept_px(params, self.ranges)[0].tolist()
             if not corners.is_floating_point():
-                half_x, half_y = math.ceil(half_x), math.ceil(half_y)
+                sides = [[math.ceil(along) for along in side] for side in sides]
             height, width = boxes.canvas_size
-            by = corners.new_tensor([[-half_x, -half_y], [half_x, half_y]])
+            by = corners.new_tensor([[-along for along in sides[0]], sides[1]])
             corners = within_picture(corners, by, (width, height))
         moved = corners.reshape(edges.shape)
         back = v2.functional.convert_bounding_box_format(moved, old_format=upright, new_format=boxes.format)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,15 @@ from numpy.typing import NDArray
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, positive, shown
 from blurnoise._core.limits import limited
+from blurnoise.camera import Camera
 from blurnoise.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 _STEPS = 2000  # of a shake during its exposure
 _ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
 _LENGTH_PX = 64.0  # of a path during an exposure, in whose unit their terms are stated
-_MOST_STEPS = 1_000_000
+LONGEST_SHAKE = 500
+"""Of a whole shake over the exposure that its extent is of."""
 _FINE = 8  # places between two readings of a rate
 BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
 """A quarter car, as assumed: of its body the frequency on its springs and their damping, of its wheel the frequency
@@ -33,6 +36,12 @@ between springs and tyre, body over wheel, and how far the axles are apart."""
 _AXES = np.eye(3)
 
 
+def path_duration_s(camera: Camera, exposure_s: float) -> float:
+    """How long a path about mid-exposure is surely long enough, s: the exposure, and what the readout adds."""
+    return exposure_s + 2 * camera.row_time_s * camera.height_px
+
+
+@lru_cache(maxsize=256)
 def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float | None = None) -> Trajectory:
     """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
 
@@ -45,11 +54,9 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
     exposure = positive("exposure_s", exposure_s)
     duration = in_range("duration_s", exposure if duration_s is None else duration_s, exposure, 3600.0)
+    if duration > LONGEST_SHAKE * exposure:
+        raise ValueError(f"duration_s = {duration:g}: must be at most {LONGEST_SHAKE} times exposure_s")
     count = math.ceil(_STEPS * duration / exposure)
-    if count > _MOST_STEPS:
-        raise ValueError(
-            f"duration_s = {duration:g}: must be at most {_MOST_STEPS // _STEPS} times exposure_s"
-        )
     drawn = np.random.default_rng(rng.derived(seed, "shake"))
     pull, noise, jerks = drawn.uniform(size=3) * (0.7, 10.0, 0.2)
     speed = _LENGTH_PX / _STEPS
@@ -135,8 +142,13 @@ def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AX
     in rows, in the unit's. Rates are linear between readings; what is faster than half their rate is not in them.
     Raises ``OSError``, or ``ValueError`` naming the file and what is wrong in it.
     """
+    return from_text(Path(path).read_text(encoding="utf-8-sig"), str(path), focal_px=focal_px, axes=axes)
+
+
+def from_text(content: str, name: str, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
+    """:func:`from_csv` of what such a file says; ``name`` is the file's, for messages."""
     try:
-        columns = _columns(Path(path))
+        columns = _columns(content)
         time = columns.pop("time_s") if "time_s" in columns else np.zeros(0)
         if len(time) < 2 or not bool((np.diff(time) > 0).all()):
             raise ValueError("time_s: must be at least two times that increase")
@@ -151,7 +163,7 @@ def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AX
             f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
         )
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{name}: {error}") from None
 
 
 def from_rates(
@@ -179,9 +191,8 @@ def _of_rates(time: Floats, wx: Floats, wy: Floats, focal_px: float) -> Trajecto
     return Trajectory.of(fine, focal * np.stack(angles))
 
 
-def _columns(path: Path) -> dict[str, Floats]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+def _columns(content: str) -> dict[str, Floats]:
+    rows = [row for row in csv.reader(content.splitlines()) if row and not row[0].lstrip().startswith("#")]
     if not rows:
         raise ValueError("is empty")
     names = [name.strip() for name in rows[0]]

@@ -84,6 +84,7 @@ def plan(
     exposure_s: float,
     illuminance_lux: float,
     displacement_px: tuple[float, float] = (0.0, 0.0),
+    variation_px: float = 0.0,
     trajectory: Trajectory | None = None,
     temperature_c: float = 25.0,
     illuminant: str | Curve = "D55",
@@ -94,10 +95,10 @@ def plan(
 
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
-    the module. displacement_px: uniform motion, beside the trajectory. objects: what else moves,
-    which is always modelled: displacement and share of the picture (:func:`blurnoise.layers.passing`); the other
-    arguments as
-    in :func:`blurnoise.simulate`, for one picture.
+    the module. displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels
+    is another, 0.198 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
+    displacement and share of the picture (:func:`blurnoise.layers.passing`); the other arguments as in
+    :func:`blurnoise.simulate`, for one picture.
     Raises ``ValueError`` that names the argument.
     """
     limited("tolerance_dn", tolerance_dn)
@@ -108,7 +109,9 @@ def plan(
         raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
     x, y = (limited("displacement_px", along) for along in moved.tolist())
     white_e *= mosaic.peak(camera, illuminant)
+    varies = limited("variation_px", variation_px)
     at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
+    at = replace(at, variation_px=varies)
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
         at = replace(at, trajectories=(trajectory,))

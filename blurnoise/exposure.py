@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -29,8 +29,9 @@ from blurnoise.camera import Amplified, Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
 from blurnoise.grey_anchor import GreyAnchor
-from blurnoise.layers import Layer, Layers, of_each, passing
+from blurnoise.layers import Layer, Layers, of_each
 from blurnoise.light import effects
+from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.operating_point import OperatingPoint, each_of, items, of_one_exposure, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.mosaics import magnification
@@ -43,6 +44,8 @@ from blurnoise.spectra import Curve, check_illuminant
 from blurnoise.trajectory import Trajectory
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
+MOVES = ("all", "targets", "background")
+"""What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
 _FIELDS = 2  # noise fields that a scene keeps
 
 
@@ -51,8 +54,9 @@ class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
-    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. Raises ``TypeError`` or
-    ``ValueError`` naming the field and what is allowed.
+    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
+    has the velocity, see :mod:`blurnoise.cut_scene`. Raises ``TypeError`` or ``ValueError`` naming the field and what
+    is allowed.
     """
 
     camera: Camera
@@ -63,6 +67,7 @@ class Exposure:
     gain_db: float = 0.0
     seed: int = 0
     trajectory: Trajectory | None = None
+    moves: str = "all"
 
     def __post_init__(self) -> None:
         of_one_exposure(self.camera)
@@ -80,6 +85,13 @@ class Exposure:
         integer("seed", self.seed, 0, rng.LAST_SEED)
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
+        one_of("moves", self.moves, MOVES)
+        other = self.trajectory is not None or self.camera.shutter == "global-reset"
+        if self.moves != "all" and self.camera.row_time_s and other:
+            raise ValueError(
+                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
+                "rolling shutter and without a trajectory; must be 'all'"
+            )
 
     @property
     def amplified(self) -> Amplified:
@@ -94,7 +106,15 @@ class Exposure:
         """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
         return effects.swept_boxes(boxes_xyxy, self._point(size))
 
+    def of_targets(self, speed: float = 1.0) -> Exposure:
+        """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
+        share = {"all": 1.0, "targets": speed, "background": 1.0 - speed}[self.moves]
+        x, y = self.velocity_px_s
+        return replace(self, velocity_px_s=(share * x, share * y), moves="all")
+
     def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
+        if self.moves != "all":
+            return self.of_targets()._point(size)
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
         return OperatingPoint(
@@ -193,7 +213,8 @@ class ExposedScene:
         )
         batch = len(self.light)
         seeds = rng.item_seeds(generator, batch)
-        given = (self.light, points.exposure_s, points.white_e, points.displacement_px, points.temperature_c)
+        moved = points.displacement_px if points.flow_px is None else points.flow_px
+        given = (self.light, points.exposure_s, points.white_e, moved, points.temperature_c)
         asked = [torch.as_tensor(each).requires_grad for each in given]
         asked += [layer.requires_grad for some in self._layers for layer in some]
         differentiable = torch.is_grad_enabled() and any(asked)
@@ -208,7 +229,7 @@ class ExposedScene:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
         peak = mosaic.peak(camera, self._illuminant)
-        for item, at in enumerate(_each(points, self._size)):
+        for item, at in enumerate(each_of(points, self._size)):
             needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
@@ -281,13 +302,13 @@ class ExposedScene:
                 camera,
                 exposure_s=[each.exposure_s for each in some],
                 illuminance_lux=[each.illuminance_lux for each in some],
-                velocity_px_s=[each.velocity_px_s for each in some],
+                velocity_px_s=[self._velocity(each) for each in some],
                 temperature_c=[each.temperature_c for each in some],
                 illuminant=self._illuminant,
                 trajectory=[each.trajectory for each in some],
-                objects=self._layers * len(some),
+                objects=tuple(map(self._objects, some)) if self._layers else (),
             )
-            for place, (exposure, at) in enumerate(zip(some, _each(points, self._size), strict=True)):
+            for place, (exposure, at) in enumerate(zip(some, each_of(points, self._size), strict=True)):
                 digital_db = exposure.amplified.digital_db
                 gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
                 gain *= magnification(camera, self._illuminant)
@@ -304,6 +325,16 @@ class ExposedScene:
                     effects.key(_reduced(at, needs), without),
                 )
                 yield _Planned(alike, items(points, slice(place, place + 1)), needs)
+
+    def _velocity(self, exposure: Exposure) -> tuple[float, float]:
+        if exposure.moves != "all":
+            raise ValueError(
+                f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"
+            )
+        return exposure.velocity_px_s
+
+    def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
+        return self._layers[0]
 
     def _read(
         self,
@@ -387,17 +418,6 @@ class _Planned(NamedTuple):
     needs: Plan | None
 
 
-def _each(points: OperatingPoint[Tensor], size: tuple[int, int]) -> Iterator[OperatingPoint[float]]:
-    """The operating point of every frame (H, W), in the precision of the batch."""
-    for place, at in enumerate(each_of(points)):
-        objects = tuple(
-            passing(layer, at.exposure_s, size)
-            for some in points.objects[place : place + 1]
-            for layer in cast(tuple[Layer, ...], some)
-        )
-        yield replace(at, objects=objects)
-
-
 def _brighter(at: OperatingPoint[float], brightest: float) -> OperatingPoint[float]:
     """Where the brightest of a picture stands: bounds are for light up to 1."""
     return at if brightest == 1.0 else replace(at, white_e=at.white_e * brightest)
@@ -410,7 +430,10 @@ def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
 
 def _reduced(at: Point, needs: Plan | None) -> Point:
     """The operating points with what is left out set to 0."""
-    return replace(at, camera=needs.camera) if needs else at
+    if needs is None:
+        return at
+    one_motion = MOTION_VARIATION.name in needs.without
+    return replace(at, camera=needs.camera, flow_px=None if one_motion else at.flow_px)
 
 
 def _decoded(picture: NDArray[Any]) -> Tensor:

@@ -51,18 +51,29 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     one_of("border", border, BORDERS)
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)
-    differentiable = torch.is_grad_enabled() and (image.requires_grad or moved.requires_grad)
-    if differentiable:
-        pairs = zip(image, moved, strict=True)
-        return torch.stack([_differentiable(picture, by, border) for picture, by in pairs])
-    if not bool(moved.any()):
+    if not (torch.is_grad_enabled() and moved.requires_grad) and not bool(moved.any()):
         return image
+    return _each(image, moved, border, None)
+
+
+def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
+    """Pictures (B, C, H, W) that show at p what was at p - d(p), d as :func:`flow_blur` takes it; differentiable."""
+    image_batch("image", image)
+    moved = flows("displacement_px", displacement_px, image)
+    return _each(image, moved, border, [1.0])
+
+
+def _each(image: Tensor, moved: Tensor, border: Border, times: list[float] | None) -> Tensor:
+    """Every picture at the times, in displacements, or at those that its own flow needs."""
+    if torch.is_grad_enabled() and (image.requires_grad or moved.requires_grad):
+        pairs = zip(image, moved, strict=True)
+        return torch.stack([_differentiable(picture, by, border, times) for picture, by in pairs])
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
     for picture, by, target in zip(image.detach(), moved.detach(), out, strict=True):
         if picture.device.type == "cpu" and picture.dtype == torch.float32:
-            _remapped(picture, by, target, border)
+            _remapped(picture, by, target, border, times)
         else:
-            target[:] = _differentiable(picture, by, border)
+            target[:] = _differentiable(picture, by, border, times)
     return out
 
 
@@ -79,11 +90,11 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
     return tensor.expand(batch, 2, height, width)
 
 
-def _bands(by: Tensor) -> list[tuple[slice, list[float]]]:
-    """Rows, and the times of the sub-exposures that they need."""
+def _bands(by: Tensor, at: list[float] | None) -> list[tuple[slice, list[float]]]:
+    """Rows, and the times of the sub-exposures that they need; all at stated ones."""
     longest = by.detach().square().sum(0).amax(1).sqrt()
     bands = [slice(top, top + _BAND) for top in range(0, len(longest), _BAND)]
-    return [(rows, _times(float(longest[rows].max()))) for rows in bands]
+    return [(rows, at or _times(float(longest[rows].max()))) for rows in bands]
 
 
 def _times(length_px: float) -> list[float]:
@@ -95,7 +106,7 @@ def _times(length_px: float) -> list[float]:
     return [(place + 0.5 - count / 2) * spread for place in range(count)]
 
 
-def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border) -> None:
+def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: list[float] | None) -> None:
     """By OpenCV, on the CPU: four channels at a time, a third of the time of three, or one."""
     width = picture.shape[-1]
     plane = _with_margin(picture, border).numpy()
@@ -124,7 +135,7 @@ def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border) -> No
             mean = torch.from_numpy(total).permute(2, 0, 1) / len(times)
             some[:] = mean[: len(some)]
 
-    side_by_side(blur, _bands(by), threads)
+    side_by_side(blur, _bands(by, at), threads)
 
 
 def _with_margin(picture: Tensor, border: Border) -> Tensor:
@@ -154,7 +165,7 @@ def _whole(size: int, border: Border) -> int:
     return 2 * size - 1 if border in ("reflect", "replicate") else 2 * size
 
 
-def _differentiable(picture: Tensor, by: Tensor, border: Border) -> Tensor:
+def _differentiable(picture: Tensor, by: Tensor, border: Border, at: list[float] | None) -> Tensor:
     """The same by ``grid_sample``, of one picture (C, H, W), on any device."""
     height, width = picture.shape[-2:]
     taps = torch.from_numpy(_TAPS).to(picture)
@@ -164,7 +175,7 @@ def _differentiable(picture: Tensor, by: Tensor, border: Border) -> Tensor:
     size = finer.shape[-2:]
     across = torch.arange(width).to(picture)
     parts = []
-    for rows, times in _bands(by):
+    for rows, times in _bands(by, at):
         along_x, along_y = by[0, rows], by[1, rows]
         down = torch.arange(rows.start, rows.start + len(along_x)).to(picture)[:, None]
         total = picture.new_zeros(())

@@ -26,6 +26,7 @@ from blurnoise.camera import Camera
 from blurnoise.capture import Capture, factors, windows
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import ExposedScene
+from blurnoise.flow_blur import flow_warp, flows
 from blurnoise.layers import Layers, of_each
 from blurnoise.light.flicker import Pwm, lit
 from blurnoise.light.objects import displaced
@@ -88,7 +89,8 @@ def captured(
         raise ValueError(
             f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
         )
-    velocity = blur.motions("velocity_px_s", velocity_px_s, light)
+    by_flow = getattr(velocity_px_s, "ndim", 0) > 2
+    velocity = (flows if by_flow else blur.motions)("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
     objects = of_each(layers, light)
     frames = []
@@ -103,7 +105,7 @@ def captured(
             for own in objects
         ]
         frames.append(
-            ExposedScene(translated(seen, velocity * later_s, border), layers=later, **scene).expose(
+            ExposedScene(_carried(seen, velocity * later_s, border), layers=later, **scene).expose(
                 reader,
                 exposure_s=taken_s,
                 illuminance_lux=illuminance_lux * capture.sensitivity,
@@ -116,6 +118,13 @@ def captured(
             )
         )
     return frames
+
+
+def _carried(light: Tensor, by_px: Tensor, border: Border) -> Tensor:
+    """The light displaced by (B, 2) px, or each pixel by its own, (B, 2, H, W)."""
+    if by_px.ndim == 2:
+        return translated(light, by_px, border)
+    return flow_warp(light, by_px, border=border) if bool(by_px.any()) else light
 
 
 def fuse(

@@ -1,7 +1,8 @@
 """Layered exposures: objects, each in a motion of its own, before a background that moves otherwise or not at all.
 
 Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure everything
-is where the picture at rest has it. Layers come back to front: the last is in front.
+is where the picture at rest has it, unless the camera shakes or reads row by row (:class:`Moved`). Layers come back
+to front: the last is in front.
 
 One object of light F and matte alpha before a background B makes, the exposure being T,
 
@@ -9,9 +10,9 @@ One object of light F and matte alpha before a background B makes, the exposure 
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
 time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the fastest moves, within each
-of which it is taken for exact. The error of the formula is then that of the covariance within a part. Never blend a
-blurred picture by a blurred matte: that leaves the object sharp in its own place.
+overlap that move differently, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the
+fastest moves, within each of which it is taken for exact. The error of the formula is then that of the covariance
+within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
 All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
 a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
@@ -19,9 +20,9 @@ a layer ends at the picture's border it goes on beyond it as the border does; el
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -36,7 +37,9 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
-from blurnoise.layers import ALIKE_PX, Layer, Layers, of_each, plane_of, reach_px, window_of
+from blurnoise.courses import Along, Course, Flow, RowByRow, Straight, finest
+from blurnoise.layers import Layer, Layers, of_each, plane_of, window_at_rest
+from blurnoise.trajectory import Trajectory
 
 STEP_PX = 2.0
 """What the fastest moves within one part of an exposure, at most."""
@@ -74,6 +77,31 @@ def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
     return exposed(background, layers, background.new_zeros(()), background.new_zeros(2))
 
 
+class Moved(NamedTuple):
+    """What a camera does to all motions: its trajectory, or the s from row to row; a background's flow (2, H, W)."""
+
+    trajectory: Trajectory | None = None
+    row_s: float = 0.0
+    flow_px: Tensor | None = None
+
+    def course(self, displacement_px: Tensor, exposure_s: Tensor, size: tuple[int, int]) -> Course:
+        """Of what moves by (2,) during an exposure (), in a picture (H, W)."""
+        if self.trajectory is not None:
+            return Along(displacement_px, self.trajectory, float(exposure_s))
+        if self.row_s:
+            return RowByRow(displacement_px, exposure_s, self.row_s, (size[0] - 1) / 2)
+        return Straight(displacement_px)
+
+    def ground(self, displacement_px: Tensor, exposure_s: Tensor, size: tuple[int, int]) -> Course:
+        """Of the background."""
+        if self.flow_px is not None:
+            return Flow(self.flow_px, displacement_px)
+        return self.course(displacement_px, exposure_s, size)
+
+
+AT_REST = Moved()
+
+
 def exposed(
     background: Tensor,
     layers: Sequence[Layer],
@@ -81,33 +109,44 @@ def exposed(
     moved_px: Tensor,
     border: Border = "reflect",
     step_px: float = STEP_PX,
+    *,
+    camera: Moved = AT_REST,
 ) -> Tensor:
-    """:func:`expose_layers` of one picture (1, C, H, W), exposure () and displacement (2,) of the background."""
+    """:func:`expose_layers` of one picture (1, C, H, W), exposure () and displacement (2,) of the background.
+
+    camera: what its own motion, or its readout, makes of all motions.
+    """
     size = (background.shape[-2], background.shape[-1])
+    everything = Window(0, 0, *size)
+    ground_course = camera.ground(moved_px, exposure_s, size)
     laid = []
     for layer in layers:
         displacement = layer.displacement_px(exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
-        window = window_of(layer, displacement, size, border)
+        course = camera.course(displacement, exposure_s, size)
+        passed = course.passed(window_at_rest(layer)).clipped(size)
+        window = everything if border == "circular" else passed
         if window.height > 0 and window.width > 0:
-            laid.append(_Laid(layer, displacement, window))
+            laid.append(_Laid((layer,), course, window))
     ground = background
-    while laid and _as_one(laid[0].displacement_px, moved_px):  # what moves with the background is part of it
-        layer, _, window = laid.pop(0)
+    while laid and laid[0].course.as_one_with(ground_course):  # what moves with the background is part of it
+        first = laid.pop(0)
+        rest = first.window if border == "circular" else window_at_rest(first.layers[0]).clipped(size)
+        if rest.height <= 0 or rest.width <= 0:
+            continue
         ground = background.clone() if ground is background else ground
-        plane = plane_of(layer, window, size, border, background)
-        ground[..., *window.within] = (
-            plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *window.within].clone()
-        )
-    blurred = blur.motion_blur(ground, moved_px[None], border=border)
+        plane = first.plane(rest, size, border, background)
+        ground[..., *rest.within] = plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *rest.within].clone()
+    blurred = ground_course.blurred(ground, everything, border)
     if not laid:
         return blurred
-    asked = blurred.requires_grad or exposure_s.requires_grad or any(one.layer.requires_grad for one in laid)
+    asked = blurred.requires_grad or exposure_s.requires_grad or any(layer.requires_grad for layer in layers)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
-    for window, group in _groups(laid):
-        apart = len(group) > 1 or not any(_still(each) for each in (moved_px, group[0].displacement_px))
+    for window, members in _groups(laid):
+        group = _joined(members)
+        apart = len(group) > 1 or not (ground_course.still or group[0].course.still)
         if apart:
-            seen = _in_parts(group, window, ground, blurred, moved_px, border, step_px)
+            seen = _in_parts(group, window, ground, blurred, ground_course, border, step_px)
         else:
             colour, share = _blurred(group[0], window, size, border, background)
             seen = colour + (1 - share) * blurred[..., *window.within]
@@ -116,22 +155,19 @@ def exposed(
 
 
 class _Laid(NamedTuple):
-    """A layer, what it moves, and the pixels of the picture that it may cover."""
+    """Layers that move alike, back to front, how they move, and the pixels of the picture that they may cover."""
 
-    layer: Layer
-    displacement_px: Tensor
+    layers: tuple[Layer, ...]
+    course: Course
     window: Window
 
-
-def _as_one(one: Tensor, other: Tensor) -> bool:
-    """Whether two motions are the same, as far as anybody asks."""
-    if torch.is_grad_enabled() and (one.requires_grad or other.requires_grad):
-        return False
-    return float((one - other).abs().amax()) < ALIKE_PX
-
-
-def _still(displacement_px: Tensor) -> bool:
-    return _as_one(displacement_px, torch.zeros_like(displacement_px))
+    def plane(self, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
+        """Light times matte, and the matte, (1, C + 1, h, w) in ``work``, of all as one."""
+        plane = plane_of(self.layers[0], work, size, border, like)
+        for layer in self.layers[1:]:
+            before = plane_of(layer, work, size, border, like)
+            plane = before + (1 - before[:, -1:]) * plane
+        return plane
 
 
 def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
@@ -147,14 +183,24 @@ def _groups(laid: Sequence[_Laid]) -> list[tuple[Window, list[_Laid]]]:
     return [(window, [laid[place] for place in sorted(members)]) for window, members in groups]
 
 
+def _joined(group: Sequence[_Laid]) -> list[_Laid]:
+    """Layers back to front, neighbours that move alike as one."""
+    found: list[_Laid] = []
+    for each in group:
+        if found and found[-1].course.as_one_with(each.course):
+            last = found.pop()
+            each = _Laid((*last.layers, *each.layers), last.course, last.window.joined(each.window))
+        found.append(each)
+    return found
+
+
 def _blurred(
     laid: _Laid, window: Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """A layer's light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
-    work = _work(window, [laid.displacement_px])
-    plane = plane_of(laid.layer, work, size, border, like)
-    moved = blur.motion_blur(plane, laid.displacement_px[None], border="circular")
-    seen = cut(moved, work, window)
+    """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    work = _work(window, [laid.course])
+    plane = laid.plane(work, size, border, like)
+    seen = cut(laid.course.blurred(plane, work, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
 
@@ -163,82 +209,49 @@ def _in_parts(
     window: Window,
     ground: Tensor,
     blurred: Tensor,
-    moved_px: Tensor,
+    ground_course: Course,
     border: Border,
     step_px: float,
 ) -> Tensor:
     """The window (1, C, h, w) as the mean of parts of the exposure, in each of which every matte covers what is
     behind it as the part's mean does."""
     size = (ground.shape[-2], ground.shape[-1])
-    displacements = [moved_px, *(each.displacement_px for each in group)]
-    longest = max(float(each.detach().norm()) for each in displacements)
+    courses = [ground_course, *(each.course for each in group)]
+    longest = max(course.length_px(window) for course in courses)
     if longest > _LONGEST_PX:
         raise ValueError(
             f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
         )
-    count = max(1, math.ceil(longest / step_px - 1e-6))
-    work = _work(window, displacements)
+    edges = finest(courses, window, step_px)
+    count = len(edges) - 1
+    work = _work(window, courses)
     colour, share = _blurred(group[-1], window, size, border, ground)
-    scene = _Moving(continued_in(ground, work, border), moved_px, count, work, window)
-    planes = [plane_of(each.layer, work, size, border, ground) for each in group]
+    scene = ground_course.shown(continued_in(ground, work, border), count, work, window)
+    planes = [each.plane(work, size, border, ground) for each in group]
     moving = [
-        _Moving(plane, each.displacement_px, count, work, window)
+        each.course.shown(plane, count, work, window)
         for plane, each in zip([*planes[:-1], planes[-1][:, -1:]], group, strict=True)
     ]
     total, bare, clear = torch.zeros_like(colour), torch.zeros_like(colour), torch.zeros_like(colour[:, :1])
-    for part in range(count):
-        seen = own = scene.at(part)
-        through = (1 - moving[-1].at(part)).clamp(0, 1)
+    for first, last in pairwise(edges.tolist()):
+        time, weight = (first + last) / 2, last - first
+        seen = own = scene(time)
+        through = (1 - moving[-1](time)).clamp(0, 1)
         uncovered = through
         for each in moving[:-1]:
-            before = each.at(part)
+            before = each(time)
             left = (1 - before[:, -1:]).clamp(0, 1)
             seen, uncovered = before[:, :-1] + left * seen, uncovered * left
-        total, bare, clear = total.addcmul_(through, seen), bare.add_(own), clear.add_(uncovered)
+        total = total.addcmul_(through, seen, value=weight)
+        bare, clear = bare.add_(own, alpha=weight), clear.add_(uncovered, alpha=weight)
     # parts are for what varies together; what does not is exact, and the background that outside the window
-    bare, clear = bare / count, clear / count
     uncovered = 1 - share if len(group) == 1 else clear
-    return colour + total / count - clear * bare + uncovered * blurred[..., *window.within]
+    return colour + total - clear * bare + uncovered * blurred[..., *window.within]
 
 
-class _Moving:
-    """A plane (1, C, h, w) over ``work`` as each of the parts of an exposure sees it on average, in ``window``.
-
-    Between pixels linearly, which loses what is finest; it counts only where it varies with what is before it.
-    """
-
-    def __init__(
-        self, plane: Tensor, displacement_px: Tensor, count: int, work: Window, window: Window
-    ) -> None:
-        self._plane = blur.motion_blur(plane, displacement_px[None] / count, border="circular")
-        asked = torch.is_grad_enabled() and displacement_px.requires_grad
-        self._along: list[Any] = list(displacement_px) if asked else displacement_px.tolist()
-        self._count = count
-        self._place = (window.left - work.left, window.top - work.top)
-        self._lengths = (window.width, window.height)
-
-    def at(self, part: int) -> Tensor:
-        """In part number ``part``."""
-        later = (part + 0.5) / self._count - 0.5
-        seen = self._plane
-        for dim, along, first, length in zip((-1, -2), self._along, self._place, self._lengths, strict=True):
-            seen = _between(seen, along * later, dim, first, length)
-        return seen
-
-
-def _between(plane: Tensor, shift_px: float | Tensor, dim: int, first: int, count: int) -> Tensor:
-    """``count`` pixels along one axis from ``first`` on, of a plane that is moved by ``shift_px``."""
-    whole = math.ceil(float(shift_px.detach() if isinstance(shift_px, Tensor) else shift_px))
-    rest = whole - shift_px  # from the pixel before, in [0, 1)
-    near = plane.narrow(dim, first - whole, count)
-    if isinstance(rest, float) and rest == 0:
-        return near
-    return torch.lerp(near, plane.narrow(dim, first - whole + 1, count), rest)
-
-
-def _work(window: Window, displacements: Sequence[Tensor]) -> Window:
+def _work(window: Window, courses: Sequence[Course]) -> Window:
     """The window with all that moves through it, and what is left over to make lengths that transforms like."""
-    across, down = (max(reach_px(float(each.detach()[axis])) for each in displacements) for axis in (0, 1))
+    down, across = (max(reach) for reach in zip(*(course.reach(window) for course in courses), strict=True))
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width

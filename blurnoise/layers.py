@@ -112,6 +112,29 @@ def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]
     return found
 
 
+def as_one(layers: Sequence[Layer]) -> Layer:
+    """Layers that move as the first does, back to front, as one layer."""
+    windows = [window_at_rest(layer) for layer in layers]
+    window = windows[0]
+    for each in windows[1:]:
+        window = window.joined(each)
+    like = layers[0].light[None]
+    whole = like.new_zeros(1, like.shape[1] + 1, window.height, window.width)
+    for layer, own in zip(layers, windows, strict=True):
+        part = whole[..., own.top - window.top :, own.left - window.left :][..., : own.height, : own.width]
+        plane = torch.cat([layer.light * layer.alpha, layer.alpha[None]])
+        part[:] = plane + (1 - layer.alpha) * part
+    alpha = whole[0, -1]
+    light = torch.where(alpha > 0, whole[0, :-1] / alpha.clamp_min(torch.finfo(alpha.dtype).tiny), 0.0)
+    return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, (window.left, window.top))
+
+
+def window_at_rest(layer: Layer) -> Window:
+    """The pixels of its matte, those beyond a picture's border too."""
+    left, top = layer.place_px
+    return Window(top, left, *layer.alpha.shape)
+
+
 def seen_behind(layer: Layer, displacement_px: Iterable[float]) -> float:
     """Of what is behind the object, at mid-exposure, the share that is seen: sum of alpha (1 - a) / sum of alpha.
 
@@ -174,8 +197,7 @@ def window_of(layer: Layer, displacement_px: Tensor, size: tuple[int, int], bord
     if border == "circular":  # it comes back in at the other side
         return Window(0, 0, *size)
     across, down = (reach_px(along) for along in displacement_px.detach().tolist())
-    left, top = layer.place_px
-    return Window(top, left, *layer.alpha.shape).grown(down, across).clipped(size)
+    return window_at_rest(layer).grown(down, across).clipped(size)
 
 
 def reach_px(along_px: float) -> int:

@@ -7,6 +7,7 @@ photograph nobody knows: it is invented from around it (Bertalmío et al. 2001),
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -29,6 +30,11 @@ _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 _AROUND_PX = 24  # what is looked at around a hole
 _NEAR_PX = 5.0
 _LARGEST_PX = 1e6
+_CUT_PX = 160  # longest side of what GrabCut works on: its time goes with the pixels
+_AROUND_BOX = 0.25  # of a box's sides, what is looked at around it
+_CUTS = 3  # rounds of GrabCut
+_FEWEST_PIXELS = 64  # of object and of background, to know their colours
+_REACHES = 0.9  # of a box's area, what the upright hull of its object has at least
 
 
 class Cut(NamedTuple):
@@ -78,6 +84,51 @@ def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte
         spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
     across, down = spans
     return np.asarray(down[:, None] * across, np.float32)
+
+
+def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte:
+    """Of what stands in a box of a picture (H, W, 3), 8 bits: what has other colours than what is around the box.
+
+    GrabCut (Rother, Kolmogorov & Blake 2004) with a fixed seed, at most ``_CUT_PX`` px a side. An object reaches all
+    four sides of its box; where what is found does not, part of it is missing, which left behind would be a sharp
+    ghost: then all of the box is taken, as where there is nothing around it to compare with.
+    """
+    height, width = picture.shape[:2]
+    x0, y0, x1, y1 = box_xyxy
+    boxed = of_box(x0, y0, x1 - x0, y1 - y0, (height, width))
+    around_x, around_y = (max(_AROUND_PX / 2, _AROUND_BOX * side) for side in (x1 - x0, y1 - y0))
+    left, top = (max(0, math.floor(edge)) for edge in (x0 - around_x, y0 - around_y))
+    right, bottom = min(width, math.ceil(x1 + around_x)), min(height, math.ceil(y1 + around_y))
+    if not boxed.any():
+        return boxed
+    part = np.ascontiguousarray(picture[top:bottom, left:right])
+    scale = min(1.0, _CUT_PX / max(part.shape[:2]))
+    small = cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else part
+    inside = (
+        cv2.resize(boxed[top:bottom, left:right], small.shape[1::-1], interpolation=cv2.INTER_AREA) >= 0.5
+    )
+    labels = np.where(inside, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
+    if min(inside.sum(), (~inside).sum()) < _FEWEST_PIXELS:
+        return boxed
+    cv2.setRNGSeed(0)  # of this thread
+    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK)
+    own = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
+    outlines = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    cv2.drawContours(own, outlines, -1, 1, cv2.FILLED)  # what has the background's colours within is its own
+    if _share_of_hull(own, inside) < _REACHES:
+        return boxed
+    found = np.zeros_like(boxed)
+    found[top:bottom, left:right] = cv2.resize(
+        own.astype(np.float32), part.shape[1::-1], interpolation=cv2.INTER_LINEAR
+    )
+    return np.asarray(found * boxed, np.float32)
+
+
+def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
+    """The area of the upright hull of an object by that of its box."""
+    hulls = [np.flatnonzero(each.any(axis)) for each in (own > 0, box) for axis in (0, 1)]
+    across, down, wide, high = (float(np.ptp(each) + 1) if len(each) else 0.0 for each in hulls)
+    return across * down / (wide * high)
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
@@ -185,12 +236,17 @@ def cut_out(
         covered |= matte > 0
     if plate is not None:
         return Cut(plate, tuple(layers), np.zeros(size, bool))
-    hole = cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0
+    hole = hole_of(covered)
     if hole.all():
         raise ValueError(
             "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
         )
     return Cut(_filled(light, hole), tuple(layers), hole)
+
+
+def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """What is to be invented where objects cover (H, W): what is next to them holds some of their light, too."""
+    return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
 def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
@@ -218,8 +274,8 @@ def _filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     box = tuple(slice(max(0, each[0] - _AROUND_PX), each[-1] + 1 + _AROUND_PX) for each in (rows, columns))
     missing = hole[box].astype(np.uint8)
     out = light.clone()
-    for plane in out[0]:
-        part = plane[box]
+    for channel in range(out.shape[1]):
+        part = out[0, channel][box]
         seen = np.ascontiguousarray(part.detach().cpu().numpy(), np.float32)
         found = cv2.inpaint(
             seen, missing, _NEAR_PX, cv2.INPAINT_NS

@@ -1,14 +1,14 @@
 """The operating point of a frame: what every part of the chain needs to know of how it is taken.
 
 Convention: for one frame numbers are floats, for a batch of B frames of one camera tensors (B,), the
-displacement (B, 2); the same formulas serve both.
+displacement (B, 2); the same formulas serve both. A flow is a motion that differs from pixel to pixel.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -17,7 +17,8 @@ from blurnoise import blur
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
-from blurnoise.layers import Layer, Passing
+from blurnoise.flow_blur import flows
+from blurnoise.layers import Layer, Passing, passing
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.spectra import Curve
 from blurnoise.trajectory import Polyline, Trajectory, per_picture
@@ -32,7 +33,8 @@ class OperatingPoint(Generic[Number]):
     white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, which adds to the
     trajectory of each frame, none where there are none. size: (H, W) of the picture whose boxes are moved, None for
     the sensor's. objects: for one frame what each does, for a batch the layers of every frame; empty where there are
-    none.
+    none. flow_px: (B, 2, H, W), each pixel's displacement, whose middle displacement_px is then; variation_px: the
+    farthest from that.
     """
 
     camera: Camera
@@ -44,6 +46,8 @@ class OperatingPoint(Generic[Number]):
     size: tuple[int, int] | None = None
     trajectories: tuple[Trajectory | None, ...] = ()
     objects: tuple[Passing, ...] | tuple[tuple[Layer, ...], ...] = ()
+    flow_px: Tensor | None = None
+    variation_px: Tensor | float = 0.0
 
     @property
     def dark_e(self) -> Number:
@@ -70,28 +74,54 @@ def operating_points(
 ) -> OperatingPoint[Tensor]:
     """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
 
-    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2); trajectory: one for all or one, or None, for
-    each. Raises ``ValueError`` naming the argument.
+    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2), or of each pixel (2, H, W) or (B, 2, H, W);
+    trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
     """
     of_one_exposure(camera)
     batch = len(image)
     exposure = limited_per_image("exposure_s", exposure_s, batch, image)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
     temperature = limited_per_image("temperature_c", temperature_c, batch, image)
-    velocity = blur.motions("velocity_px_s", velocity_px_s, image)
-    displacement = velocity * exposure[:, None]
-    limited_motion("displacement_px: velocity times exposure", displacement)
     white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
+    displacement, flow = _motion(velocity_px_s, exposure, image)
     points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant, objects=objects)
+    if flow is not None:
+        apart = flow.detach() - displacement[:, :, None, None]
+        farthest = apart.square().sum(1).amax((1, 2)).sqrt()
+        points = replace(points, flow_px=flow, variation_px=farthest)
     paths = per_picture(trajectory, batch)
-    if any(objects) and (paths or camera.row_time_s):
+    other = (
+        "a trajectory"
+        if paths
+        else "a global reset"
+        if camera.row_time_s and camera.shutter == "global-reset"
+        else ""
+    )
+    if flow is not None and other:
         raise ValueError(
-            "objects: move in straight lines before a camera that reads all rows at once; without a trajectory, and "
-            f"with row_time_s = 0, not {camera.row_time_s!r}"
+            f"velocity_px_s: of each pixel; with {other} it must be one for all of a picture, (2,) or (B, 2)"
+        )
+    if any(objects) and camera.row_time_s and (paths or flow is not None or camera.shutter == "global-reset"):
+        raise ValueError(
+            f"objects: row_time_s = {camera.row_time_s!r}; where rows are read one after another they go with a "
+            "rolling shutter and uniform motion alone, without a trajectory or a flow"
         )
     for at in each_of(replace(points, trajectories=paths)) if paths else ():
         path(at)  # which holds the exposure, or raises
     return replace(points, trajectories=paths) if paths else points
+
+
+def _motion(velocity_px_s: Any, exposure_s: Tensor, image: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Displacements (B, 2) of pictures (B, C, H, W); of a flow the middle, and the flow (B, 2, H, W) itself."""
+    moved = "displacement_px: velocity times exposure"
+    if getattr(velocity_px_s, "ndim", 0) < 3:
+        displacement = blur.motions("velocity_px_s", velocity_px_s, image) * exposure_s[:, None]
+        limited_motion(moved, displacement)
+        return displacement, None
+    flow = flows("velocity_px_s", velocity_px_s, image) * exposure_s[:, None, None, None]
+    limited_motion(moved, flow)
+    seen = flow.detach()
+    return (seen.amax((2, 3)) + seen.amin((2, 3))) / 2, flow
 
 
 def path(at: OperatingPoint[float]) -> Polyline | None:
@@ -108,12 +138,16 @@ def row_by_row(at: OperatingPoint[float]) -> bool:
     return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
 
 
-def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
-    """The operating point of every frame, in the precision of the batch."""
+def each_of(
+    points: OperatingPoint[Tensor], size: tuple[int, int] | None = None
+) -> Iterator[OperatingPoint[float]]:
+    """The operating point of every frame, in the precision of the batch; of one (H, W) with what objects do to it."""
     displacement = torch.as_tensor(points.displacement_px)
-    numbers = (points.exposure_s, points.temperature_c, points.white_e, displacement)
+    varies = torch.as_tensor(points.variation_px).expand(len(displacement))
+    numbers = (points.exposure_s, points.temperature_c, points.white_e, displacement, varies)
     rows = zip(*(each.tolist() for each in numbers), strict=True)
-    for item, (exposure_s, temperature_c, white_e, (x, y)) in enumerate(rows):
+    for item, (exposure_s, temperature_c, white_e, (x, y), variation_px) in enumerate(rows):
+        layers = cast(tuple[tuple[Layer, ...], ...], points.objects[item : item + 1]) if size else ()
         yield OperatingPoint(
             points.camera,
             exposure_s,
@@ -122,6 +156,8 @@ def each_of(points: OperatingPoint[Tensor]) -> Iterator[OperatingPoint[float]]:
             (x, y),
             points.illuminant,
             trajectories=points.trajectories[item : item + 1],
+            variation_px=variation_px,
+            objects=tuple(passing(layer, exposure_s, size) for some in layers for layer in some if size),
         )
 
 
@@ -145,6 +181,8 @@ def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoi
         displacement_px=torch.as_tensor(points.displacement_px)[of],
         trajectories=_some(points.trajectories, of),
         objects=_some(points.objects, of),
+        flow_px=None if points.flow_px is None else points.flow_px[of],
+        variation_px=points.variation_px[of] if isinstance(points.variation_px, Tensor) else 0.0,
     )
 
 

@@ -94,21 +94,28 @@ def stretch(velocity_y_px_s: float, row_s: float) -> float:
 
 
 def warped(
-    light: Tensor, velocity_px_s: Tensor | tuple[float, float], row_s: float, border: Border
+    light: Tensor,
+    velocity_px_s: Tensor | tuple[float, float],
+    row_s: float,
+    border: Border,
+    *,
+    middle: float | None = None,
 ) -> Tensor:
     """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
 
-    Light is not kept: what moves along with the readout is read longer. Raises as :func:`stretch` does.
+    middle: the row that is read at time 0, by default the pictures' middle one. Light is not kept: what moves along
+    with the readout is read longer. Raises as :func:`stretch` does.
     """
     velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
-    stretch(float(velocity[1]), row_s)
+    stretch(float(velocity[1].detach()), row_s)
     height = light.shape[-2]
-    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
+    still = (height - 1) / 2 if middle is None else middle
+    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
     follows = torch.is_grad_enabled() and velocity.requires_grad
-    readout_s = abs(row_s) * (height - 1) / 2
-    if follows or abs(float(velocity[1])) * readout_s > _STILL_PX:
+    readout_s = float(tau.abs().max())
+    if follows or abs(float(velocity[1].detach())) * readout_s > _STILL_PX:
         light = _resampled(light, -velocity[1] * tau, border)
-    if follows or abs(float(velocity[0])) * readout_s > _STILL_PX:
+    if follows or abs(float(velocity[0].detach())) * readout_s > _STILL_PX:
         light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
     return light
 

@@ -50,7 +50,8 @@ def simulate(
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance instead of its brightness
     being reflectance (:mod:`blurnoise.grey_anchor`); more than white stays.
-    velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down. illuminant: the light's spectrum.
+    velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
+    as :mod:`blurnoise.ego_motion` gives it for a moving camera. illuminant: the light's spectrum.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
     added to the velocity, whose gradient it stops; :func:`blurnoise.path_blur.polyline_blur` has one of its own.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one

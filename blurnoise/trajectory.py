@@ -165,7 +165,7 @@ class Trajectory:
         Raises ``ValueError`` unless the trajectory holds both.
         """
         first, last = self.time_s[0], self.time_s[-1]
-        slack = 1e-9 * (last - first)  # of times that were computed in another order
+        slack = 1e-6 * (last - first)  # of times that were rounded to single precision
         if not first - slack <= start_s <= stop_s <= last + slack:
             raise ValueError(
                 f"trajectory: goes from {first:.6g} to {last:.6g} s; must hold the exposure, {start_s:.6g} to "

@@ -35,6 +35,15 @@ def motion_error(length_px: float) -> float:
     return min(1.0, (math.pi * length_px) ** 2 / 6 / math.sqrt(60)) / 2
 
 
+def motion_variation_error(difference_px: float) -> float:
+    """RMS error, in units of white, of one motion where displacements differ from it by up to difference_px.
+
+    |sinc(f . d) - sinc(f . d0)| is at most 1.3703 |f . (d - d0)|, the sinc's steepest slope (at 0.6626). Its RMS over
+    the band is 1.3703 / sqrt(12) of the difference; the worst picture, black and white, has contrast 1/2 RMS.
+    """
+    return min(1.0, 1.3703 / math.sqrt(12) * difference_px) / 2
+
+
 def disc(f: Tensor, radius_px: float) -> Tensor:
     """Defocus of a round aperture, 2 J1(2 pi R f) / (2 pi R f). MTF50 at 0.352542 / R, first 0 at 0.609835 / R."""
     x = (2 * math.pi * radius_px * f).abs().clamp_min(1e-20)

@@ -32,6 +32,8 @@ LIMITS: Mapping[str, Limit] = {
     "velocity_px_s": Limit(-1e7, 1e7),
     "speed_px_s": Limit(0.0, 1e7),
     "displacement_px": Limit(-1e5, 1e5),  # of its transforms' lengths those that are fast are soon found
+    "shake_px": Limit(0.0, 1e4),
+    "variation_px": Limit(0.0, 1e6),
     "direction_deg": Limit(-1e6, 1e6),  # single precision still tells a tenth of a degree
     "temperature_c": Limit(ABSOLUTE_ZERO_C, 300.0),
     "gain_db": Limit(-120.0, 120.0),

@@ -16,7 +16,7 @@ from blurnoise.camera import Camera
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
-from blurnoise.light.motion import MOTION
+from blurnoise.light.motion import MOTION, MOTION_VARIATION
 from blurnoise.light.objects import OBJECTS
 from blurnoise.light.rolling_shutter import ROLLING_SHUTTER
 from blurnoise.light.vignetting import VIGNETTING
@@ -24,7 +24,8 @@ from blurnoise.operating_point import OperatingPoint
 from blurnoise.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
-    DISTORTION, OBJECTS, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, ROLLING_SHUTTER, VIGNETTING,
+    DISTORTION, OBJECTS, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, MOTION_VARIATION,
+    ROLLING_SHUTTER, VIGNETTING,
 )  # fmt: skip
 """Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
 NOTHING: frozenset[str] = frozenset()

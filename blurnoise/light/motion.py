@@ -1,4 +1,4 @@
-"""Motion as a light effect: straight or along a trajectory, the same for the whole picture.
+"""Motion as a light effect: straight or along a trajectory, the same for the whole picture or not.
 
 Convention: centred, so that what moves straight is at mid-exposure where the picture without motion has it, and what
 moves otherwise on average, or at mid-exposure, as its trajectory says: boxes stay.
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from blurnoise import path_blur, transfer
 from blurnoise._core.borders import Border
+from blurnoise.flow_blur import flow_blur
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.operating_point import OperatingPoint, each_of, path, row_by_row
 
@@ -34,8 +35,9 @@ class Motion(LightEffect):
         return transfer.motion_error(math.hypot(*at.displacement_px))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur:
-        """Shared with the lens; where there are objects, :mod:`blurnoise.light.objects` moves all."""
-        if at.objects:
+        """Shared with the lens; where there are objects, :mod:`blurnoise.light.objects` moves all, and where each
+        pixel has its motion, :class:`MotionVariation` does."""
+        if at.objects or at.flow_px is not None:
             return Blur()
         moved = torch.as_tensor(at.displacement_px)
         if not at.trajectories and at.camera.shutter != "global-reset":
@@ -77,9 +79,37 @@ class Motion(LightEffect):
         return at.displacement_px, at.trajectories
 
 
+@dataclass(frozen=True)
+class MotionVariation(LightEffect):
+    """Motion that differs from pixel to pixel, as a moving camera's; left out, one motion serves the picture."""
+
+    name = "motion variation"
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        """:func:`blurnoise.transfer.motion_variation_error` of what is farthest from the one motion."""
+        return transfer.motion_variation_error(float(at.variation_px))
+
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+        """Nothing to share, unless there is a flow that objects have not met."""
+        return Blur() if at.flow_px is None or at.objects else None
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        """By sub-exposures along each pixel's path."""
+        return light if at.flow_px is None or at.objects else flow_blur(light, at.flow_px, border=border)
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        """How far displacements differ."""
+        return f"sub-exposures along each pixel's path, up to {at.variation_px:.3g} px from the middle one"
+
+    def key(self, at: OperatingPoint[float]) -> Hashable:
+        """Of its own: exposures that share their light have one motion for the picture."""
+        return at.variation_px
+
+
 def swept_half_px(displacement_px: Tensor) -> Tensor:
     """What displacements (..., 2), px, sweep to either side of a place at mid-exposure, (..., 2), >= 0."""
     return displacement_px.abs() / 2
 
 
 MOTION = Motion()
+MOTION_VARIATION = MotionVariation()

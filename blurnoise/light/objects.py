@@ -2,7 +2,8 @@
 
 With objects, the motion of everything happens here, the background's included: what covers what changes during the
 exposure. So it stands before the lens, which sees what all of them make together, but behind the distortion, in whose
-px motion is.
+px motion is. So do shake and readout, which hence come before the lens instead of behind it: that differs by how far
+rows are displaced against each other within the lens's blur.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from blurnoise._core.borders import Border
 from blurnoise.layers import Layer, Passing, on_canvas
 from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.rolling_shutter import readout_of
 from blurnoise.light.translation import translated
-from blurnoise.operating_point import OperatingPoint, items
+from blurnoise.operating_point import OperatingPoint, each_of, items
 
 
 class Objects(LightEffect):
@@ -51,11 +53,19 @@ class Objects(LightEffect):
         """Every picture with its own layers."""
         moved = torch.as_tensor(at.displacement_px)
         seen = []
-        for place, own in enumerate(cast(tuple[tuple[Layer, ...], ...], at.objects)):
+        size = (light.shape[-2], light.shape[-1])
+        every = cast(tuple[tuple[Layer, ...], ...], at.objects)
+        for place, (own, point) in enumerate(zip(every, each_of(at), strict=True)):
             if at.camera.lens.displaces:
                 own = tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
             picture = light[place : place + 1]
-            seen.append(layered.exposed(picture, own, at.exposure_s[place], moved[place], border))
+            camera = layered.Moved(
+                point.trajectory,
+                readout_of(point, size).row_s if at.camera.row_time_s else 0.0,
+                None if at.flow_px is None else at.flow_px[place],
+            )
+            exposure_s = at.exposure_s[place]
+            seen.append(layered.exposed(picture, own, exposure_s, moved[place], border, camera=camera))
         return seen[0] if len(seen) == 1 else torch.cat(seen)
 
     def how(self, at: OperatingPoint[float]) -> str:

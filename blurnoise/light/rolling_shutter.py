@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch
@@ -16,6 +17,8 @@ from torch import Tensor
 from blurnoise import rolling_shutter
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
+from blurnoise.flow_blur import flow_warp
+from blurnoise.layers import Passing
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.operating_point import OperatingPoint, each_of, row_by_row
 from blurnoise.rolling_shutter import Readout
@@ -33,10 +36,14 @@ class RollingShutter(LightEffect):
         """Of the largest displacement, pi d / sqrt(12) RMS as of a lens's, and of the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
-        readout = _readout(at, at.camera.field.size)
+        readout = readout_of(at, at.camera.field.size)
         farthest = math.hypot(*_velocity(at)) * max(map(abs, readout.span_s))
         if not row_by_row(at):
-            farthest = math.hypot(*_velocity(at)) * abs(readout.row_s) * (readout.rows - 1) / 2
+            fastest = math.hypot(*_velocity(at)) + _per_s(float(at.variation_px), at.exposure_s)
+            passing = cast(tuple[Passing, ...], at.objects)
+            own = (_per_s(math.hypot(*each.displacement_px), at.exposure_s) for each in passing)
+            fastest = max(fastest, *own, 0.0)
+            farthest = fastest * abs(readout.row_s) * (readout.rows - 1) / 2
         elif at.trajectory is not None:
             x, y = at.trajectory.origin_px(at.exposure_s)
             knots, _ = at.trajectory.window(*readout.span_s)
@@ -44,19 +51,22 @@ class RollingShutter(LightEffect):
         return min(1.0, math.pi * farthest / math.sqrt(12)) + float(readout.light.max()) - 1
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
-        """None that is shared, unless rows are exposed together."""
-        return None if at.camera.row_time_s else Blur()
+        """None that is shared, unless rows are exposed together, or :mod:`blurnoise.light.objects` exposes them."""
+        return None if at.camera.row_time_s and not at.objects else Blur()
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """Picture by picture: blurred pictures in uniform motion warped, others exposed row by row."""
         displaced = torch.as_tensor(at.displacement_px)
         parts = []
         for item, (picture, point) in enumerate(zip(torch.split(light, 1), each_of(at), strict=True)):
-            readout = _readout(point, (light.shape[-2], light.shape[-1]))
+            readout = readout_of(point, (light.shape[-2], light.shape[-1]))
             if row_by_row(point):
                 path = _whole_path(point, readout)
                 origin = path.origin_px(point.exposure_s)
                 parts.append(rolling_shutter.of_rows(picture, path, origin, readout, border))
+            elif at.flow_px is not None and point.exposure_s:
+                flow = at.flow_px[item : item + 1] / at.exposure_s[item]
+                parts.append(_flowing(picture, flow, readout, border))
             elif point.exposure_s:
                 velocity = displaced[item] / at.exposure_s[item]
                 parts.append(rolling_shutter.warped(picture, velocity, readout.row_s, border))
@@ -66,6 +76,8 @@ class RollingShutter(LightEffect):
 
     def how(self, at: OperatingPoint[float]) -> str:
         """Which of the ways, and how long the rows take."""
+        if at.objects:
+            return "with the objects, each thing by its own motion"
         took = f"{1e3 * at.camera.row_time_s * at.camera.height_px:.3g} ms from first row to last"
         if not row_by_row(at):
             x, y = (along * at.camera.row_time_s for along in _velocity(at))
@@ -83,6 +95,7 @@ class RollingShutter(LightEffect):
             camera.scan,
             at.exposure_s,
             at.displacement_px,
+            at.variation_px,
             at.trajectories,
         )
 
@@ -101,7 +114,7 @@ class RollingShutter(LightEffect):
     def _moved(self, boxes_xyxy: Tensor, at: OperatingPoint[float], *, swept: bool) -> Tensor:
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
-        readout = _readout(at, at.size or at.camera.field.size)
+        readout = readout_of(at, at.size or at.camera.field.size)
         path = _whole_path(at, readout)
         origin = np.array(path.origin_px(at.exposure_s))
         boxes = (
@@ -127,10 +140,25 @@ class RollingShutter(LightEffect):
 
 def _velocity(at: OperatingPoint[float]) -> tuple[float, float]:
     x, y = at.displacement_px
-    return (float(x) / at.exposure_s, float(y) / at.exposure_s) if at.exposure_s else (0.0, 0.0)
+    return _per_s(float(x), at.exposure_s), _per_s(float(y), at.exposure_s)
 
 
-def _readout(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
+def _per_s(moved_px: float, exposure_s: float) -> float:
+    return moved_px / exposure_s if exposure_s else 0.0
+
+
+def _flowing(light: Tensor, flow_px_s: Tensor, readout: Readout, border: Border) -> Tensor:
+    """A blurred picture of which row i shows what the flow has brought there by tau_i, the flow being steady.
+
+    Where that was is found with the flow half-way, so that what accelerates on its way through the picture is right
+    to second order.
+    """
+    tau = light.new_tensor(readout.middle_s(np.arange(readout.rows, dtype=np.float64)))[:, None]
+    half_way = flow_warp(flow_px_s, flow_px_s * (tau / 2), border="replicate")
+    return flow_warp(light, half_way * tau, border=border)
+
+
+def readout_of(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
     """Of a picture (H, W), which stands for the largest part of the sensor that has its shape."""
     camera = at.camera
     row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)

@@ -14,6 +14,7 @@ import torch
 from made_up import Shift
 from torch import Tensor
 
+from blurnoise._core import rng
 from blurnoise.augment import RandomExposure, expose_pictures
 from blurnoise.light import effects
 
@@ -211,3 +212,33 @@ def test_boxes_move_with_the_picture(monkeypatch: pytest.MonkeyPatch, box_format
     _, found = RandomExposureV2(**still)(tv_tensors.Image(picture()), boxes)
     end = [23.0, 28.0] if box_format == "XYXY" else [20.0, 26.0]
     assert found.tolist() == [[8.0, 8.0, *end]]
+
+
+@pytest.mark.parametrize("moves", ["targets", "background"])
+def test_masks_of_a_sample_say_what_moves(moves: Any) -> None:
+    """One (N, H, W) of all its objects, or one each; boxes of what the camera follows do not grow."""
+    image, box = picture(), boxes([30.0, 20.0, 50.0, 36.0])
+    masks = torch.zeros(2, *SIZE, dtype=torch.uint8)
+    masks[0, 20:36, 30:40] = masks[1, 20:36, 40:50] = 1
+    transform = RandomExposureV2(**STRAIGHT, moves=moves, grow_boxes=True)
+    torch.manual_seed(3)
+    seen, kept, grown = transform(image, tv_tensors.Mask(masks), box)
+    torch.manual_seed(3)
+    apart, *_ = transform(image, tv_tensors.Mask(masks[0]), tv_tensors.Mask(masks[1]))
+    assert torch.equal(apart, seen)
+    assert torch.equal(kept, masks)
+    assert grown.tolist() == ([[25.0, 20.0, 55.0, 36.0]] if moves == "targets" else box.tolist())
+    torch.manual_seed(3)
+    seed = int(transform.make_params([])["noise_seed"])
+    seeds = rng.item_seeds(torch.Generator().manual_seed(seed), 1)
+    light = {
+        name: STRAIGHT[name] for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")
+    }
+    expected = expose_pictures(
+        image[None], "imx250", **light, masks=masks[None], moves=moves, generator=seeds
+    )
+    torch.testing.assert_close(seen[None], expected, atol=1e-5, rtol=0)
+    torch.manual_seed(3)
+    whole, whole_box = transform(image, box)
+    assert not torch.equal(whole, seen)
+    assert whole_box.tolist() == [[25.0, 20.0, 55.0, 36.0]]

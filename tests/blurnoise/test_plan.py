@@ -39,6 +39,7 @@ ORDER = [
     "diffraction",
     "measured MTF",
     "motion",
+    "motion variation",
     "rolling shutter",
     "vignetting",
     "spectral integration",

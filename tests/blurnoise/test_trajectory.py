@@ -227,3 +227,13 @@ def test_no_time_sees_one_place() -> None:
 def test_what_is_no_trajectory(make: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         make()  # type: ignore[operator]
+
+
+def test_a_path_holds_an_exposure_that_is_rounded_to_single_precision() -> None:
+    """0.1 s is longer in single precision; a thousandth more is not held."""
+    path = Trajectory.straight((100.0, 0.0), 0.1)
+    rounded = float(np.float32(0.1))
+    assert rounded > 0.1
+    assert path.seen(rounded).box[2] == pytest.approx(5.0, rel=1e-6)
+    with pytest.raises(ValueError, match="must hold the exposure"):
+        path.seen(0.1001)

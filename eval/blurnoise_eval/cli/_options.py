@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Option
@@ -129,6 +130,15 @@ GreyAnchor = Annotated[
         "is taken for reflectance)",
     ),
 ]
+StatedPath = Annotated[
+    str | None,
+    Option(
+        "--trajectory",
+        metavar="FILE.csv|shake:PX|sine:PX,HZ",
+        help="a path beside the motion, as of 'blurnoise simulate'; a shake is each picture's own, so far in the "
+        "longest exposure, and shorter ones see a part of it",
+    ),
+]
 Cfa = Annotated[
     Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"] | None,
     Option(help="colour filters in place of the camera's; none: a sensor for each colour, mono: one for all"),
@@ -136,6 +146,32 @@ Cfa = Annotated[
 FrameRate = Annotated[float, Option(metavar="HZ", help="bounds an automatic exposure")]
 Mains = Annotated[
     Literal["0", "50", "60"], Option(help="Hz; automatic exposures of whole periods of its light, 0: any")
+]
+_objects = partial(Option, rich_help_panel="What moves for itself (--moves targets, background)")
+Mattes = Annotated[
+    Literal["auto", "segmentation", "grabcut", "box"],
+    _objects(
+        help="what of a box is the target: its segmentation where it has one (auto), what GrabCut makes of the box, "
+        "or all of it; rendered signs are known"
+    ),
+]
+Plates = Annotated[
+    Path | None,
+    _objects(metavar="DIR", help="pictures of the same names without the targets (default: invented)"),
+]
+ObjectSpeed = Annotated[
+    list[str] | None,
+    _objects(
+        metavar="CLASS=FACTOR",
+        help="of --dx and --dy, for targets of this class; 0: they stand; may be repeated",
+    ),
+]
+Boxes = Annotated[
+    Literal["object", "half", "swept"],
+    Option(
+        help="what a detection is held to: the object's box at mid-exposure, where it is for half of the exposure, "
+        "or all that it passes"
+    ),
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
 
@@ -196,11 +232,20 @@ def options_of(
     return decorate
 
 
+def names(text: str, axis: Axis) -> tuple[float, ...]:
+    """Parse "all,targets" as places of an axis's choices. Raises ``ValueError``."""
+    return tuple(axis.place_of(part.strip()) for part in text.split(","))
+
+
 def _axis_option(axis: Axis, usual: str | None) -> Parameter:
+    parser: Callable[[str], tuple[float, ...]] = (
+        partial(names, axis=axis) if axis.choices else partial(numbers, automatic=axis.automatic)
+    )
     option = Option(
         axis.option,
-        parser=partial(numbers, automatic=True) if axis.automatic else numbers,
-        metavar="auto|LIST" if axis.automatic else "LIST",
+        parser=parser,
+        metavar=",".join(axis.choices) or ("auto|LIST" if axis.automatic else "LIST"),
+        autocompletion=one_of(axis.choices) if axis.choices else None,
         help=axis.about,
         rich_help_panel=f"Conditions, each as {_LIST}",
     )

@@ -5,16 +5,21 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
+    Boxes,
     CameraName,
     GreyAnchor,
     Json,
+    Mattes,
+    ObjectSpeed,
+    Plates,
     Range,
+    StatedPath,
     bounds,
     options_of,
     or_auto,
@@ -62,6 +67,13 @@ def decide(
         object,
         _asked(parser=or_auto, metavar="auto|DB", help="dB; auto: what brings each picture's mean to 18 %"),
     ] = "auto",
+    moves: Annotated[
+        Literal["all", "targets", "background"], _asked(help="what moves, as of 'blurnoise sweep'")
+    ] = "all",
+    mattes: Mattes = "auto",
+    plates: Plates = None,
+    object_speed: ObjectSpeed = None,
+    boxes: Boxes = "object",
     threshold: Threshold = None,
     keep: Keep = None,
     score: Score = None,
@@ -86,6 +98,7 @@ def decide(
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,
     grey_anchor: GreyAnchor = None,
+    trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     engine: Annotated[
         str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
@@ -102,7 +115,7 @@ def decide(
 
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
-    light and speed. Where the plane does not hold (dark current, motion in several directions) it is that grid,
+    light and speed. Where the plane does not hold (dark current, several directions, a trajectory) it is that grid,
     and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them. Stopped, it goes on
     when the same command is given again; a wider question in the same folder begins with what is there.
     """
@@ -115,9 +128,11 @@ def decide(
         "f_number": f_number,
         "defocus_radius_px": defocus_px,
         "gain_db": gain,
+        "moves": None if moves == "all" else moves,
     }
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
+    objects = given.objects(mattes, plates, object_speed or (), boxes)
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
     workers = given.threads(threads)
     models, pictures = given.subject(**shared)
@@ -137,6 +152,8 @@ def decide(
         repeats=repeats,
         seed=seed,
         grey_anchor=grey_anchor,
+        trajectory=trajectory,
+        objects=objects,
         engine=engine,
         threads=workers,
         progress=True,

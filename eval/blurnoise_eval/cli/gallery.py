@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
+from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import Json, Range, bounds
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -33,6 +34,21 @@ def gallery(
     size: Annotated[
         int, Option(metavar="PX", help="a larger picture is shrunk to this longer side, px")
     ] = 480,
+    motion: Annotated[
+        bool,
+        Option(
+            "--motion",
+            help="a tile for each kind of motion instead, at the longest exposure, most light and speed",
+        ),
+    ] = False,
+    cut: Annotated[
+        str | None,
+        Option(
+            "--object",
+            metavar="MASK.png|X,Y,W,H",
+            help="with --motion: what moves for itself (default: a box in the middle)",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show what ranges of exposure, light and speed do to a picture, before a network
@@ -42,6 +58,8 @@ def gallery(
       blurnoise gallery photo.jpg -o gallery.png
       blurnoise gallery photo.jpg -o gallery.png --exposure-ms 1:60 --lux 5:500 \\
           --speed 0:1000 --camera imx250,ar0237 --count 14 --seed 1
+
+      blurnoise gallery photo.jpg -o motion.png --motion --exposure-ms 20 --lux 300 --speed 1000
 
     A range is low:high, or a number that stays. Exposure and light are drawn
     log-uniformly: each doubling is as likely as the next. Speeds are px/s of the
@@ -61,8 +79,28 @@ def gallery(
         illuminance_lux=lux,
         speed_px_s=speed,
     )
-    scene = gallery.scene(decode(image), size)
-    tiles = gallery.tiles(scene, ranges, count, seed)
+    picture = decode(image)
+    scene = gallery.scene(picture, size)
+    if cut is not None and not motion:
+        raise ValueError("object: goes with --motion, which shows it move")
+    if motion:
+        from blurnoise_eval.drawing import motions
+
+        shape = scene.shape[:2]
+        matte = (
+            gallery.shrunk(given.matte(cut, picture.shape[:2]), size) if cut else motions.middle_box(shape)
+        )
+        tiles = motions.tiles(
+            scene,
+            matte,
+            ranges.cameras[0],
+            exposure_s=exposure_ms.high / 1e3,
+            illuminance_lux=lux.high,
+            speed_px_s=speed.high,
+            seed=seed,
+        )
+    else:
+        tiles = gallery.tiles(scene, ranges, count, seed)
     gallery.write(gallery.draw(scene, tiles), output)
     if as_json:
         say_json({"output": str(output), "tiles": [tile.facts() for tile in tiles]})

@@ -13,11 +13,12 @@ if TYPE_CHECKING:
     from blurnoise.capture import Capture
     from blurnoise.colour import Cfa
     from blurnoise.hdr import Flicker
-    from blurnoise.mattes import Cut
+    from blurnoise.mattes import Cut, Matte
     from blurnoise.spectra import Curve
     from blurnoise.trajectory import Trajectory
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.grid.objects import Objects
     from blurnoise_eval.scoring.on_picture import Model
 
 
@@ -75,11 +76,13 @@ def light(
         colon = ""
     if not colon or not mask_path:
         raise ValueError(f"emitters = {emitters!r}: must be MASK.png:FACTOR")
-    return scene * (1 + mask(Path(mask_path), scene) * (in_range("emitters: factor", times, 0.0, 1e6) - 1))
+    return scene * (
+        1 + mask(Path(mask_path), scene.shape) * (in_range("emitters: factor", times, 0.0, 1e6) - 1)
+    )
 
 
-def mask(path: Path, light: Tensor) -> Tensor:
-    """A picture of the light's size (B, C, H, W) as shares (H, W), white being 1."""
+def mask(path: Path, size: tuple[int, ...]) -> Tensor:
+    """A picture of that size (..., H, W) as shares (H, W), white being 1."""
     import torch
 
     from blurnoise_eval.datasets import decode
@@ -87,8 +90,8 @@ def mask(path: Path, light: Tensor) -> Tensor:
     stored = decode(path)
     shares = torch.from_numpy(stored.astype("float32") / float(2 ** (8 * stored.itemsize) - 1))
     shares = shares if shares.ndim == 2 else shares.mean(-1)
-    if shares.shape != light.shape[-2:]:
-        sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, light.shape[-2:]))
+    if shares.shape != size[-2:]:
+        sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, size[-2:]))
         raise ValueError(f"{path}: a mask has its picture's size; they are {sizes} px")
     return shares
 
@@ -106,22 +109,29 @@ def cut_out(
     """
     from blurnoise import mattes
 
-    size = (light.shape[-2], light.shape[-1])
+    found = matte(where, (light.shape[-2], light.shape[-1]))
+    behind = None if plate is None else _as(light, plate, encoding)
+    return mattes.cut_out(light, [found], [velocity_px_s], behind)
+
+
+def matte(where: str, size: tuple[int, int]) -> Matte:
+    """Of an object in a picture (H, W), "mask.png" or "x,y,width,height"."""
+    from blurnoise import mattes
+
     try:
         numbers = [float(part) for part in where.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) == 4:
         x, y, width, height = numbers
-        matte = mattes.of_box(x, y, width, height, size)
+        found = mattes.of_box(x, y, width, height, size)
     elif numbers:
         raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
     else:
-        matte = mask(Path(where), light).numpy()
-    if not matte.any():
+        found = mask(Path(where), size).numpy()
+    if not found.any():
         raise ValueError(f"object = {where!r}: covers nothing of the picture")
-    behind = None if plate is None else _as(light, plate, encoding)
-    return mattes.cut_out(light, [matte], [velocity_px_s], behind)
+    return found
 
 
 def _as(scene: Tensor, path: Path, encoding: Literal["srgb", "linear"]) -> Tensor:
@@ -162,34 +172,17 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
         raise ValueError(f"pwm = {pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
     lamp = Pwm(*numbers)
     lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
-    return Flicker(lamp, None if mask_path is None else mask(mask_path, light))
+    return Flicker(lamp, None if mask_path is None else mask(mask_path, light.shape))
 
 
 def trajectory(
     text: str | None, camera: Camera, light: Tensor, exposure_s: float, seed: int
 ) -> Trajectory | None:
-    """A CSV file's, "shake:PX" of a seed, or "sine:PX,HZ" and if wished its direction, for a whole readout."""
-    from blurnoise import Trajectory, camera_shake
+    """As :mod:`blurnoise.stated_trajectory` has it, for a picture's exposure."""
+    from blurnoise.stated_trajectory import StatedTrajectory
 
-    if text is None:
-        return None
-    kind, colon, numbers = text.partition(":")
-    if not colon or kind not in ("shake", "sine"):
-        scale = camera.field.per_sensor_px((light.shape[-2], light.shape[-1]))
-        return camera_shake.from_csv(text, focal_px=camera.field.focal_px[0] * scale)
-    span_s = exposure_s + 2 * camera.row_time_s * max(camera.height_px, camera.width_px)
-    try:
-        values = [float(part) for part in numbers.split(",")]
-    except ValueError:
-        values = []
-    if kind == "shake" and len(values) == 1:
-        return camera_shake.shake(seed, values[0], exposure_s, duration_s=span_s)
-    if kind == "sine" and len(values) in (2, 3):
-        direction_deg = values[2] if len(values) == 3 else 0.0
-        return Trajectory.sinusoid(values[0], values[1], span_s, direction_deg=direction_deg)
-    raise ValueError(
-        f"trajectory = {text!r}: must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
-    )
+    size = (light.shape[-2], light.shape[-1])
+    return None if text is None else StatedTrajectory.parse(text).of(camera, size, exposure_s, seed)
 
 
 def rolling(line_time_us: float | None, camera: Camera) -> Camera:
@@ -330,6 +323,22 @@ def subject(
     """Models and pictures as a sweep's options name them; sets: the other arguments of :func:`pictures`."""
     opened = models(model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector)
     return opened, pictures(targets=target or (), reads=read(opened), **sets)
+
+
+def objects(mattes: str, plates: Path | None, speeds: Sequence[str], boxes: str) -> Objects:
+    """What moves for itself; speeds: "CLASS=FACTOR" each."""
+    from blurnoise_eval.grid.objects import Objects
+
+    told = {}
+    for text in speeds:
+        label, _, factor = text.rpartition("=")
+        try:
+            told[label] = float(factor)
+        except ValueError:
+            label = ""
+        if not label:
+            raise ValueError(f"object-speed = {text!r}: must be CLASS=FACTOR, such as car=0.5")
+    return Objects(mattes, told, None if plates is None else str(plates), boxes)
 
 
 def threads(count: int | None) -> int:

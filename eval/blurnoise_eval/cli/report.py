@@ -77,7 +77,7 @@ def report(
 
 def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
     """Write a run's tables, figures and page; the answer in the terminal, after what is to be said ``first``."""
-    from blurnoise_eval.report.findings import missing_text
+    from blurnoise_eval.report.findings import invented, missing_text
 
     page = done.report()
     for entry in done.skipped:
@@ -94,6 +94,8 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
+    if behind := invented(done.data):
+        say_wrapped(behind)
     if meant := done.summary["reflectance"]:
         say_wrapped(f"lux: {meant}")
     say(f"open {page}")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
     FAMILIES,
+    Boxes,
     CameraName,
     Cfa,
     FrameRate,
@@ -19,6 +20,10 @@ from blurnoise_eval.cli._options import (
     Grid,
     Json,
     Mains,
+    Mattes,
+    ObjectSpeed,
+    Plates,
+    StatedPath,
     axis_options,
     one_of,
 )
@@ -102,11 +107,16 @@ def sweep(
         float, _what(metavar="N", help="larger pictures are skipped, and named; up to 178")
     ] = 100.0,
     grid: Grid,
+    mattes: Mattes = "auto",
+    plates: Plates = None,
+    object_speed: ObjectSpeed = None,
+    boxes: Boxes = "object",
     frame_rate: FrameRate = 30.0,
     mains: Mains = "0",
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
+    trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     cfa: Cfa = None,
     keep: Keep = None,
@@ -133,6 +143,7 @@ def sweep(
       blurnoise sweep --model a.onnx --coco instances.json -o run        boxes from COCO: AP and all that
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
       blurnoise sweep --ocr -o run                                       the rendered STOP, read
+      blurnoise sweep --moves all,targets,background -o run              signs that move, a camera that tracks them
 
     Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
     goes on where it was when the same command is given again.
@@ -162,7 +173,9 @@ def sweep(
         reads=given.read(models),
     )
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
-    plan = SweepPlan(grid, repeats=repeats, seed=seed, grey_anchor=grey_anchor, auto_exposure=auto)
+    objects = given.objects(mattes, plates, object_speed or (), boxes)
+    stated: Any = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor, "trajectory": trajectory}
+    plan = SweepPlan(grid, **stated, auto_exposure=auto, objects=objects)
     for each in models if model or ocr else ():
         print_assumed(each.contract, each.path)
     done = evaluate(

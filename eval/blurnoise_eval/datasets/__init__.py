@@ -6,6 +6,7 @@ strictly: what cannot be meant is a ``ValueError`` of one line that names the fi
 
 from blurnoise_eval.datasets.bdd100k import bdd
 from blurnoise_eval.datasets.coco_instances import coco
+from blurnoise_eval.datasets.cut_outs import CutOut, check_cut, cut_out
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
     MAX_MEGAPIXELS,
@@ -31,14 +32,17 @@ __all__ = [
     "MOST_MEGAPIXELS",
     "RENDERED_SIZE_PX",
     "SUFFIXES",
+    "CutOut",
     "Image",
     "Picture",
     "PictureSet",
     "Target",
     "UnreadablePicture",
     "bdd",
+    "check_cut",
     "coco",
     "content",
+    "cut_out",
     "decode",
     "decode_linear",
     "eight_bit",

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from blurnoise.mattes import Cut
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -42,6 +45,7 @@ class Picture:
     ``identity`` changes when the picture does, and may change without (a file's size and times): where it has
     changed, a resumed run looks at the picture's content.
     ``image_id`` is COCO's, else the place in the set, from 1 on.
+    ``cut`` returns, where that is known, the targets' own light in their order and what is truly behind them.
     """
 
     name: str
@@ -49,6 +53,7 @@ class Picture:
     load: Callable[[], Image]
     identity: str
     image_id: int = 0
+    cut: Callable[[], Cut] | None = None
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,12 @@ from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise_eval.datasets.backgrounds import background
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from blurnoise.layers import Layer
+    from blurnoise.mattes import Cut
 
 RENDERED_SIZE_PX = 320
 RENDERED_PICTURES = 20
@@ -23,6 +30,7 @@ _MOST_PICTURES = 10_000
 _SIGNS_PX = (100, 50, 32)
 _APART_PX = 24.0  # signs from one another and from the border, at least
 _SMEAR_PX = 45.0  # to either side of a sign: half the longest motion that a sweep tests by default
+_FAINT = 1e-3  # share of a pixel: below any that the charts know
 _FRAME: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
 
 
@@ -88,6 +96,7 @@ def _pictures(
                     partial(_render, signs, number, seed),
                     f"rendered {listed} px, {number} of seed {seed}",
                     len(pictures) + 1,
+                    partial(_cut, signs, number, seed),
                 )
             )
     source = f"{what} of {', '.join(f'{size:g}' for size in sizes_px)} px before {count} backgrounds"
@@ -136,13 +145,46 @@ def _render(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint
 
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
 def _rendered(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
-    import torch
-
     from blurnoise import charts
     from blurnoise.encoding import srgb_from_linear
 
-    picture = torch.from_numpy(background(number, np.random.default_rng([seed, number]), RENDERED_SIZE_PX))
+    picture = _behind(number, seed)
     for sign in signs:
         picture = charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=picture)
     coded: Any = srgb_from_linear(picture[0]).mul(255).round().byte().permute(1, 2, 0).contiguous().numpy()
     return np.asarray(coded, np.uint8)
+
+
+def _behind(number: int, seed: int) -> Tensor:
+    """What is behind the signs, (1, 3, N, N)."""
+    import torch
+
+    return torch.from_numpy(background(number, np.random.default_rng([seed, number]), RENDERED_SIZE_PX))
+
+
+def _cut(signs: tuple[_Sign, ...], number: int, seed: int) -> Cut:
+    """The signs as layers, and what is behind them: nothing of it is invented."""
+    from blurnoise.mattes import Cut
+
+    behind = _behind(number, seed)
+    return Cut(behind, tuple(map(_layer, signs)), np.zeros(behind.shape[-2:], bool))
+
+
+def _layer(sign: _Sign) -> Layer:
+    """From the sign before black, which is its light times its matte, and before white."""
+    from blurnoise import charts
+    from blurnoise.layers import Layer
+
+    box = charts.stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+    left, top, right, bottom = (
+        *(math.floor(edge) for edge in box[:2]),
+        *(math.ceil(edge) for edge in box[2:]),
+    )
+    black, white = (
+        charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=level, **_FRAME)[
+            0, :, top:bottom, left:right
+        ]
+        for level in (0.0, 1.0)
+    )
+    alpha = (1 - (white - black).mean(0)).clamp(0, 1)
+    return Layer(black / alpha.clamp_min(_FAINT), alpha, place_px=(left, top))

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, integer
 from blurnoise.camera import Camera
-from blurnoise_eval.datasets import PictureSet
+from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
 from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
@@ -31,6 +32,7 @@ from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
@@ -99,6 +101,8 @@ def decided(
     repeats: int = 1,
     seed: int = 0,
     grey_anchor: str | None = None,
+    trajectory: str | None = None,
+    objects: Objects = USUAL_OBJECTS,
     engine: str | Engine = "threads",
     threads: int = 1,
     progress: bool | None = None,
@@ -110,7 +114,12 @@ def decided(
     where the plane does not hold. Raises what that raises.
     """
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
-    shared: dict[str, Any] = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor}
+    shared: dict[str, Any] = {
+        "repeats": repeats,
+        "seed": seed,
+        "grey_anchor": grey_anchor,
+        "objects": objects,
+    }
     criterion = stated(
         threshold,
         keep,
@@ -124,10 +133,11 @@ def decided(
         )
     cluster_of("", cluster)
     temperature = question.further.get("temperature_c", 25.0)
-    because = what_breaks(camera, question.exposures_s, question.lines, temperature)
+    path = None if trajectory is None else StatedTrajectory.parse(trajectory)
+    because = what_breaks(camera, question.exposures_s, question.lines, temperature, path)
     if because:
         evaluate(
-            list(models), pictures, camera, SweepPlan(question.grid, **shared), output,
+            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path), output,
             **enough, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
         with Store(Path(output)) as store:
@@ -136,6 +146,8 @@ def decided(
         return Decision(output, **enough, progress=progress)
     direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
     plan = NodePlan((), question.further, direction, **shared)
+    if plan.cuts:
+        check_cut(pictures, objects)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     facts: dict[str, Any] = {

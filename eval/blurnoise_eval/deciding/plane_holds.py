@@ -14,6 +14,7 @@ from blurnoise.camera import Camera
 from blurnoise.error_budget import Contribution, plan_at
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.sensor.stages import DARK_CURRENT
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.deciding.nodes import Line, by_direction
 
 
@@ -22,6 +23,7 @@ def what_breaks(
     exposures_s: tuple[float, float],
     lines: Sequence[Line],
     temperature_c: float = 25.0,
+    trajectory: StatedTrajectory | None = None,
 ) -> list[str]:
     """Why the plane does not hold between two exposures, a reason each; empty where it holds.
 
@@ -35,6 +37,8 @@ def what_breaks(
     ]
     if len(planes := by_direction(lines)) > 1:
         reasons.append(f"motion has {len(planes)} directions, and blurs differently in each")
+    if trajectory is not None:
+        reasons.append(f"along {trajectory.text} another exposure sees another part of the path")
     return reasons
 
 

@@ -36,7 +36,7 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Tile:
-    """A picture under one draw of conditions. direction_deg: counter-clockwise as displayed."""
+    """A picture under one draw of conditions. direction_deg: counter-clockwise as displayed. motion: its kind."""
 
     picture: Picture
     camera: Camera
@@ -44,6 +44,7 @@ class Tile:
     illuminance_lux: float
     speed_px_s: float
     direction_deg: float
+    motion: str = ""
 
     @property
     def white_electrons(self) -> float:
@@ -57,14 +58,17 @@ class Tile:
 
     def facts(self) -> dict[str, object]:
         """The conditions for JSON, the camera by name."""
-        conditions = {entry.name: getattr(self, entry.name) for entry in fields(self)[2:]}
+        conditions = {entry.name: getattr(self, entry.name) for entry in fields(self)[2:-1]}
+        conditions |= {"motion": self.motion} if self.motion else {}
         blur = {"blur_px": self.blur_px, "white_electrons": self.white_electrons}
         return {"camera": self.camera.name, **conditions, **blur}
 
     @property
     def caption(self) -> str:
-        """Two lines: '12 ms · 50 lux · imx250' and '400 px/s · blur 4.8 px · white 2010 e-'."""
+        """Two lines: '12 ms · 50 lux · imx250' and '400 px/s · blur 4.8 px · white 2010 e-', or what moves."""
         lux, blur = f"{self.illuminance_lux:.3g} lux", f"blur {self.blur_px:.3g} px"
+        if self.motion:
+            return f"{EXPOSURE.text(self.exposure_s)} · {lux} · {plain(self.camera.name)}\n{self.motion}"
         return (
             f"{EXPOSURE.text(self.exposure_s)} · {lux} · {plain(self.camera.name)}\n"
             f"{self.speed_px_s:.0f} px/s · {blur} · white {self.white_electrons:.0f} e⁻"
@@ -73,7 +77,11 @@ class Tile:
 
 def scene(picture: NDArray[Any], size_px: int) -> NDArray[np.float32]:
     """``picture`` in [0, 1], shrunk to ``size_px`` on its longer side where it is larger: what is exposed."""
-    coded = picture.astype(np.float32) / np.float32(np.iinfo(picture.dtype).max)
+    return shrunk(picture.astype(np.float32) / np.float32(np.iinfo(picture.dtype).max), size_px)
+
+
+def shrunk(coded: NDArray[np.float32], size_px: int) -> NDArray[np.float32]:
+    """Values (H, W) or (H, W, 3) with at most ``size_px`` on the longer side, within [0, 1]."""
     scale = size_px / max(coded.shape[:2])
     if scale < 1:
         height, width = (max(1, round(side * scale)) for side in coded.shape[:2])
@@ -131,7 +139,10 @@ def draw(coded: NDArray[np.float32], made: list[Tile]) -> Figure:
         figure.figimage(rgb, left, full_y - top - height, origin="upper")
         where = (left / full_x, 1 - (top - 4) / full_y)
         figure.text(*where, caption, fontsize=8, va="bottom", linespacing=1.3, parse_math=False)
-    title = f"One picture, {width} x {height} px, and what {len(made)} draws do to it, brightest first"
+    what = f"{len(made)} draws do to it, brightest first"
+    if any(tile.motion for tile in made):
+        what = f"{len(made)} kinds of motion do to it"
+    title = f"One picture, {width} x {height} px, and what {what}"
     figure.text(_GAP_PX / full_x, 1 - _GAP_PX / full_y, title, fontsize=10, va="top")
     return figure
 

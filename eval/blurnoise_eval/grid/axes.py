@@ -30,7 +30,7 @@ class Axis:
     when nobody states it. default: what a sweep tests if not told; empty: its own.
     automatic: it may be left to the camera, as ``AUTOMATIC``. text: for captions, unit included; slug: for file
     names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails
-    for good.
+    for good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files.
     """
 
     name: str
@@ -50,9 +50,10 @@ class Axis:
     fails: bool = False
     automatic: bool = False
     default: tuple[float, ...] = ()
+    choices: tuple[str, ...] = ()
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
-        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed.
+        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed, a choice may be a name.
 
         Raises ``ValueError`` for none, or for one outside the limits.
         """
@@ -68,7 +69,16 @@ class Axis:
 
         if self.automatic and value in ("auto", AUTOMATIC):
             return AUTOMATIC
+        if self.choices:
+            return self.place_of(value)
         return in_range(self.name, value, self.low, self.high) + 0.0  # type: ignore[arg-type]  # text is refused
+
+    def place_of(self, choice: float | str) -> float:
+        """A choice's place, by its name or as it is. Raises ``ValueError`` that lists the choices."""
+        for place, name in enumerate(self.choices):
+            if choice in (name, place):
+                return float(place)
+        raise ValueError(f"{self.name} = {choice!r}: must be one of {', '.join(self.choices)}")
 
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
@@ -97,6 +107,13 @@ def milliseconds(exposure_s: float, digits: int = 3) -> str:
 
     return np.format_float_positional(1e3 * exposure_s, digits, fractional=False, trim="-")
 
+
+_MOVES = (
+    "all",
+    "targets",
+    "background",
+)  # of blurnoise.exposure, which would be heavy here; a test compares them
+_MOVE = ("all moves", "targets move", "background moves")
 
 AXES: tuple[Axis, ...] = (
     Axis(
@@ -147,6 +164,13 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: "automatic gain" if value == AUTOMATIC else f"gain {value:g} dB",
         slug=lambda value: "auto" if value == AUTOMATIC else f"{value:g}dB",
     ),
+    Axis(
+        "moves", "moves", "--moves",
+        "what moves by --dx and --dy: all of the picture, its targets before what is still, or the background while "
+        "the camera tracks the targets (default: all)",
+        "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
+        text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
+    ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
 VELOCITY = ("velocity_x_px_s", "velocity_y_px_s")
@@ -158,6 +182,8 @@ CORE: Mapping[str, float | None] = {
 """Axes on which every condition has a value of its own: what it is if nobody states it (None: it must be stated)."""
 FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
 """The other axes: where nobody states them, they stand where the camera has them."""
+CHOICES: Mapping[str, tuple[str, ...]] = {axis.name: axis.choices for axis in AXES if axis.choices}
+"""The axes of names."""
 SETTING: tuple[str, ...] = tuple(name for name in NAMES if name not in ("exposure_s", *VELOCITY))
 """Axes that stay the same over a surface of exposures and velocities."""
 
@@ -168,6 +194,11 @@ def axis(name: str) -> Axis:
         if each.name == name:
             return each
     raise ValueError(f"axis = {name!r}: must be one of {', '.join(each.name for each in AXES)}")
+
+
+def named(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row as files have it: choices by their names."""
+    return {**row, **{name: CHOICES[name][int(row[name])] for name in CHOICES if row.get(name) is not None}}
 
 
 def setting_of(row: Mapping[str, Any]) -> tuple[float, ...]:
@@ -203,5 +234,5 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
 
 
-EXPOSURE, LIGHT, GAIN = axis("exposure_s"), axis("illuminance_lux"), axis("gain_db")
+EXPOSURE, LIGHT, GAIN, MOVES = map(axis, ("exposure_s", "illuminance_lux", "gain_db", "moves"))
 SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

@@ -22,11 +22,13 @@ from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.exposure import Exposure
 from blurnoise.grey_anchor import GreyAnchor
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import (
     AUTOMATIC,
     AXES,
     CORE,
     FURTHER,
+    MOVES,
     NAMES,
     VELOCITY,
     axis,
@@ -34,6 +36,7 @@ from blurnoise_eval.grid.axes import (
     setting_of,
     velocity_of,
 )
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
@@ -112,8 +115,8 @@ class Conditions(Mapping[str, float | None]):
 
     @property
     def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
-        """Motion and lens: conditions of which these are equal can share one blurred picture."""
-        return self.displacement_px, tuple(self[name] for name in _LENS)
+        """Motion, what moves, and lens: conditions of which these are equal can share one blurred picture."""
+        return self.displacement_px, (self["moves"], *(self[name] for name in _LENS))
 
     def on(self, camera: Camera) -> dict[str, float]:
         """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
@@ -142,7 +145,9 @@ class Conditions(Mapping[str, float | None]):
                 continue
             if each.automatic and value == AUTOMATIC:
                 value = automatic[each.name]
-            if place == "camera":
+            if each.choices:
+                fields[place] = each.choices[int(value)]
+            elif place == "camera":
                 lens[part] = value
             elif part:
                 fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
@@ -172,7 +177,10 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
-    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both.
+    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
+    what moves where not all of a picture does, and the boxes that are the truth.
+    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
+    picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -181,10 +189,16 @@ class SweepPlan:
     examples: bool = True
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
+    trajectory: str | StatedTrajectory | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.trajectory, str):
+            object.__setattr__(self, "trajectory", StatedTrajectory.parse(self.trajectory))
         if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
             object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
+        if isinstance(self.objects, Mapping):
+            object.__setattr__(self, "objects", Objects(**self.objects))
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:
@@ -195,22 +209,37 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        self.objects.check_used(self.cuts)
         if AUTOMATIC in checked["exposure_s"]:
             if len(checked["exposure_s"]) > 1:
                 raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
-        longest = checked["exposure_s"][-1]
-        if longest == AUTOMATIC:
-            longest = self.auto_exposure.limit_s
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
-            limited(f"{name}: {fastest:g} times exposure_s", fastest * longest, "displacement_px")
+            limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
+
+    @property
+    def longest_s(self) -> float:
+        """The longest exposure, or the longest that the camera may set."""
+        longest = self.values("exposure_s")[-1]
+        return self.auto_exposure.limit_s if longest == AUTOMATIC else longest
+
+    @property
+    def path(self) -> tuple[StatedTrajectory, float] | None:
+        """The trajectory and the longest exposure along it."""
+        stated = self.trajectory
+        return (stated, self.longest_s) if isinstance(stated, StatedTrajectory) else None
 
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera's own stands."""
         return tuple(self.grid.get(name, ()))
+
+    @property
+    def cuts(self) -> bool:
+        """Whether anything in it moves but all of a picture."""
+        return any(self.values(MOVES.name))
 
     def conditions(self) -> list[Conditions]:
         """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
@@ -241,14 +270,18 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; no grey anchor where there is none, as in runs from before there was any, and no
-        auto-exposure where it sets nothing."""
-        values = asdict(self)
+        """Plain values for JSON; no grey anchor and no trajectory where there is none, as in runs from before there
+        was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is its
+        identity."""
+        values = {**asdict(self), "objects": self.objects.to_dict()}
+        if not values["objects"]:
+            del values["objects"]
         if not any(AUTOMATIC in self.values(name) for name in NAMES):
             del values["auto_exposure"]
         if self.grey_anchor is None:
             del values["grey_anchor"]
-        return values
+        del values["trajectory"]
+        return values | ({"trajectory": self.path[0].identity} if self.path else {})
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.grey_anchor import GreyAnchor
-from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, setting_of
+from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, MOVES, setting_of
 from blurnoise_eval.grid.conditions import MOST_REPEATS, Conditions, SweepPlan
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 
 _EXAMPLES = 12  # conditions whose pictures are kept
 
@@ -37,17 +38,28 @@ class NodePlan:
     examples: bool = True
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
 
     def __post_init__(self) -> None:
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         integer("repeats", self.repeats, 1, MOST_REPEATS)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        self.objects.check_used(self.cuts)
         if unknown := sorted(set(self.further) - set(FURTHER)):
             raise ValueError(f"further = {unknown}: must be of {', '.join(FURTHER)}")
         for node in self.nodes:
             if any(node[name] != self.further.get(name) for name in FURTHER):
                 raise ValueError(f"nodes: {node!r}: must stand at {dict(self.further)}")
+
+    @property
+    def path(self) -> None:
+        """Nothing moves along a path: it would see another part of that in every exposure."""
+
+    @property
+    def cuts(self) -> bool:
+        """Whether anything moves but all of a picture."""
+        return bool(self.further.get(MOVES.name))
 
     def conditions(self) -> list[Conditions]:
         """The nodes, each once; those that share a blur stand next to each other, in them those of one exposure."""
@@ -66,6 +78,8 @@ class NodePlan:
             values |= {"grey_anchor": self.grey_anchor}
         if AUTOMATIC in self.further.values():
             values |= {"auto_exposure": vars(self.auto_exposure)}
+        if own := self.objects.to_dict():
+            values |= {"objects": own}
         return values
 
 

@@ -13,6 +13,7 @@ from itertools import groupby
 import numpy as np
 
 from blurnoise.camera import Camera
+from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.maps.nodes import Array, Plane, plane_of
 from blurnoise_eval.maps.predictor import Predictor, predictor_of
 from blurnoise_eval.maps.ranking import Ranked, ranked
@@ -69,6 +70,13 @@ def nodes_of(store: Store) -> RunNodes:
     camera = Camera.from_dict(manifest["camera"])
     plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
     stated = plan["grid"] if "grid" in plan else plan["further"]
+    if any(
+        map(MOVES.place_of, stated.get(MOVES.name, ()) if "grid" in plan else [stated.get(MOVES.name, 0.0)])
+    ):
+        raise StoreError(
+            f"run = {str(store.folder)!r}: its targets or their background move alone, which a chart cannot; maps "
+            "are of runs in which all moves"
+        )
     plane = plane_of(queries.exposed_conditions(store), camera, list(stated))
     if not plane.nodes:
         raise StoreError(f"run = {str(store.folder)!r}: has no picture that was exposed to light")

@@ -180,6 +180,8 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             raise ValueError(
                 f"{name} = 'auto': must be numbers; the charts have no one mean for a camera to meter"
             )
+    if plan.cuts:
+        raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 from typing import Any
 
 from blurnoise.grey_anchor import reflectance_text
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
+INVENTED = 0.1  # of targets' area, from which on the report says that what is seen behind them is invented
 SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what the box decides
 
 
@@ -36,6 +38,24 @@ def swept(data: RunData) -> list[str]:
                 f"{row['detection_rate_swept']:.2f}."
             )
     return lines
+
+
+def invented(data: RunData) -> str | None:
+    """How much of what is seen where targets were cut out nobody had seen; None where that is little."""
+    shares = [
+        (share, row)
+        for row in data.scores
+        if not row["clean"] and (share := row.get("invented_share")) is not None
+    ]
+    much = [(share, row) for share, row in shares if share >= INVENTED]
+    if not much:
+        return None
+    most, row = max(much, key=lambda each: each[0])
+    return (
+        f"Behind targets the background was invented, and what is seen of it is {100 * INVENTED:.0f} % of their area "
+        f"and more in {len(much)} of {len(shares)} conditions, most at {data.settings.condition_text(row)}: "
+        f"{100 * most:.0f} %. Pictures without the targets (--plates) would show what is there."
+    )
 
 
 def alarms(data: RunData) -> list[str]:
@@ -75,6 +95,7 @@ def warnings(data: RunData) -> list[str]:
     """What limits the answers: the run's own warnings, weak groups, skipped pictures."""
     threshold = data.manifest["threshold"]
     warnings = list(data.manifest["warnings"])
+    warnings += [told] if (told := invented(data)) else []
     names = model_names(data)
     if len(names) > 1 and not data.manifest["images"].get("labelled", True):
         warnings.append(
@@ -137,6 +158,16 @@ def reflectance(data: RunData) -> str | None:
     return None if rendered and anchor is None else reflectance_text(anchor)
 
 
+def path_text(path: StatedTrajectory, longest_s: float) -> str:
+    """What pictures do beside their velocity, as the manifest keeps it."""
+    of_each = (
+        f", another in every picture, so far in {1e3 * longest_s:g} ms"
+        if path.text.startswith("shake:")
+        else ""
+    )
+    return f"{path.identity}{of_each}; blur and speeds are of the uniform motion beside it"
+
+
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
     sources = fields.get("sources", {})
@@ -168,6 +199,8 @@ def run_facts(data: RunData) -> dict[str, str]:
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
+    if manifest.get("trajectory"):
+        facts["trajectory"] = manifest["trajectory"]
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": pictures,

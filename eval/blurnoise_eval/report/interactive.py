@@ -138,8 +138,8 @@ def _axis(axis: Axis | Coordinate, texts: list[str], colours: str) -> dict[str, 
 
 
 def _places(axis: Axis, tested: list[float]) -> list[float | None]:
-    """Where values stand on their axis; side by side where the camera sets one of them itself."""
-    if not all(map(math.isfinite, tested)):
+    """Where values stand on their axis; side by side where the camera sets one of them itself, or they are names."""
+    if axis.choices or not all(map(math.isfinite, tested)):
         return [float(place) for place in range(len(tested))]
     return [_short(axis.shown(value)) for value in tested]
 

@@ -24,7 +24,7 @@ from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.drawing import annotate as pictures
-from blurnoise_eval.grid.axes import BLUR, EXPOSURE, SPEED, velocity_text
+from blurnoise_eval.grid.axes import BLUR, EXPOSURE, MOVES, SPEED, velocity_text
 from blurnoise_eval.report import captions, figures, findings, interactive, tables, words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
@@ -64,8 +64,10 @@ def figures_of(data: RunData) -> Figures:
     further: Figures = {
         f"confidence_{axis.name}.png": partial(figures.confidence_axis, axis=axis)
         for axis in data.settings.further
-        if data.answers and all(map(math.isfinite, data.settings.values(axis)))
+        if data.answers and not axis.choices and all(map(math.isfinite, data.settings.values(axis)))
     }
+    if data.answers and MOVES in data.settings.axes:
+        further["score_moves.png"] = figures.score_moves
     return FIGURES | further | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
 
 

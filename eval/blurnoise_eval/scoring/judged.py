@@ -45,6 +45,12 @@ class Truth:
     category_of: Mapping[int, int]
     sizes_px: Mapping[int, tuple[int, int]] = field(default_factory=dict)
 
+    @cached_property
+    def labels(self) -> Sequence[str]:
+        """The class of each annotation."""
+        names = {category["id"]: category["name"] for category in self.coco["categories"]}
+        return [names[each["category_id"]] for each in self.coco["annotations"]]
+
 
 class Alarms(NamedTuple):
     """Of N detections: scores, whether each is right, its cluster; pictures: their number per cluster, (n,)."""
@@ -208,7 +214,7 @@ class Judged:
         if self.truth is None or self.sweep_boxes is None or not self._annotations:
             return None
         at_middle, sizes = _boxes(self._annotations), _sizes(self.truth)
-        swept = self.sweep_boxes(_boxes(self.truth.coco["annotations"]), sizes)
+        swept = self.sweep_boxes(_boxes(self.truth.coco["annotations"]), sizes, self.truth.labels)
         swept = swept_within(swept, at_middle, np.where(np.isnan(sizes), np.inf, sizes))
         return None if np.array_equal(swept, at_middle) else _with(self._annotations, swept)
 
@@ -218,7 +224,7 @@ def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]
     annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
     if move_boxes is None or not annotations:
         return annotations
-    return _with(annotations, move_boxes(_boxes(annotations), _sizes(truth)))
+    return _with(annotations, move_boxes(_boxes(annotations), _sizes(truth), truth.labels))
 
 
 def _sizes(truth: Truth) -> NDArray[np.float64]:

@@ -16,9 +16,9 @@ FOUND_SCORE = 0.25
 """From this score on a detection is one that somebody would act upon."""
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
-MoveBoxes = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
-"""From boxes (N, 4) in scenes of sizes (N, 2), width and height (NaN: the sensor's), to others in pictures of these:
-at mid-exposure, or swept by the motion."""
+MoveBoxes = Callable[[NDArray[np.float64], NDArray[np.float64], Sequence[str]], NDArray[np.float64]]
+"""From boxes (N, 4) of objects of N classes, in scenes of sizes (N, 2), width and height (NaN: the sensor's), to
+others in pictures of these: at mid-exposure, or swept by the motion."""
 RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 

@@ -200,11 +200,13 @@ def _confidences(
 
 def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Picture8) -> list[Box]:
     """Where the targets stand in a picture."""
+    targets = list(targets)
     boxes = [target.box_xyxy for target in targets]
     if move_boxes is None or not boxes:
         return boxes
     sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
-    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in move_boxes(np.array(boxes, float), sizes).tolist()]
+    moved = move_boxes(np.array(boxes, float), sizes, [target.label for target in targets])
+    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in moved.tolist()]
 
 
 def _row(index: int, target: Target, box: Box, confidence: float) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
 COUNTS = ("n_images", "n_targets", "errors")
-PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated")
+PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
 """Means over the pictures of a condition; None of the untouched ones."""
 MEANS = (
     "target_confidence", "detection_rate", "confidence_when_found", "target_confidence_swept",

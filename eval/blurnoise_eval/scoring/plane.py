@@ -31,7 +31,8 @@ def mean_over_plane(rows: Iterable[Row], value_of: Callable[[Row], float | None]
     """Mean of ``value_of`` over the piece of the plane that the rows cover, straight between their conditions.
 
     Along every further axis that varies (temperature, f-number ...) it is the mean over its range, uniform in the
-    axis's coordinate. rows: of exposed pictures, one per condition; None of a row leaves it out. None without any.
+    axis's coordinate, or over its choices. rows: of exposed pictures, one per condition; None of a row leaves it out.
+    None without any.
     """
     planes: dict[tuple[float, ...], list[tuple[float, float, float]]] = defaultdict(list)
     for row in rows:
@@ -47,7 +48,9 @@ def mean_over_plane(rows: Iterable[Row], value_of: Callable[[Row], float | None]
         for setting, mean in sorted(means.items()):
             lines[setting[1:]].append((setting[0], mean))
         means = {
-            rest: _along(coordinate([x for x, _ in line], axis.logarithmic), [mean for _, mean in line])
+            rest: float(np.mean([mean for _, mean in line]))
+            if axis.choices
+            else _along(coordinate([x for x, _ in line], axis.logarithmic), [mean for _, mean in line])
             for rest, line in lines.items()
         }
     return means.get(())

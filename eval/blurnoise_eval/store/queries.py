@@ -37,13 +37,13 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, untouched first: numbers of pictures, errors and targets, mean gain, dB, signal to
-    noise, dB, brightness and saturated share of the pictures."""
+    noise, dB, brightness, saturated share of the pictures, and invented share of what is seen behind targets."""
     same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
       SELECT seen.*, n_targets FROM (
         SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
           AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
-          AVG(saturated) AS saturated
+          AVG(saturated) AS saturated, AVG(invented_share) AS invented_share
         FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
       LEFT JOIN (
         SELECT {_SHARED}, COUNT(*) AS n_targets FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}

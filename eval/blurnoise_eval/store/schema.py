@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 6  # of the tables below
-UPGRADES = {
-    5: "ALTER TABLE cells ADD COLUMN applied_exposure_s REAL; UPDATE cells SET applied_exposure_s = exposure_s;"
-}
-"""What makes the tables of an older version those below."""
+VERSION = 7  # of the tables below
+_APPLIED = (
+    "ALTER TABLE cells ADD COLUMN applied_exposure_s REAL; UPDATE cells SET applied_exposure_s = exposure_s;"
+)
+_MOVES = "".join(
+    f"ALTER TABLE {table} ADD COLUMN moves REAL; ALTER TABLE {table} ADD COLUMN invented_share REAL; "
+    f"UPDATE {table} SET moves = 0, invented_share = 0 WHERE clean = 0;"
+    for table in ("cells", "targets")
+)
+UPGRADES = {5: _APPLIED + _MOVES, 6: _MOVES}
+"""What makes the tables of an older version those below, but for the order of columns and what an index holds."""
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
@@ -24,13 +30,14 @@ TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
   detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
-  snr_db REAL, brightness REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
+  snr_db REAL, brightness REAL, invented_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
   example TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
   y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, confidence_swept REAL,
-  truth TEXT, text TEXT, read_confidence REAL, character_error_rate REAL, PRIMARY KEY (cell_id, model, target_id));
+  invented_share REAL, truth TEXT, text TEXT, read_confidence REAL, character_error_rate REAL,
+  PRIMARY KEY (cell_id, model, target_id));
 CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT, width_px INTEGER,
   height_px INTEGER);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);

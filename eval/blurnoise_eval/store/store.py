@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.axes import named
 from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.tables import csv_lines, json_lines
@@ -227,9 +228,9 @@ class Store:
         Raises ``OSError`` where it cannot be written.
         """
         tables = {
-            "results.csv": csv_lines(self._columns("cells"), self.cells()),
-            "targets.csv": csv_lines(self._columns("targets"), self.targets()),
-            "results.json": json_lines(self.cells()),
+            "results.csv": csv_lines(self._columns("cells"), map(named, self.cells())),
+            "targets.csv": csv_lines(self._columns("targets"), map(named, self.targets())),
+            "results.json": json_lines(map(named, self.cells())),
         }
         folder = folder or self.folder
         for name, lines in tables.items():

@@ -12,6 +12,7 @@ from blurnoise.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.scoring.judged import Truth, coco_results, moved
 from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.store import queries
@@ -108,7 +109,7 @@ def write_detections(
     truth_of = truths(store)
     labels = json.loads((store.folder / INSTANCES).read_text(encoding="utf-8"))
     manifest = store.about("manifest")
-    camera = Camera.from_dict(manifest["camera"])
+    camera, objects = Camera.from_dict(manifest["camera"]), objects_of(store)
     for model in manifest["models"]:
         truth = truth_of(model["name"])
         if truth is None:
@@ -122,18 +123,24 @@ def write_detections(
             path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
-            if mover := _mover(at, camera):
+            if mover := _mover(at, camera, objects):
                 own = json.dumps({**whole, "annotations": moved(truth, mover)})
                 write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
     return written
 
 
-def _mover(at: Mapping[str, Any], camera: Camera) -> MoveBoxes | None:
+def objects_of(store: Store) -> Objects:
+    """What the run's plan says of objects."""
+    plan = (store.about("identity") or {}).get("plan", {})
+    return Objects(**plan.get("objects", {}))
+
+
+def _mover(at: Mapping[str, Any], camera: Camera, objects: Objects) -> MoveBoxes | None:
     """Where a row's conditions take the boxes of the scene; None: they stay."""
-    return (
-        None if at["clean"] else box_mover(Conditions(**{axis: at[axis] for axis in NAMES}).exposure(camera))
-    )
+    if at["clean"]:
+        return None
+    return box_mover(Conditions(**{axis: at[axis] for axis in NAMES}).exposure(camera), objects)
 
 
 def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,7 +20,7 @@ from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
@@ -92,8 +93,16 @@ def evaluate(
         "engine": engine if isinstance(engine, str) else repr(engine),
     }
     facts |= {"threads": workers} if isinstance(engine, str) else {}
+    if plan.cuts:
+        datasets.check_cut(shown, plan.objects)
+    path = None
+    if plan.path is not None:  # a file may be too short, or need a focal length
+        (stated_path, longest_s), readout_s = plan.path, seen_by.row_time_s * seen_by.height_px
+        half_s = longest_s / 2 + (readout_s if seen_by.shutter == "global-reset" else readout_s / 2)
+        path = stated_path.of(seen_by, seen_by.field.size, longest_s, plan.seed)
+        path.window(-half_s, half_s)
     for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
-        at.exposure(seen_by)
+        replace(at.exposure(seen_by), trajectory=path)
     with Store(Path(output), create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
@@ -206,7 +215,7 @@ class Evaluation:
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
             "models": self.models,
-            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
+            "answers": [{name: plain(value) for name, value in named(row).items()} for row in self.answers],
         }
         if self.outcome is not None:
             done = self.outcome

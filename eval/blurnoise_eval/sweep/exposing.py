@@ -6,8 +6,10 @@ Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit, sRGB-coded; out as the camera
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import NamedTuple
 
 import cv2
@@ -17,13 +19,20 @@ from numpy.typing import NDArray
 
 from blurnoise.auto_exposure import USUAL, AutoExposure, mean_luma
 from blurnoise.camera import Camera
+from blurnoise.cut_scene import CutScene
 from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.exposure import Frame as Taken
+from blurnoise.layers import boxes_in_motion
 from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.radiometry import dark_electrons, photoelectrons
-from blurnoise_eval.datasets import Image, UnreadablePicture, eight_bit
+from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.scoring.matching import MoveBoxes
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.scoring.matching import MoveBoxes, swept_within
+
+BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]
 
 
 class Frame(NamedTuple):
@@ -31,7 +40,8 @@ class Frame(NamedTuple):
     boxes and what they sweep.
 
     saturated: the share of its values at a limit of well, converter or picture. snr_db: of a pixel with the
-    picture's mean light. brightness: its mean value, 0-1. None of the untouched picture.
+    picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented: by the place of a
+    target, see :meth:`blurnoise.cut_scene.CutScene.invented`.
     """
 
     cell: Cell
@@ -43,17 +53,28 @@ class Frame(NamedTuple):
     saturated: float | None = None
     snr_db: float | None = None
     brightness: float | None = None
+    invented: Mapping[int, float] = {}
 
 
 class Scene:
     """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits.
 
-    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.grey_anchor`). Raises ``UnreadablePicture`` where the
-    picture has no such place, or no light there.
+    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.grey_anchor`). picture: whose targets ``objects``
+    tells apart, once that is asked for. Raises ``UnreadablePicture`` where the picture has no such place, or no light
+    there.
     """
 
-    def __init__(self, image: Image, grey_anchor: str | None = None) -> None:
+    def __init__(
+        self,
+        image: Image,
+        grey_anchor: str | None = None,
+        picture: Picture | None = None,
+        objects: Objects = USUAL_OBJECTS,
+    ) -> None:
         self.image8 = eight_bit(image)
+        self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
+        self._cut: tuple[CutScene, tuple[int, ...]] | None = None
+        self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
             self.light = ExposedScene.of_picture(image, grey_anchor)
@@ -61,6 +82,36 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
+
+    def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
+        """The picture under each exposure. At rest it is as it is, whatever may move."""
+        for apart, some in groupby(exposures, key=_apart):
+            if apart:
+                yield from self._cut_scene()[0].frames(list(some))
+            else:
+                yield from self.light.frames([replace(each, moves="all") for each in some])
+
+    def invented(self, taken: Exposure) -> dict[int, float]:
+        """By the place of a target, what is seen that had to be invented."""
+        if not _apart(taken):
+            return {}
+        scene, targets = self._cut_scene()
+        return dict(zip(targets, scene.invented(taken), strict=True))
+
+    def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
+        """Cut out once, whoever needs it first; layers with the targets that they are."""
+        with self._lock:
+            if self._cut is None:
+                if self._picture is None:
+                    raise ValueError(
+                        "moves: targets and background: need a picture that says what its targets are"
+                    )
+                light, scale = self.light.light, 1.0
+                if self._anchored is not None:
+                    scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
+                found = cut_out(self._picture, self.image8, light, self.objects, scale)
+                self._cut = CutScene(found.cut, found.speeds), found.targets
+            return self._cut
 
     def mean_light(self, camera: Camera) -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
@@ -70,29 +121,40 @@ class Scene:
 
 
 def frames(
-    scene: Scene, cells: Sequence[Cell], camera: Camera, auto_exposure: AutoExposure = USUAL
+    scene: Scene,
+    cells: Sequence[Cell],
+    camera: Camera,
+    auto_exposure: AutoExposure = USUAL,
+    path: tuple[StatedTrajectory, float] | None = None,
 ) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and stands first.
 
-    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light.
+    auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light. path: what the
+    picture does beside its velocity, and the longest exposure along it; a shake is that of the cell's seed.
     """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     exposures = []
     for cell, at in exposed:
-        exposures.append(_set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure))
-    taken = zip(exposed, exposures, scene.light.frames(exposures), strict=True)
+        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure)
+        if path is not None:
+            stated, longest_s = path
+            size = (scene.image8.shape[0], scene.image8.shape[1])
+            exposure = replace(exposure, trajectory=stated.of(camera, size, longest_s, cell.seed))
+        exposures.append(exposure)
+    taken = zip(exposed, exposures, scene.frames(exposures), strict=True)
     for (cell, _), exposure, frame in taken:
         yield Frame(
             cell,
             frame.picture,
             frame.simulate_ms,
             exposure,
-            box_mover(exposure),
-            box_sweeper(exposure),
+            box_mover(exposure, scene.objects),
+            box_sweeper(exposure, scene.objects),
             saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
             snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
+            invented=scene.invented(exposure),
         )
 
 
@@ -137,24 +199,56 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
 
 
-def box_mover(exposure: Exposure) -> MoveBoxes | None:
-    """Takes a scene's boxes (N, 4) to where they are in the picture at mid-exposure; None: they stay."""
-    return _mover(exposure.move_boxes) if effects.displace(exposure.camera) else None
+def _apart(taken: Exposure) -> bool:
+    """Whether the picture has to be cut for it."""
+    return taken.moves != "all" and any(taken.velocity_px_s)
 
 
-def box_sweeper(exposure: Exposure) -> MoveBoxes:
+def box_mover(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | None:
+    """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or what else
+    ``objects.boxes`` says; None: they stay."""
+    along_path = objects.boxes == "swept" and taken.trajectory is not None
+    if objects.boxes == "object" or not (any(taken.velocity_px_s) or along_path):
+        return _mover(lambda of: of.move_boxes, taken, objects) if effects.displace(taken.camera) else None
+    if objects.boxes == "swept":
+        return _mover(lambda of: of.sweep_boxes, taken, objects, within=True)
+    return _mover(_half, taken, objects)
+
+
+def box_sweeper(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes:
     """Takes a scene's boxes (N, 4) to what they cover in the course of the exposure, beyond the picture too."""
-    return _mover(exposure.sweep_boxes)
+    return _mover(lambda of: of.sweep_boxes, taken, objects)
 
 
-def _mover(boxes_in: Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]) -> MoveBoxes:
-    def move(boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def _half(taken: Exposure) -> BoxesIn:
+    """Where boxes are for half of the exposure or more; those that are nowhere so long are their middle, no area."""
+    moved_px = [along * taken.exposure_s for along in taken.velocity_px_s]
+
+    def boxes_in(boxes_xyxy: torch.Tensor, size: tuple[int, int] | None) -> torch.Tensor:
+        there = boxes_in_motion(taken.move_boxes(boxes_xyxy, size), moved_px, "half")
+        middle = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]).repeat(1, 2) / 2
+        return torch.where(there.isnan(), middle, there)
+
+    return boxes_in
+
+
+def _mover(
+    how: Callable[[Exposure], BoxesIn], taken: Exposure, objects: Objects, within: bool = False
+) -> MoveBoxes:
+    """within: not beyond the picture's border."""
+
+    def move(
+        boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str] = ()
+    ) -> NDArray[np.float64]:
         moved = np.empty_like(boxes_xyxy)
-        for width, height in np.unique(sizes_px, axis=0):
-            alike = (np.array_equal(each, (width, height), equal_nan=True) for each in sizes_px)
-            of = np.fromiter(alike, bool, len(sizes_px))
+        speeds = [objects.speed_of(label) for label in labels] or [1.0] * len(boxes_xyxy)
+        alike = np.concatenate([sizes_px, np.array(speeds)[:, None]], axis=1)
+        for width, height, speed in np.unique(alike, axis=0):
+            of = np.array([np.array_equal(each, (width, height, speed), equal_nan=True) for each in alike])
             size = None if np.isnan(width) else (int(height), int(width))
-            moved[of] = boxes_in(torch.from_numpy(boxes_xyxy[of]), size).numpy()
+            moved[of] = how(taken.of_targets(speed))(torch.from_numpy(boxes_xyxy[of]), size).numpy()
+        if within:
+            return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
         return moved
 
     return move

@@ -29,7 +29,11 @@ def cell_result(
         **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
     }
-    rows: list[dict[str, Any]] = [{**shared, **row} for row in sight.targets]
+    rows: list[dict[str, Any]] = [
+        {**shared, **row, "invented_share": None if at is None else frame.invented.get(row["target_id"], 0.0)}
+        for row in sight.targets
+    ]
+    invented = [row["invented_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {
         "seed": cell.seed,
@@ -42,6 +46,7 @@ def cell_result(
         "applied_gain_db": taken and taken.gain_db,
         "snr_db": frame.snr_db,
         "brightness": frame.brightness,
+        "invented_share": float(np.mean(invented)) if rows and at is not None else None,
         "simulate_ms": frame.simulate_ms,
         "infer_ms": sight.infer_ms,
         "error": sight.error,

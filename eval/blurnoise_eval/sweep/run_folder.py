@@ -12,9 +12,11 @@ from typing import Any
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
+from blurnoise_eval.report.findings import path_text
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
@@ -99,6 +101,7 @@ def open_run(
             },
             "seed": plan.seed,
             "grey_anchor": plan.grey_anchor,
+            "trajectory": None if plan.path is None else path_text(*plan.path),
             "versions": {name: metadata.version(name) for name in _PACKAGES},
             "hardware": hardware(),
             **facts,
@@ -240,7 +243,8 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
         ("models.csv", data.models),
     ):
         columns = list(rows[0]) if rows else []
-        write_whole(folder / name, (line.encode("utf-8") for line in csv_lines(columns, rows)))
+        lines = csv_lines(columns, map(named, rows))
+        write_whole(folder / name, (line.encode("utf-8") for line in lines))
         written.append(folder / name)
     return written
 
@@ -261,7 +265,7 @@ def _missing_cells(store: Store, n_pictures: int) -> int:
     """How many of the plan's cells are not there, those of skipped pictures apart."""
     plan = store.about("identity")["plan"]
     if "grid" in plan:
-        per_picture = cells_per_picture(SweepPlan(**plan))
+        per_picture = cells_per_picture(SweepPlan(**{**plan, "trajectory": None}))
     else:
         batches = asked(store)
         n_pictures = batches[-1].n_pictures if batches else 0

@@ -16,10 +16,10 @@ from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.scoring.score_surfaces import Sized
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.coco_export import truths
+from blurnoise_eval.sweep.coco_export import objects_of, truths
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 
-_VERSION = 2  # of what is kept
+_VERSION = 3  # of what is kept
 
 
 class RunScores(NamedTuple):
@@ -89,9 +89,10 @@ def _unpacked(packed: Sequence[Any]) -> Estimate:
 def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
     """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
+    objects = objects_of(store)
 
     def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
         exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera)
-        return box_mover(exposure), box_sweeper(exposure)
+        return box_mover(exposure, objects), box_sweeper(exposure, objects)
 
     return mover

@@ -14,8 +14,10 @@ from dataclasses import dataclass, replace
 
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
+from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.on_picture import Model, View, view
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
@@ -33,6 +35,8 @@ class Work:
     camera: Camera
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
+    objects: Objects = USUAL_OBJECTS
+    path: tuple[StatedTrajectory, float] | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -42,12 +46,18 @@ class Work:
 class PreparedPicture:
     """A picture as light, and every model's answer to it as it is. source: the picture's identity and content."""
 
-    def __init__(self, picture: Picture, models: Sequence[Model], grey_anchor: str | None = None) -> None:
+    def __init__(
+        self,
+        picture: Picture,
+        models: Sequence[Model],
+        grey_anchor: str | None = None,
+        objects: Objects = USUAL_OBJECTS,
+    ) -> None:
         image = picture.load()
         height, width = image.shape[:2]
         self.source = picture.identity, content(image), width, height
         try:
-            self.scene = Scene(image, grey_anchor)
+            self.scene = Scene(image, grey_anchor, picture, objects)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
@@ -71,7 +81,7 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
-        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure):
+        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure, self._work.path):
             kept = frame.cell.cell_id in block.examples
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None
@@ -95,7 +105,7 @@ class Worker:
                     self._prepared.popitem(last=False)
         if mine:
             try:
-                made = PreparedPicture(picture, self._work.models, self._work.grey_anchor)
+                made = PreparedPicture(picture, self._work.models, self._work.grey_anchor, self._work.objects)
                 height, width = made.scene.image8.shape[:2]
                 if self._work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
                     raise UnreadablePicture(

@@ -34,7 +34,7 @@ def test_a_vibration(tmp_path: Path, capsys: Output, line_time_us: int) -> None:
         assert facts["readout_ms"] == pytest.approx(1e3 * 2e-5 * 31 / max(31 / 2056, 44 / 2464))
     else:
         assert "readout_ms" not in facts
-    span_s = 0.01 + 2 * camera.row_time_s * 2464
+    span_s = 0.01 + 2 * camera.row_time_s * 2056
     path = Trajectory.sinusoid(3.0, 80.0, span_s, direction_deg=90.0)
     dn = simulate(
         torch.from_numpy(picture / np.float32(255))[None, None],

@@ -9,6 +9,7 @@ from blurnoise_eval.report.figures.curves import (
     confidence_blur,
     confidence_exposure,
     confidence_speed,
+    score_moves,
 )
 from blurnoise_eval.report.figures.panels import MAX_LINES, MAX_PANELS
 from blurnoise_eval.report.figures.pictures import gain_snr_brightness
@@ -25,4 +26,5 @@ __all__ = [
     "contact_sheet",
     "gain_snr_brightness",
     "latency_robustness",
+    "score_moves",
 ]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from blurnoise_eval.grid.axes import EXPOSURE, SPEED, Axis, velocity_of, velocity_text
+from blurnoise_eval.grid.axes import EXPOSURE, MOVES, SPEED, Axis, velocity_of, velocity_text
 from blurnoise_eval.report.data import RunData, by_speed
 from blurnoise_eval.report.figures.panels import MAX_LINES, Key, Panels, panels
 from blurnoise_eval.report.measured import (
@@ -21,9 +21,11 @@ from blurnoise_eval.report.measured import (
     points,
     spread,
 )
-from blurnoise_eval.report.settings import axis_label
+from blurnoise_eval.report.settings import Settings, axis_label
 from blurnoise_eval.report.words import WORKS
 
+MOVE_COLOURS = ("0.25", "#c23b22", "#1f77b4")  # all, targets, background
+MOST_EXPOSURES = 3  # side by side
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
 
 
@@ -105,6 +107,29 @@ def confidence_axis(data: RunData, axis: Axis) -> Figure:
         axes.set_xticks(spread(values, MAX_TICKS))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     return grid.finish(axis_label(axis), "Exposure", notes)
+
+
+def score_moves(data: RunData) -> Figure:
+    """The score against speed, a line with its interval for each of what moves: one panel per model, group and
+    exposure, under the brightest light."""
+    place, others = data.settings.axes.index(MOVES), data.settings.without(MOVES)
+    exposures = spread(data.exposures_s, MOST_EXPOSURES)
+    settings = Settings(
+        (*others.axes, EXPOSURE), tuple((*others.every[-1], at) for at in exposures), others.held
+    )
+    grid, measured = panels(data, settings), points(data)
+    style = _style(data) if one_velocity_per_speed(data.velocities_px_s) else "o"
+    for (model, group, setting), axes in grid:
+        *rest, exposure_s = setting
+        for value in data.settings.values(MOVES):
+            own = (model, group, (*rest[:place], value, *rest[place:]))
+            line = [p for p in measured if p[:3] == own and p.exposure_s == exposure_s]
+            line.sort(key=lambda point: point.speed_px_s)
+            x = [point.speed_px_s for point in line]
+            _draw_line(axes, x, line, MOVE_COLOURS[int(value)], MOVES.text(value), style)
+    notes = ["Bands: 95 % intervals over pictures.", *_left_out(exposures, data.exposures_s, "exposures")]
+    notes += _left_out(others.every[-1:], others.every, "settings")
+    return grid.finish(axis_label(SPEED), MOVES.title, notes)
 
 
 def _draw_exposure_lines(

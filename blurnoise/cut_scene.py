@@ -1,0 +1,90 @@
+"""Cut scenes: pictures whose objects are told apart from their background, so that either may move without the other.
+
+Convention: ``Exposure.moves`` says what has the exposure's velocity. "all": the picture, as a camera that turns sees
+it. "targets": the objects, before what is still. "background": all else, behind objects that the camera tracks. An
+object's speed is a multiple of that velocity, 1 unless stated: where the camera tracks those of speed 1, one of speed
+s is left with 1 - s, so that one that stands moves with the background.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import Any
+
+from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.layers import Layer, as_one, seen_behind, window_at_rest
+from blurnoise.mattes import Cut
+
+_NEAR_PX = 32  # apart, from which on two windows take less than their hull
+
+
+class CutScene(ExposedScene):
+    """A picture, its objects cut out. speeds: one for each layer of the cut. options: as of ``ExposedScene``.
+
+    Raises ``ValueError`` for another number of speeds.
+    """
+
+    def __init__(self, cut: Cut, speeds: Sequence[float] | None = None, **options: Any) -> None:
+        own = (1.0,) * len(cut.layers) if speeds is None else tuple(speeds)
+        if len(own) != len(cut.layers):
+            raise ValueError(f"speeds: {len(own)}; must be {len(cut.layers)}, one for each layer")
+        self._cut, self._own_speeds = cut, own
+        joined = [
+            (layer, speed)
+            for speed, alike in groupby(zip(cut.layers, own, strict=True), key=lambda each: each[1])
+            for layer in _joined([layer for layer, _ in alike])
+        ]
+        self._speeds = tuple(speed for _, speed in joined)
+        super().__init__(cut.background, layers=tuple(layer for layer, _ in joined), **options)
+        self._shares: dict[tuple[float, float], tuple[float, ...]] = {}
+        self._shares_lock = threading.Lock()
+
+    def invented(self, exposure: Exposure) -> tuple[float, ...]:
+        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
+        that had to be invented; 0 where it is known.
+
+        What the object moves against its background decides, whichever of the two moves.
+        """
+        if exposure.moves == "all" or not self._cut.invented.any():
+            return (0.0,) * len(self._cut.layers)
+        x, y = (along * exposure.exposure_s for along in exposure.velocity_px_s)
+        with self._shares_lock:
+            if (x, y) not in self._shares:
+                each = zip(self._cut.layers, self._own_speeds, strict=True)
+                self._shares[x, y] = tuple(_seen(layer, (s * x, s * y)) for layer, s in each)
+            return self._shares[x, y]
+
+    def _velocity(self, exposure: Exposure) -> tuple[float, float]:
+        return (0.0, 0.0) if exposure.moves == "targets" else exposure.velocity_px_s
+
+    def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
+        moving = (exposure.of_targets(speed).velocity_px_s for speed in self._speeds)
+        return tuple(
+            replace(layer, velocity_px_s=velocity)
+            for layer, velocity in zip(self._layers[0], moving, strict=True)
+        )
+
+
+def _joined(layers: Sequence[Layer]) -> list[Layer]:
+    """Layers that move alike, those that are near each other as one."""
+    groups: list[list[Layer]] = []
+    for layer in layers:
+        near = [group for group in groups if any(_near(layer, each) for each in group)]
+        groups = [group for group in groups if group not in near]
+        groups.append([*(each for group in near for each in group), layer])
+    return [group[0] if len(group) == 1 else as_one(_in_order(group, layers)) for group in groups]
+
+
+def _in_order(group: Sequence[Layer], layers: Sequence[Layer]) -> list[Layer]:
+    return [layer for layer in layers if any(layer is each for each in group)]
+
+
+def _near(one: Layer, other: Layer) -> bool:
+    return window_at_rest(one).grown(_NEAR_PX, _NEAR_PX).meets(window_at_rest(other))
+
+
+def _seen(layer: Layer, displacement_px: tuple[float, float]) -> float:
+    return seen_behind(layer, displacement_px) if any(displacement_px) else 0.0

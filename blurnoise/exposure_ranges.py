@@ -1,0 +1,203 @@
+"""Ranges of conditions: what training pictures are taken under, and a draw from it for each.
+
+Convention: draws are values in [0, 1), so that whoever draws them decides how; directions run counter-clockwise as
+displayed, 0 to the right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from blurnoise._core.checks import one_of, shown
+from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
+from blurnoise.auto_exposure import AutoExposure
+from blurnoise.camera import Camera
+from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
+from blurnoise.exposure import MOVES
+from blurnoise.moving_masks import Moves
+from blurnoise.trajectory import Trajectory
+
+Range = float | Sequence[float]
+"""A number that stays, or the bounds (low, high) to draw between."""
+Cameras = Camera | str | Sequence[Camera | str]
+Params = dict[str, Tensor]
+Gain = Range | Literal["auto"] | AutoExposure
+"""dB, or what auto-exposure sets for the exposure at hand."""
+DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
+"""What every picture has a value of."""
+
+
+@dataclass(frozen=True)
+class ExposureRanges:
+    """What conditions are drawn from; each range a number or (low, high).
+
+    camera: one or several, presets by name, each as likely as the others; kept as a tuple. exposure_s and
+    illuminance_lux, from 1e-9 s and 1e-6 lux on, are log-uniform: they multiply the light, so that each doubling
+    is as likely as the next, where a uniform draw would hardly ever be dark. speed_px_s >= 0, direction_deg and
+    temperature_c (-273.15 to 300) are uniform, as is gain_db; "auto", or an :class:`blurnoise.AutoExposure`, sets it
+    for each picture. The longest exposure at the highest speed moves 1e5 px at most. shake_px, uniform: the extent of
+    a hand's shake during the exposure, beside that motion; 0: none. moves: what that motion is of in pictures with
+    masks, "all", the "targets" or the "background" behind them; one or several, each as likely as the others.
+
+    Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed.
+    """
+
+    camera: Cameras = "imx250"
+    exposure_s: Range = (0.001, 0.060)
+    illuminance_lux: Range = (5.0, 500.0)
+    speed_px_s: Range = (0.0, 1000.0)
+    direction_deg: Range = (0.0, 360.0)
+    temperature_c: Range = 25.0
+    gain_db: Gain = 0.0
+    shake_px: Range = 0.0
+    moves: Moves | Sequence[Moves] = "all"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera", cameras_of(self.camera))
+        object.__setattr__(self, "gain_db", _gain(self.gain_db, self.cameras))
+        moves = (self.moves,) if isinstance(self.moves, str) else tuple(self.moves)
+        object.__setattr__(self, "moves", tuple(one_of("moves", each, MOVES) for each in moves or ("",)))
+        for name in (*DRAWN, "shake_px"):
+            object.__setattr__(self, name, _bounds(name, getattr(self, name)))
+        (_, longest), (_, fastest) = (
+            _bounds("exposure_s", self.exposure_s),
+            _bounds("speed_px_s", self.speed_px_s),
+        )
+        if longest * fastest > LIMITS["displacement_px"].high:
+            raise ValueError(
+                f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most: their product, the motion during the "
+                f"exposure, must be <= {LIMITS['displacement_px'].high:g} px"
+            )
+
+        for camera in self.cameras if self.moves != ("all",) else ():
+            if camera.row_time_s and (self.shaken or camera.shutter == "global-reset"):
+                raise ValueError(
+                    f"moves = {self.moves!r}: before {camera.name!r}, which reads row by row, parts move only with a "
+                    "rolling shutter and shake_px = 0; must be 'all'"
+                )
+        if self.shaken:
+            shortest_s = _bounds("exposure_s", self.exposure_s)[0]
+            for camera in self.cameras:
+                if path_duration_s(camera, shortest_s) > LONGEST_SHAKE * shortest_s:
+                    raise ValueError(
+                        f"exposure_s = {shortest_s:g}: too short for a shake over the readout of {camera.name!r}"
+                    )
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras to choose from; ``camera_index`` of the conditions counts in them."""
+        return cameras_of(self.camera)
+
+    def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
+        """What was drawn for these pictures, or what holds for all."""
+        return params["gain_db"][of] if "gain_db" in params else self.gain_db  # type: ignore[return-value]
+
+    @property
+    def shaken(self) -> bool:
+        """Whether any picture is shaken."""
+        return _bounds("shake_px", self.shake_px)[1] > 0
+
+    @property
+    def draws(self) -> int:
+        """How many uniform values the conditions of one picture take."""
+        return len(DRAWN) + 1 + isinstance(self.gain_db, tuple) + self.shaken + (len(self.moves) > 1)
+
+    def conditions(self, uniform: Tensor) -> Params:
+        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each, and ``camera_index``, int64.
+
+        ``gain_db`` and ``shake_px`` are among them where they are drawn, and ``moves_index``, int64, which counts in
+        ``moves``, unless everything moves.
+        """
+        shares = iter(uniform.unbind(-1))
+        drawn: Params = {}
+        for name in DRAWN:
+            low, high = getattr(self, name)
+            share = next(shares)
+            value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
+            drawn[name] = value.clamp(low, high)
+        index = (next(shares) * len(self.cameras)).long().clamp_max(len(self.cameras) - 1)
+        for name, asked in (("gain_db", isinstance(self.gain_db, tuple)), ("shake_px", self.shaken)):
+            if asked:
+                low, high = getattr(self, name)
+                drawn[name] = (low + (high - low) * next(shares)).clamp(low, high)
+        if len(self.moves) > 1:
+            drawn["moves_index"] = (next(shares) * len(self.moves)).long().clamp_max(len(self.moves) - 1)
+        elif self.moves != ("all",):
+            drawn["moves_index"] = torch.zeros_like(index)
+        return {**drawn, "camera_index": index}
+
+    def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:
+        """What the motion of these pictures is of, as drawn."""
+        if "moves_index" not in params:
+            return ["all"] * len(params["exposure_s"][of])
+        return [self.moves[index] for index in params["moves_index"][of].tolist()]
+
+    def __str__(self) -> str:
+        cameras = ", ".join(camera.name for camera in self.cameras)
+        named = [*DRAWN, "gain_db", *["shake_px"] * self.shaken, *["moves"] * (self.moves != ("all",))]
+        return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
+
+
+def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> list[Trajectory | None]:
+    """The shakes of these pictures, each of its own noise seed; None where there is none. cameras: of each."""
+    if "shake_px" not in params:
+        return [None] * len(cameras)
+    rows = zip(
+        *(params[name][of].tolist() for name in ("noise_seed", "shake_px", "exposure_s")),
+        cameras,
+        strict=True,
+    )
+    return [
+        shake(seed, extent_px, exposure_s, duration_s=path_duration_s(camera, exposure_s))
+        if extent_px > 0
+        else None
+        for seed, extent_px, exposure_s, camera in rows
+    ]
+
+
+def _bounds(name: str, value: Range) -> tuple[float, float]:
+    if isinstance(value, (int, float)):
+        value = (value, value)
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+        raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
+    first, last = (limited(name, each) for each in value)
+    if first > last:
+        raise ValueError(f"{name} = {shown(value)}: must be (low, high), low <= high")
+    least = DRAWN_FROM.get(name, first)
+    if first < least:
+        above = "> 0" if first == 0 else f">= {least:g}"
+        raise ValueError(f"{name} = {shown(value)}: must be {above}, as it is drawn log-uniformly")
+    return first, last
+
+
+def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
+    if isinstance(gain_db, AutoExposure):
+        return gain_db
+    if gain_db == "auto":
+        return AutoExposure()
+    if not isinstance(gain_db, (int, float, Sequence)) or isinstance(gain_db, str):
+        raise TypeError(
+            f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure"
+        )
+    low, high = _bounds("gain_db", gain_db)
+    for camera in cameras:
+        camera.at_gain(low), camera.at_gain(high)
+    return low if low == high else (low, high)
+
+
+def cameras_of(camera: Cameras) -> tuple[Camera, ...]:
+    """The cameras, presets opened. Raises ``TypeError`` or ``ValueError``."""
+    if not isinstance(camera, (Camera, str, Sequence)):
+        raise TypeError(f"camera: must be cameras or names of presets, got {type(camera).__name__}")
+    given = [camera] if isinstance(camera, (Camera, str)) else list(camera)
+    if not given:
+        raise ValueError("camera = []: must be at least one camera")
+    for each in given:
+        if not isinstance(each, (Camera, str)):
+            raise TypeError(f"camera: must be cameras or names of presets, got {type(each).__name__}")
+    return tuple(Camera.preset(each) if isinstance(each, str) else each for each in given)

@@ -1,0 +1,119 @@
+"""Cut-outs: a picture's targets as layers before their background, by what is known of where they are.
+
+Convention: crowds, and all that is no target, are background. Of targets that touch or overlap each other the one
+whose box ends further down is in front. What is behind a target is true where the picture was rendered, the user's
+where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import mattes
+from blurnoise.exposure import ExposedScene
+from blurnoise.mattes import Cut, Matte
+from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
+from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
+from blurnoise_eval.grid.objects import Objects
+
+
+class CutOut(NamedTuple):
+    """A cut picture. targets: of each layer its place among the picture's targets; speeds: as of ``Objects``."""
+
+    cut: Cut
+    targets: tuple[int, ...]
+    speeds: tuple[float, ...]
+
+
+def check_cut(pictures: PictureSet, objects: Objects) -> None:
+    """Raise ``ValueError`` where it is not known what the targets are, or what is asked for is missing."""
+    if not pictures.labelled:
+        raise ValueError(
+            "moves: targets or background: needs to know where targets are; use --coco, --yolo, --bdd or --text, or "
+            "rendered signs; without labels only all can move"
+        )
+    known = {target.label for picture in pictures for target in picture.targets or ()}
+    speeds = dict(objects.speeds)
+    if unknown := sorted(set(speeds) - known):
+        raise ValueError(f"object-speed: {', '.join(unknown)}: no target is one")
+    if objects.mattes == "segmentation":
+        lacking = sum(
+            not target.annotation.get("segmentation")
+            for picture in pictures
+            if picture.cut is None
+            for target in picture.targets or ()
+            if not target.crowd
+        )
+        if lacking:
+            raise ValueError(
+                f"mattes = 'segmentation': {lacking} targets have none; must be auto, grabcut or box"
+            )
+    if objects.plates is not None:
+        for picture in pictures:
+            if not (Path(objects.plates) / picture.name).is_file():
+                raise ValueError(f"plates = {objects.plates!r}: holds no {picture.name!r}")
+
+
+def cut_out(
+    picture: Picture, image8: NDArray[np.uint8], light: Tensor, objects: Objects, scale: float = 1.0
+) -> CutOut:
+    """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
+
+    scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
+    the picture itself behind them, which is never seen. Raises ``UnreadablePicture`` for a plate that is none.
+    """
+    every = picture.targets or ()
+    if picture.cut is not None:
+        known = picture.cut()
+        layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
+        return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
+    backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
+    own = [
+        (place, _matte(every[place], image8, objects.mattes)) for place in backmost if not every[place].crowd
+    ]
+    own = [(place, matte) for place, matte in own if matte.any()]
+    places, found = [place for place, _ in own], [matte for _, matte in own]
+    plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
+    still = [(0.0, 0.0)] * len(found)
+    covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
+    if plate is None and (not found or mattes.hole_of(covered).all()):
+        cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
+    else:
+        cut = mattes.cut_out(light, found, still, plate)
+    return _told(cut, places, every, objects)
+
+
+def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:
+    return CutOut(cut, tuple(places), tuple(objects.speed_of(targets[place].label) for place in places))
+
+
+def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
+    """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
+    size = (image8.shape[0], image8.shape[1])
+    if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
+        with suppress(ValueError):  # of another size, or broken: the box is left
+            matte = mattes.of_annotation(target.annotation, size)
+            if matte.any():
+                return matte
+    x0, y0, x1, y1 = target.box_xyxy
+    if how == "box" or target.text is not None:
+        return mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
+    return mattes.of_object_in(image8, target.box_xyxy)
+
+
+def _plate(folder: Path, picture: Picture, light: Tensor, scale: float) -> Tensor:
+    found = ExposedScene.of_picture(read_picture(folder / picture.name, MOST_MEGAPIXELS)).light * scale
+    if found.shape != light.shape:
+        sizes = " and ".join(f"{each.shape[-1]} x {each.shape[-2]}" for each in (found, light))
+        raise UnreadablePicture(
+            f"{folder / picture.name}: a plate has its picture's size; they are {sizes} px"
+        )
+    return found

@@ -1,0 +1,129 @@
+"""Kinds of motion side by side: one picture, one camera, exposure and light, and what moves how.
+
+Domain: sRGB-coded pictures, (H, W) or (H, W, 3), in [0, 1]; a matte (H, W) is what moves for itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import mattes
+from blurnoise.augment import expose_pictures
+from blurnoise.camera import Camera
+from blurnoise.camera_shake import path_duration_s, shake, speed_bump
+from blurnoise.ego_motion import Mount, View
+from blurnoise.encoding import linear_from_srgb, srgb_from_linear
+from blurnoise.flow_blur import flow_blur
+from blurnoise.trajectory import Trajectory
+from blurnoise_eval.drawing.gallery import Tile
+
+READOUT_S = 0.03
+"""From first row to last, as slow rolling shutters take."""
+_VIBRATION_HZ = 100.0
+_BUMP_M, _BUMP_LENGTH_M, _BUMP_KM_H = 0.1, 3.7, 30.0
+_ROAD_KM_H, _HEIGHT_M, _HFOV_DEG = 50.0, 1.4, 60.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A tile: what it says of itself, what moves how fast in which direction, and what else is special."""
+
+    name: str
+    share: float = 1.0  # of the speed
+    direction_deg: float = 0.0
+    moves: str = "all"
+    rolls: bool = False
+    path: str | None = None
+
+
+KINDS = (
+    Kind("all moves, as before a camera that turns"),
+    Kind("targets move, the camera stands", moves="targets"),
+    Kind("the camera follows the targets", moves="background"),
+    Kind(f"vibration, {_VIBRATION_HZ:g} Hz", 0.0, path="sine"),
+    Kind("held by hand", 0.0, path="shake"),
+    Kind(f"a bump of {100 * _BUMP_M:g} cm at {_BUMP_KM_H:g} km/h", 0.0, path="bump"),
+    Kind(f"rolling shutter, {1e3 * READOUT_S:g} ms, to the right", rolls=True),
+    Kind(f"rolling shutter, {1e3 * READOUT_S:g} ms, downwards", direction_deg=-90.0, rolls=True),
+    Kind(f"driving at {_ROAD_KM_H:g} km/h, {_HFOV_DEG:g}° wide, on a road", 0.0, path="road"),
+)
+
+
+def middle_box(size: tuple[int, int]) -> mattes.Matte:
+    """The matte of a box in the middle of a picture (H, W), a third of it wide and high."""
+    height, width = size
+    return mattes.of_box(width / 3, height / 3, width / 3, height / 3, size)
+
+
+def tiles(
+    coded: NDArray[np.float32],
+    matte: mattes.Matte,
+    camera: Camera,
+    *,
+    exposure_s: float,
+    illuminance_lux: float,
+    speed_px_s: float,
+    seed: int = 0,
+) -> list[Tile]:
+    """A tile for each of ``KINDS``; paths are as long as what moves at ``speed_px_s`` is, but for bump and road."""
+    planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
+    size = (planes.shape[-2], planes.shape[-1])
+    stands = replace(camera, row_time_s=0.0, shutter="global")
+    rolls = replace(camera, row_time_s=READOUT_S / camera.height_px, shutter="rolling")
+    view = View(size[1], size[0], _HFOV_DEG)
+    paths = {
+        "sine": Trajectory.sinusoid(
+            speed_px_s * exposure_s / 2,
+            _VIBRATION_HZ,
+            path_duration_s(stands, exposure_s),
+            direction_deg=90.0,
+        ),
+        "shake": shake(seed, speed_px_s * exposure_s, exposure_s),
+        "bump": speed_bump(
+            _BUMP_M, _BUMP_LENGTH_M, _BUMP_KM_H / 3.6, focal_px=view.focal_px, duration_s=2 * exposure_s
+        ),
+    }
+    own: list[dict[str, Any]] = [
+        {"camera": rolls if kind.rolls else stands, "path": paths.get(kind.path or "")} for kind in KINDS
+    ]
+    speeds = [kind.share * speed_px_s for kind in KINDS]
+    scenes = [_on_road(planes, view, exposure_s) if kind.path == "road" else planes for kind in KINDS]
+    exposed = expose_pictures(
+        torch.cat(scenes),
+        [each["camera"] for each in own],
+        exposure_s=exposure_s,
+        illuminance_lux=illuminance_lux,
+        speed_px_s=speeds,
+        direction_deg=[kind.direction_deg for kind in KINDS],
+        masks=torch.from_numpy(matte).expand(len(KINDS), 1, *size),
+        moves=[kind.moves for kind in KINDS],
+        trajectory=[each["path"] for each in own],
+        generator=[seed] * len(KINDS),
+    )
+    pictures = exposed.mul(255).round().byte().permute(0, 2, 3, 1).numpy()
+    made = []
+    for kind, picture, each, speed in zip(KINDS, pictures, own, speeds, strict=True):
+        seen = picture[..., 0] if coded.ndim == 2 else picture
+        path = each["path"].seen(exposure_s).box if each["path"] else None
+        goes = f"{math.dist(path[:2], path[2:]):.3g} px" if path else f"{speed * exposure_s:.3g} px"
+        note = kind.name if kind.path == "road" else f"{kind.name}: {goes}"
+        made.append(
+            Tile(seen, each["camera"], exposure_s, illuminance_lux, speed, kind.direction_deg, motion=note)
+        )
+    return made
+
+
+def _on_road(planes: Tensor, view: View, exposure_s: float) -> Tensor:
+    """What a picture (1, C, H, W) is as a flat road with the sky above it, for a car that drives ahead."""
+    mount, pixels = Mount(_HEIGHT_M), view.pixels()
+    rays = view.rays(pixels)
+    flow = view.flow_px_s(pixels, mount.road_m(rays), mount.driving(_ROAD_KM_H / 3.6))
+    moved = torch.from_numpy((flow * exposure_s).astype(np.float32))
+    return srgb_from_linear(flow_blur(linear_from_srgb(planes.contiguous()), moved)).clamp(0, 1)

@@ -1,0 +1,175 @@
+"""Sweeps along a trajectory: a path for each picture, of which a shorter exposure sees a part; a run is of one."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval import cli, evaluate
+from blurnoise_eval.deciding.plane_holds import what_breaks
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
+from blurnoise_eval.sweep.exposing import Scene, frames
+from plans import plan as swept
+from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
+
+from blurnoise import Exposure, camera_shake, mattes, simulate
+from blurnoise.cut_scene import CutScene
+from blurnoise.picture.develop import develop_8bit
+from blurnoise.stated_trajectory import StatedTrajectory
+
+PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
+LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    return matched_detector(tmp_path_factory.mktemp("model"))
+
+
+def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
+    picture = noise(41, 53)
+    path = StatedTrajectory.parse("shake:9"), 0.02
+    for exposure_s in (0.004, 0.02):
+        at = Conditions(exposure_s=exposure_s, illuminance_lux=100.0, velocity_x_px_s=200.0)
+        first, other = (
+            next(frames(Scene(picture), [Cell("a", 0, at, seed)], CAMERA, path=path)) for seed in (5, 6)
+        )
+        shake = camera_shake.shake(5, 9.0, 0.02)
+        dn = simulate(
+            torch.from_numpy(picture).permute(2, 0, 1)[None] / 255,
+            CAMERA,
+            exposure_s=exposure_s,
+            illuminance_lux=100.0,
+            velocity_px_s=(200.0, 0.0),
+            trajectory=shake,
+            generator=[5],
+        )
+        np.testing.assert_array_equal(first.image, develop_8bit(dn, CAMERA)[0].permute(1, 2, 0).numpy())
+        assert np.abs(first.image.astype(int) - other.image).mean() > 2  # whose path is its own
+        box = np.array([[20.0, 10.0, 30.0, 20.0]])
+        assert first.sweep_boxes is not None
+        grown = first.sweep_boxes(box, np.array([[53.0, 41.0]]))[0] - box[0]
+        expected = shake.seen(exposure_s, (200.0, 0.0)).box
+        np.testing.assert_allclose(grown, expected, atol=1e-6)
+
+
+def test_targets_move_beside_the_shake_and_before_it() -> None:
+    """What moves for itself is shaken with all the rest, as simulate's layers are."""
+    light = torch.nn.functional.avg_pool2d(
+        torch.rand(1, 3, 46, 63, generator=torch.Generator().manual_seed(2)), 5, 1, 2
+    )
+    cut = mattes.cut_out(light, [mattes.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
+    path = camera_shake.shake(5, 9.0, 0.02)
+    taken = Exposure(CAMERA, 0.02, 100.0, (600.0, 0.0), seed=7, trajectory=path, moves="targets")
+    (frame,) = CutScene(cut).frames([taken])
+    dn = simulate(
+        cut.background,
+        CAMERA,
+        exposure_s=0.02,
+        illuminance_lux=100.0,
+        trajectory=path,
+        encoding="linear",
+        layers=[replace(layer, velocity_px_s=(600.0, 0.0)) for layer in cut.layers],
+        generator=[7],
+    )
+    np.testing.assert_array_equal(frame.picture, develop_8bit(dn, CAMERA)[0].permute(1, 2, 0).numpy())
+    (still,) = CutScene(cut).frames([replace(taken, trajectory=None)])
+    assert np.abs(frame.picture.astype(int) - still.picture)[30:].mean() > 2
+    with pytest.raises(ValueError, match="moves = 'targets'"):
+        replace(taken, camera=replace(CAMERA, row_time_s=1e-5, shutter="rolling"))
+
+
+@pytest.mark.slow
+def test_a_run_is_along_one_trajectory_and_says_so(detector: Detector, tmp_path: Path) -> None:
+    shaken = replace(PLAN, trajectory="shake:6")
+    first = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
+    again = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
+    assert again.outcome is not None
+    assert again.outcome.computed == 0
+    for other in (PLAN, replace(PLAN, trajectory="shake:7"), replace(PLAN, trajectory="sine:6,80")):
+        with pytest.raises(StoreError, match="another plan"):
+            evaluate(detector, TWO, CAMERA, other, tmp_path)
+    assert "trajectory" not in PLAN.to_dict()  # runs from before there was any go on
+    assert shaken.to_dict() == PLAN.to_dict() | {"trajectory": "shake:6"}
+    with Store(tmp_path) as store:
+        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
+    assert first.summary["missing_cells"] == 0
+    page = first.report().read_text()
+    assert "shake:6, another in every picture, so far in 20 ms; blur and speeds are of the uniform" in page
+
+
+def test_conditions_and_cells_are_those_without_it() -> None:
+    shaken = replace(PLAN, trajectory="sine:3,80")
+    assert shaken.conditions() == PLAN.conditions()
+    assert shaken.example_conditions() == PLAN.example_conditions()
+
+
+@pytest.mark.slow
+def test_a_logs_content_travels_and_makes_the_run(detector: Detector, tmp_path: Path) -> None:
+    """Read once: it may be gone when processes compute. Another folder changes nothing, another number all."""
+    log = tmp_path / "log.csv"
+    log.write_text(LOG, encoding="utf-8")
+    plan = replace(PLAN, trajectory=str(log))
+    log.unlink()
+    threads, processes = (
+        rows_of(tmp_path / name, [detector], CAMERA, TWO, pickle.loads(pickle.dumps(plan)), engine=engine)
+        for name, engine in (("threads", ThreadEngine(1)), ("processes", ProcessEngine(1)))
+    )
+    assert str(threads) == str(processes)
+    straight = rows_of(tmp_path / "straight", [detector], CAMERA, TWO, PLAN)
+    assert str(straight) != str(threads)
+    (tmp_path / "elsewhere").mkdir()
+    moved, changed = tmp_path / "elsewhere" / "log.csv", tmp_path / "log.csv"
+    moved.write_text(LOG, encoding="utf-8")
+    changed.write_text(LOG.replace("9", "8"), encoding="utf-8")
+    assert replace(PLAN, trajectory=str(moved)).to_dict() == plan.to_dict()
+    assert replace(PLAN, trajectory=str(changed)).to_dict() != plan.to_dict()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(LOG.replace("0.03", "0.015"), "must hold the exposure"), ("time_s,x\n", "log.csv")],
+)
+def test_a_log_that_does_not_do_makes_no_folder(
+    detector: Detector, tmp_path: Path, content: str, words: str
+) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(content, encoding="utf-8")
+    with pytest.raises(ValueError, match=words):
+        evaluate(detector, TWO, CAMERA, replace(PLAN, trajectory=str(log)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    "text", ["shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0"]
+)
+def test_what_is_no_trajectory(text: str) -> None:
+    with pytest.raises((ValueError, OSError), match=text.partition(":")[0]):
+        replace(PLAN, trajectory=text)
+
+
+def test_the_plane_does_not_hold_along_one() -> None:
+    (reason,) = what_breaks(CAMERA, (0.001, 0.09), [], trajectory=StatedTrajectory.parse("shake:6"))
+    assert "along shake:6" in reason
+
+
+@pytest.mark.slow
+def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shared: list[Any] = ["--model", detector.path, "--limit", 2, "--trajectory", "shake:6", "--lux", 50]
+    sweep = ["sweep", *shared, "--exposure-ms", "2,10", "--dx", 0, "-o", tmp_path / "sweep"]
+    assert cli.main([str(each) for each in sweep]) == 0
+    decide = ["decide", *shared, "--exposure-ms", "2:4", "--dx", 0, "-o", tmp_path / "decide"]
+    assert cli.main([str(each) for each in decide]) == 0
+    assert "along shake:6 another exposure sees another part of the path" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    with Store(tmp_path / "decide") as store:
+        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
