@@ -135,8 +135,7 @@ StatedPath = Annotated[
     Option(
         "--trajectory",
         metavar="FILE.csv|shake:PX|sine:PX,HZ",
-        help="a path beside the motion, as of 'blurnoise simulate'; a shake is each picture's own, so far in the "
-        "longest exposure, and shorter ones see a part of it",
+        help="a path beside that; a shake: each picture's own, so far in the longest exposure",
     ),
 ]
 Cfa = Annotated[
