@@ -19,6 +19,7 @@ from torch import Tensor
 
 from blurnoise import mattes
 from blurnoise.exposure import ExposedScene
+from blurnoise.layers import Layer
 from blurnoise.mattes import Cut, Matte
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
@@ -77,10 +78,10 @@ def cut_out(
         return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
     backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
     own = [
-        (place, _matte(every[place], image8, objects.mattes)) for place in backmost if not every[place].crowd
+        (place, *_matte(every[place], image8, objects.mattes)) for place in backmost if not every[place].crowd
     ]
-    own = [(place, matte) for place, matte in own if matte.any()]
-    places, found = [place for place, _ in own], [matte for _, matte in own]
+    own = [each for each in own if each[1].any()]
+    found = [matte for _, matte, _ in own]
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
@@ -88,25 +89,37 @@ def cut_out(
         cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
     else:
         cut = mattes.cut_out(light, found, still, plate)
-    return _told(cut, places, every, objects)
+    layers = tuple(
+        _of_picture(layer, light) if boxed else layer
+        for layer, (*_, boxed) in zip(cut.layers, own, strict=True)
+    )
+    return _told(cut._replace(layers=layers), [place for place, *_ in own], every, objects)
 
 
 def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:
     return CutOut(cut, tuple(places), tuple(objects.speed_of(targets[place].label) for place in places))
 
 
-def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
-    """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
+def _of_picture(layer: Layer, light: Tensor) -> Layer:
+    """With the picture's own colours to the edge: at that of a box nothing is mixed but what moves with it."""
+    (left, top), (height, width) = layer.place_px, layer.alpha.shape
+    return replace(layer, light=light[0, :, top : top + height, left : left + width])
+
+
+def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> tuple[Matte, bool]:
+    """Where a target is, and whether that is its box. A text is: what carries it is not known, but moves with it."""
     size = (image8.shape[0], image8.shape[1])
     if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
         with suppress(ValueError):  # of another size, or broken: the box is left
             matte = mattes.of_annotation(target.annotation, size)
             if matte.any():
-                return matte
+                return matte, False
     x0, y0, x1, y1 = target.box_xyxy
+    boxed = mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
     if how == "box" or target.text is not None:
-        return mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
-    return mattes.of_object_in(image8, target.box_xyxy)
+        return boxed, True
+    matte = mattes.of_object_in(image8, target.box_xyxy)
+    return matte, np.array_equal(matte, boxed)
 
 
 def _plate(folder: Path, picture: Picture, light: Tensor, scale: float) -> Tensor:
