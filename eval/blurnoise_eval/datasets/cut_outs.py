@@ -1,6 +1,6 @@
 """Cut-outs: a picture's targets as layers before their background, by what is known of where they are.
 
-Convention: crowds, and all that is no target, are background. Of targets that touch or overlap each other the one
+Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or overlap each other the one
 whose box ends further down is in front. What is behind a target is true where the picture was rendered, the user's
 where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
 """
@@ -77,11 +77,12 @@ def cut_out(
         layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
         return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
     backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
-    own = [
-        (place, *_matte(every[place], image8, objects.mattes)) for place in backmost if not every[place].crowd
+    moving = [
+        place for place in backmost if not every[place].crowd and objects.speed_of(every[place].label) != 0
     ]
-    own = [each for each in own if each[1].any()]
-    found = [matte for _, matte, _ in own]
+    own = [(place, _matte(every[place], image8, objects.mattes)) for place in moving]
+    own = [(place, matte) for place, matte in own if matte.any()]
+    found = [matte for _, matte in own]
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
@@ -89,11 +90,8 @@ def cut_out(
         cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
     else:
         cut = mattes.cut_out(light, found, still, plate)
-    layers = tuple(
-        _of_picture(layer, light) if boxed else layer
-        for layer, (*_, boxed) in zip(cut.layers, own, strict=True)
-    )
-    return _told(cut._replace(layers=layers), [place for place, *_ in own], every, objects)
+    cut = cut._replace(layers=tuple(_of_picture(layer, light) for layer in cut.layers))
+    return _told(cut, [place for place, _ in own], every, objects)
 
 
 def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:
@@ -101,25 +99,24 @@ def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: O
 
 
 def _of_picture(layer: Layer, light: Tensor) -> Layer:
-    """With the picture's own colours to the edge: at that of a box nothing is mixed but what moves with it."""
+    """With the picture's own colours to its edge: what is mixed there with the background is the smaller error, for
+    small targets, than what is lost of their outline (3 to 5 against 11 to 17 DN for signs of 24 to 64 px)."""
     (left, top), (height, width) = layer.place_px, layer.alpha.shape
     return replace(layer, light=light[0, :, top : top + height, left : left + width])
 
 
-def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> tuple[Matte, bool]:
-    """Where a target is, and whether that is its box. A text is: what carries it is not known, but moves with it."""
+def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
+    """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
     size = (image8.shape[0], image8.shape[1])
     if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
         with suppress(ValueError):  # of another size, or broken: the box is left
             matte = mattes.of_annotation(target.annotation, size)
             if matte.any():
-                return matte, False
+                return matte
     x0, y0, x1, y1 = target.box_xyxy
-    boxed = mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
     if how == "box" or target.text is not None:
-        return boxed, True
-    matte = mattes.of_object_in(image8, target.box_xyxy)
-    return matte, np.array_equal(matte, boxed)
+        return mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
+    return mattes.of_object_in(image8, target.box_xyxy)
 
 
 def _plate(folder: Path, picture: Picture, light: Tensor, scale: float) -> Tensor:

@@ -76,6 +76,15 @@ def test_a_segmentation_is_the_target() -> None:
     )
 
 
+def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
+    (layer,) = found(made(box(10, 10, 40, 40, annotation=TRIANGLE))).cut.layers
+    assert torch.equal(layer.light, light(image())[0, :, 10:40, 10:40])
+
+
+def test_what_stands_is_background() -> None:
+    assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
+
+
 @pytest.mark.parametrize(
     "segmentation",
     [[[1.0, 2.0]], {"size": [7, 7], "counts": [49]}, [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]]],
