@@ -1,8 +1,8 @@
 """Cut-outs: a picture's targets as layers before their background, by what is known of where they are.
 
-Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or overlap each other the one
-whose box ends further down is in front. What is behind a target is true where the picture was rendered, the user's
-where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
+Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or
+overlap each other the one whose box ends further down is in front. What is behind a target is true where the picture
+was rendered, the user's where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
 """
 
 from __future__ import annotations
