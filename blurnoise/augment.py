@@ -124,7 +124,7 @@ def expose_pictures(
         own = [(item, cut) for item in of if (cut := cuts.get(item))]
         seen, coded, moved = scene if len(of) == batch else scene[of], encoding, velocity[of]
         if own:
-            seen, coded = torch.cat([cut.background for _, cut in own]).clamp(0, 1), "linear"
+            seen, coded = torch.cat([cut.background for _, cut in own]), "linear"
             moved = moved * moved.new_tensor([[names[item] == "background"] for item in of])
         dn = simulate(
             seen,

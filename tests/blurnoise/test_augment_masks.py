@@ -16,6 +16,7 @@ from torch import Tensor
 from blurnoise import Camera, develop, mattes, simulate
 from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures
 from blurnoise.encoding import linear_from_srgb
+from blurnoise.moving_masks import plate_of
 
 SIZE = (46, 63)
 CONDITIONS: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0, "speed_px_s": 600.0}
@@ -47,7 +48,8 @@ def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
     still = torch.zeros(2)
     own, rest = (along, still) if moves == "targets" else (still, along)
     light = linear_from_srgb(image[:1])
-    cut = mattes.cut_out(light, [masks[0].amax(0).numpy()], [own])
+    matte = masks[0].amax(0).numpy()
+    cut = mattes.cut_out(light, [matte], [own], plate_of(light, matte))
     dn = simulate(
         cut.background, Camera.preset("imx250"), exposure_s=0.02, illuminance_lux=80.0, velocity_px_s=rest,
         encoding="linear", layers=cut.layers, generator=[0], fidelity=fidelity,
@@ -93,6 +95,25 @@ def test_pictures_one_by_one_are_the_batch(dtype: torch.dtype) -> None:
         assert torch.equal(exposed(image.float(), masks.float(), moves=moves).to(dtype), found)
     if dtype == torch.float64:  # another stream of noise, so that their means agree
         assert float((found - exposed(image.float(), masks, moves=moves)).mean().abs()) < 2e-3
+
+
+def test_what_is_behind_is_taken_from_around() -> None:
+    """A constant stays, a slope is continued, nothing is beyond what is around, and what is seen is as it was."""
+    matte = mattes.of_box(20, 12, 18, 18, SIZE)
+    hidden = torch.from_numpy(matte > 0)
+    slope = torch.linspace(0.1, 0.7, SIZE[1]).expand(1, 1, *SIZE).contiguous()
+    noise = pictures(1, 3, *SIZE).double()
+    for light, off in ((torch.full((1, 3, *SIZE), 0.3), 1e-6), (slope, 0.03), (noise, 1.0)):
+        spoilt = light.clone()
+        spoilt[..., hidden] = 1.0
+        plate = plate_of(spoilt, matte)
+        assert plate.dtype == light.dtype
+        assert float((plate - light)[..., hidden].abs().max()) <= off
+        away = torch.from_numpy(~mattes.hole_of(matte > 0))
+        assert torch.equal(plate[..., away], light[..., away])
+        assert float(plate[..., hidden].max()) < 1.0
+        assert torch.equal(plate_of(light, matte), plate)  # whatever was there
+    assert abs(float(plate[..., hidden].mean()) - 0.5) < 0.1
 
 
 def test_near_parts_are_one_layer_and_far_ones_two(monkeypatch: pytest.MonkeyPatch) -> None:

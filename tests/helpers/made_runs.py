@@ -27,7 +27,8 @@ def confidence(exposure_s: float, setting: dict[str, float], speed: float, best:
     """A model that needs light (exposure x lux, less of it at f/2.8), dislikes blur (exposure x speed) and heat."""
     gathered = exposure_s * setting["illuminance_lux"] * (F_NUMBERS[0] / setting["f_number"]) ** 2
     cool = 1 - (setting["temperature_c"] - TEMPERATURES_C[0]) / 300
-    return best * cool * (1 - math.exp(-gathered / 0.25)) * math.exp(-((exposure_s * speed / 14) ** 2))
+    seen_speed = 0.0 if setting["moves"] == 2 else speed  # of a target that is tracked
+    return best * cool * (1 - math.exp(-gathered / 0.25)) * math.exp(-((exposure_s * seen_speed / 14) ** 2))
 
 
 def made_run(
@@ -42,10 +43,11 @@ def made_run(
     kind: str = "detector",
     f_numbers: tuple[float, ...] = F_NUMBERS,
     temperatures_c: tuple[float, ...] = TEMPERATURES_C,
+    moves: tuple[float, ...] = (0.0,),
 ) -> RunData:
     """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
     groups = GROUPS if groups is None else groups
-    settings = _settings(lights_lux, f_numbers, temperatures_c)
+    settings = _settings(lights_lux, f_numbers, temperatures_c, moves)
     conditions: list[dict[str, Any]] = [_condition(None, None, None)] + [
         _condition(t, setting, v) for setting in settings for v in speeds for t in exposures_s
     ]
@@ -84,12 +86,15 @@ def made_run(
 
 
 def _settings(
-    lights_lux: tuple[float, ...], f_numbers: tuple[float, ...], temperatures_c: tuple[float, ...]
+    lights_lux: tuple[float, ...],
+    f_numbers: tuple[float, ...],
+    temperatures_c: tuple[float, ...],
+    moves: tuple[float, ...] = (0.0,),
 ) -> list[dict[str, float]]:
     return [
         {"illuminance_lux": lux, "temperature_c": celsius, "f_number": f_number}
-        | {"defocus_radius_px": 0.0, "gain_db": 0.0}
-        for lux, celsius, f_number in product(lights_lux, temperatures_c, f_numbers)
+        | {"defocus_radius_px": 0.0, "gain_db": 0.0, "moves": move}
+        for lux, celsius, f_number, move in product(lights_lux, temperatures_c, f_numbers, moves)
     ]
 
 

@@ -22,6 +22,8 @@ FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "yolofastestv2", "anchors", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
+MATTES = ("auto", "segmentation", "grabcut", "box")
+BOXES = ("object", "half", "swept")
 SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"
 _MOST_NUMBERS = 100_000
@@ -134,9 +136,8 @@ StatedPath = Annotated[
     str | None,
     Option(
         "--trajectory",
-        metavar="FILE.csv|shake:PX|sine:PX,HZ",
-        help="a path beside the motion, as of 'blurnoise simulate'; a shake is each picture's own, so far in the "
-        "longest exposure, and shorter ones see a part of it",
+        metavar="PATH",
+        help="as of simulate; a shake is each picture's own, over the longest exposure",
     ),
 ]
 Cfa = Annotated[
@@ -147,30 +148,28 @@ FrameRate = Annotated[float, Option(metavar="HZ", help="bounds an automatic expo
 Mains = Annotated[
     Literal["0", "50", "60"], Option(help="Hz; automatic exposures of whole periods of its light, 0: any")
 ]
-_objects = partial(Option, rich_help_panel="What moves for itself (--moves targets, background)")
+_objects = partial(Option, rich_help_panel="What moves for itself (--moves targets,background)")
 Mattes = Annotated[
-    Literal["auto", "segmentation", "grabcut", "box"],
+    str,
     _objects(
-        help="what of a box is the target: its segmentation where it has one (auto), what GrabCut makes of the box, "
-        "or all of it; rendered signs are known"
+        metavar="HOW",
+        help="auto: by segmentations, else GrabCut in the box; segmentation; grabcut; box",
+        autocompletion=one_of(MATTES),
     ),
 ]
 Plates = Annotated[
     Path | None,
-    _objects(metavar="DIR", help="pictures of the same names without the targets (default: invented)"),
+    _objects(metavar="DIR", help="of the same names, without targets (default: invented)"),
 ]
 ObjectSpeed = Annotated[
-    list[str] | None,
-    _objects(
-        metavar="CLASS=FACTOR",
-        help="of --dx and --dy, for targets of this class; 0: they stand; may be repeated",
-    ),
+    list[str] | None, _objects(metavar="CLASS=FACTOR", help="of --dx and --dy; 0: they stand")
 ]
 Boxes = Annotated[
-    Literal["object", "half", "swept"],
+    str,
     Option(
-        help="what a detection is held to: the object's box at mid-exposure, where it is for half of the exposure, "
-        "or all that it passes"
+        metavar="WHICH",
+        help="truth: object, at mid-exposure; half, there for half of it; swept, all it passes",
+        autocompletion=one_of(BOXES),
     ),
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
@@ -244,7 +243,7 @@ def _axis_option(axis: Axis, usual: str | None) -> Parameter:
     option = Option(
         axis.option,
         parser=parser,
-        metavar=",".join(axis.choices) or ("auto|LIST" if axis.automatic else "LIST"),
+        metavar="auto|LIST" if axis.automatic else "LIST",
         autocompletion=one_of(axis.choices) if axis.choices else None,
         help=axis.about,
         rich_help_panel=f"Conditions, each as {_LIST}",

@@ -11,13 +11,9 @@ from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
-    Boxes,
     CameraName,
     GreyAnchor,
     Json,
-    Mattes,
-    ObjectSpeed,
-    Plates,
     Range,
     StatedPath,
     bounds,
@@ -70,10 +66,6 @@ def decide(
     moves: Annotated[
         Literal["all", "targets", "background"], _asked(help="what moves, as of 'blurnoise sweep'")
     ] = "all",
-    mattes: Mattes = "auto",
-    plates: Plates = None,
-    object_speed: ObjectSpeed = None,
-    boxes: Boxes = "object",
     threshold: Threshold = None,
     keep: Keep = None,
     score: Score = None,
@@ -132,7 +124,6 @@ def decide(
     }
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
-    objects = given.objects(mattes, plates, object_speed or (), boxes)
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
     workers = given.threads(threads)
     models, pictures = given.subject(**shared)
@@ -153,7 +144,6 @@ def decide(
         seed=seed,
         grey_anchor=grey_anchor,
         trajectory=trajectory,
-        objects=objects,
         engine=engine,
         threads=workers,
         progress=True,

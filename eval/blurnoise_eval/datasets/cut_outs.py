@@ -1,8 +1,8 @@
 """Cut-outs: a picture's targets as layers before their background, by what is known of where they are.
 
-Convention: crowds, and all that is no target, are background. Of targets that touch or overlap each other the one
-whose box ends further down is in front. What is behind a target is true where the picture was rendered, the user's
-where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
+Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or
+overlap each other the one whose box ends further down is in front. What is behind a target is true where the picture
+was rendered, the user's where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from torch import Tensor
 
 from blurnoise import mattes
 from blurnoise.exposure import ExposedScene
+from blurnoise.layers import Layer
 from blurnoise.mattes import Cut, Matte
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
@@ -76,11 +77,12 @@ def cut_out(
         layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
         return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
     backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
-    own = [
-        (place, _matte(every[place], image8, objects.mattes)) for place in backmost if not every[place].crowd
+    moving = [
+        place for place in backmost if not every[place].crowd and objects.speed_of(every[place].label) != 0
     ]
+    own = [(place, _matte(every[place], image8, objects.mattes)) for place in moving]
     own = [(place, matte) for place, matte in own if matte.any()]
-    places, found = [place for place, _ in own], [matte for _, matte in own]
+    found = [matte for _, matte in own]
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
@@ -88,11 +90,19 @@ def cut_out(
         cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
     else:
         cut = mattes.cut_out(light, found, still, plate)
-    return _told(cut, places, every, objects)
+    cut = cut._replace(layers=tuple(_of_picture(layer, light) for layer in cut.layers))
+    return _told(cut, [place for place, _ in own], every, objects)
 
 
 def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:
     return CutOut(cut, tuple(places), tuple(objects.speed_of(targets[place].label) for place in places))
+
+
+def _of_picture(layer: Layer, light: Tensor) -> Layer:
+    """With the picture's own colours to its edge: what is mixed there with the background is the smaller error, for
+    small targets, than what is lost of their outline (3 to 5 against 11 to 17 DN for signs of 24 to 64 px)."""
+    (left, top), (height, width) = layer.place_px, layer.alpha.shape
+    return replace(layer, light=light[0, :, top : top + height, left : left + width])
 
 
 def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:

@@ -166,8 +166,7 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "moves", "moves", "--moves",
-        "what moves by --dx and --dy: all of the picture, its targets before what is still, or the background while "
-        "the camera tracks the targets (default: all)",
+        "by --dx and --dy: all, the targets alone, or the background of targets that are tracked (default: all)",
         "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
         text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
     ),

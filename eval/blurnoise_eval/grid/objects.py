@@ -20,9 +20,9 @@ _FASTEST = 100.0
 class Objects:
     """mattes: how targets are told from the rest, of ``MATTES``; speeds: by class, a multiple of the velocity.
 
-    "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box, or
-    takes all of it (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box". A speed of 0: it stands.
-    plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
+    "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
+    or takes all of it (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box". A speed of 0: it
+    stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
     :func:`blurnoise.layers.boxes_in_motion`. Raises ``ValueError`` naming the field.
     """
 

@@ -68,7 +68,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             *(
                 _axis(axis, [axis.text(value) for value in tested], "viridis")
                 | {"values": _places(axis, tested)}
-                | {"logarithmic": axis.logarithmic and tested[0] > 0}
+                | {"logarithmic": axis.logarithmic and tested[0] > 0, "named": bool(axis.choices)}
                 for axis, tested in zip(settings.axes, values, strict=True)
                 if tested
             ),

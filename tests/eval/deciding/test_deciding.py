@@ -232,3 +232,20 @@ def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> Non
         with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
             decide(tmp_path / "run", detector, **wrong)
     assert not (tmp_path / "run").exists()
+
+
+def test_it_decides_for_targets_that_move_alone(detector: Detector, tmp_path: Path) -> None:
+    """On the same plane; nothing else moves in any condition, and without labels it is refused."""
+    question = Question(QUESTION.exposures_s, {**QUESTION.values, "moves": (1.0,)})
+    told = decide(tmp_path / "run", detector, question)
+    assert told.decided is not None
+    assert not told.decided["because"]
+    assert {row["moves"] for row in told.answers} == {1.0}
+    with Store(told.folder) as store:
+        cells = list(store.cells())
+    assert {cell["moves"] for cell in cells if not cell["clean"]} == {1.0}
+    assert max(cell["invented_share"] or 0.0 for cell in cells) > 0.0
+    unlabelled = picture_set(picture("a", sign, None))
+    with pytest.raises(ValueError, match="needs to know where targets are"):
+        decide(tmp_path / "none", detector, question, pictures=unlabelled)
+    assert not (tmp_path / "none").exists()

@@ -37,6 +37,10 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
     for axis in AXES:
         if axis.name not in CORE and draw(st.booleans()):
             continue
+        if axis.choices:
+            places = st.integers(0, len(axis.choices) - 1).map(float)
+            grid[axis.name] = draw(st.lists(places, min_size=1, max_size=3, unique=True))
+            continue
         low = axis.low + 0.001 if axis.positive else axis.low
         high = IMX250.gain_max_db if axis.name == "gain_db" else axis.high
         value = st.floats(max(low, -500.0), min(high, 500.0), allow_subnormal=False).map(

@@ -106,7 +106,7 @@ def test_ids_of_the_first_four_axes_stay_what_they_were() -> None:
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
 def test_every_axis_reaches_the_simulator_and_the_columns(axis: Any) -> None:
     """A value of its own on one axis, seen where ``into`` says, and nothing else is other than without it."""
-    value = min(3.0, (axis.low + 3 * axis.high) / 4)
+    value = axis.high if axis.choices else min(3.0, (axis.low + 3 * axis.high) / 4)
     with_it = Conditions(**{**AT, axis.name: value})
     assert with_it.on(IMX250) == {**AT.on(IMX250), axis.name: value}
     plain, exposure = AT.exposure(IMX250, 11), with_it.exposure(IMX250, 11)
@@ -120,7 +120,7 @@ def test_every_axis_reaches_the_simulator_and_the_columns(axis: Any) -> None:
         vector[int(part)] = value
         expected = replace(plain, velocity_px_s=(vector[0], vector[1]))
     else:
-        expected = replace(plain, **{place: value})
+        expected = replace(plain, **{place: axis.choices[-1] if axis.choices else value})
     assert exposure == expected
     assert exposure != plain
 

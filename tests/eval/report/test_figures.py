@@ -14,6 +14,7 @@ import pytest
 from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import axis
 from blurnoise_eval.report import captions, figures, measured
+from blurnoise_eval.report.page import figures_of
 from blurnoise_eval.report.tradeoff import pareto_front
 from hypothesis import given
 from hypothesis import strategies as st
@@ -243,3 +244,35 @@ def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
     example = {"error": None, "detections": [], "targets": [target, target | {"text": "", "confidence": 0.0}]}
     assert captions.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
     assert captions.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"
+
+
+def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
+    """Of two models the largest group at three exposures, under the brightest light, each line with its interval."""
+    speeds = (0.0, 300.0, 600.0)
+    data = made_run(tmp_path, n_examples=0, models=("first", "second"), speeds=speeds, moves=(0.0, 1.0, 2.0))
+    figure = figures.score_moves(data)
+    drawn = [axes for axes in figure.axes if axes.lines]
+    assert len(drawn) == 2 * 3
+    for place, exposure_s in enumerate((EXPOSURES_S[0], EXPOSURES_S[2], EXPOSURES_S[3])):
+        lines = _lines(figure, place)
+        assert list(lines) == ["all moves", "targets move", "background moves"]
+        assert "200 lux" in figure.axes[place].get_title()
+        assert len(figure.axes[place].collections) == 3
+        for kind, label in enumerate(lines):
+            answers = [
+                answer
+                for answer in data.answers
+                if (answer["model"], answer["group"]) == ("first", "stop sign 100 px")
+                and (answer["moves"], answer["illuminance_lux"]) == (kind, 200.0)
+            ]
+            expected = [answer["confidence"][EXPOSURES_S.index(exposure_s)] for answer in answers]
+            assert lines[label] == (list(speeds), expected)
+    assert "3 of 4 exposures shown" in figure.get_supxlabel()
+    assert "1 of 2 settings shown" in figure.get_supxlabel()
+
+
+def test_a_figure_of_what_moves_is_of_runs_that_have_several(tmp_path: Path) -> None:
+    several = made_run(tmp_path, n_examples=0, moves=(0.0, 2.0))
+    assert "score_moves.png" in figures_of(several)
+    assert "confidence_moves.png" not in figures_of(several)  # names have no places on an axis
+    assert "score_moves.png" not in figures_of(made_run(tmp_path, n_examples=0))

@@ -53,13 +53,14 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
         "applied_gain_db": 6.0,
         "snr_db": 20.0,
         "brightness": 0.4,
+        "invented_share": 0.125,
         "simulate_ms": 1.5,
         "infer_ms": 2.5,
         "error": None,
     }
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
     target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
-    target |= {"confidence_swept": 0.05}
+    target |= {"confidence_swept": 0.05, "invented_share": 0.125}
     target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
     rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
     return CellResult({**shared, **cell, "example": None}, rows, detections)
@@ -337,20 +338,32 @@ def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read_only", [False, True])
-def test_run_of_the_version_before_is_read(
-    tmp_path: Path, read_only: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("version", [5, 6])
+def test_run_of_a_version_before_is_read(
+    tmp_path: Path, version: int, read_only: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The exposure that was taken is the one that was stated; a file that cannot be written stays as it is."""
+    """All moved, nothing was invented, and before 6 the exposure that was taken is the one that was stated; a file
+    that cannot be written stays as it is."""
     with Store(tmp_path, create=True) as store:
         store.add([result(0), clean_result(1)])
     with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
-        database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s; PRAGMA user_version = 5")
+        database.executescript("DROP INDEX cells_by_conditions")
+        for table in ("cells", "targets"):
+            for column in ("moves", "invented_share"):
+                database.executescript(f"ALTER TABLE {table} DROP COLUMN {column}")
+        if version == 5:
+            database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s")
+        database.executescript(f"PRAGMA user_version = {version}")
     before = (tmp_path / RUN_FILE).read_bytes()
     if read_only:
         monkeypatch.setattr("blurnoise_eval.store.store._writable", lambda path: False)
     with Store(tmp_path) as store:
         cells = list(store.cells())
-        assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
+        if version == 5:
+            assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
+        for rows in (cells, list(store.targets())):
+            told = {(row["clean"], row["moves"], row["invented_share"]) for row in rows}
+            assert told == {(False, 0.0, 0.0), (True, None, None)}
         assert len(cells) == 2
         assert len(list(store.targets())) > 0
     assert ((tmp_path / RUN_FILE).read_bytes() == before) == read_only

@@ -26,6 +26,7 @@ from blurnoise_eval.report.words import WORKS
 
 MOVE_COLOURS = ("0.25", "#c23b22", "#1f77b4")  # all, targets, background
 MOST_EXPOSURES = 3  # side by side
+MOST_OF_MOVES = 9  # panels: of several models the largest group, of one model three
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
 
 
@@ -117,7 +118,7 @@ def score_moves(data: RunData) -> Figure:
     settings = Settings(
         (*others.axes, EXPOSURE), tuple((*others.every[-1], at) for at in exposures), others.held
     )
-    grid, measured = panels(data, settings), points(data)
+    grid, measured = panels(data, settings, MOST_OF_MOVES), points(data)
     style = _style(data) if one_velocity_per_speed(data.velocities_px_s) else "o"
     for (model, group, setting), axes in grid:
         *rest, exposure_s = setting

@@ -51,11 +51,12 @@ class Panels:
         return self.figure
 
 
-def panels(data: RunData, settings: Settings) -> Panels:
-    """Empty panels: a row of settings per target group, first of all groups of one model, then of the next."""
+def panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> Panels:
+    """At most so many empty panels: a row of settings per target group, first of all groups of one model, then of the
+    next."""
     models = list(dict.fromkeys(answer["model"] for answer in data.answers))
-    shown_models = models[:MAX_PANELS]
-    rows_left = MAX_PANELS // max(1, len(shown_models))
+    shown_models = models[:most]
+    rows_left = most // max(1, len(shown_models))
     shown_settings = spread(settings.every, min(MAX_COLUMNS, rows_left) if rows_left > 1 else 1)
     groups = largest_groups(data, rows_left // max(1, len(shown_settings)))
     asked = {(answer["model"], answer["group"]) for answer in data.answers}

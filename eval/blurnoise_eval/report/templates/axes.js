@@ -20,9 +20,9 @@ const views = {
   speed: {along: VELOCITY, x: speedOf, joined: run.joined, axis: titled(VELOCITY), range: fromZero(speedOf),
     reading: "Along a line the light is the same; only the speed, and with it the blur, changes."},
 };
-run.axes.forEach(({word, values, logarithmic}, along) => {
+run.axes.forEach(({word, values, logarithmic, named, texts}, along) => {
   if (along > VELOCITY && values.length > 1) views[word] = {along, x: p => values[p.at[along]], joined: true,
-    axis: {...titled(along), type: logarithmic ? "log" : "linear", tickvals: spread(values, 10), ticktext: spread(values, 10).map(value => short(value, 6))},
+    axis: {...titled(along), type: logarithmic ? "log" : "linear", tickvals: spread(values, 10), ticktext: named ? texts : spread(values, 10).map(value => short(value, 6))},
     range: logarithmic ? ends(values.map(Math.log10)) : ends(values),
     reading: `Along a line only the ${word} changes.`};
 });

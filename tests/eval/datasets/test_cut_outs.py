@@ -1,0 +1,147 @@
+"""Cut-outs: where targets are by what is known of them, which is in front, and what is behind them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval.datasets import (
+    Picture,
+    PictureSet,
+    Target,
+    UnreadablePicture,
+    check_cut,
+    cut_out,
+    rendered_signs,
+    rendered_texts,
+    write_picture,
+)
+from blurnoise_eval.grid.objects import Objects
+
+from blurnoise.exposure import ExposedScene
+from blurnoise.layered import at_rest
+
+HEIGHT, WIDTH = 60, 81
+TRIANGLE = {"segmentation": [[10.0, 10.0, 40.0, 10.0, 10.0, 40.0]]}
+
+
+def image() -> Any:
+    return np.random.default_rng(3).integers(60, 90, (HEIGHT, WIDTH, 3), np.uint8)
+
+
+def light(seen: Any) -> torch.Tensor:
+    return ExposedScene.of_picture(seen).light
+
+
+def made(*targets: Target, name: str = "a.png") -> Picture:
+    return Picture(name, targets, image, "a")
+
+
+def box(x0: float, y0: float, x1: float, y1: float, **more: Any) -> Target:
+    return Target(more.pop("label", "car"), "cars", (x0, y0, x1, y1), **more)
+
+
+def found(picture: Picture, **how: Any) -> Any:
+    return cut_out(picture, image(), light(image()), Objects(**how))
+
+
+@pytest.mark.parametrize("rendered", [rendered_signs, rendered_texts])
+def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) -> None:
+    for picture in list(rendered((64, 40), count=4)):
+        seen = picture.load()
+        told = cut_out(picture, seen, light(seen), Objects(), scale=1.0)
+        again = at_rest(told.cut.background, told.cut.layers)
+        assert (again - light(seen)).abs().max() < 0.0046  # half a code of 8 bits is at most so much light
+        assert told.targets == (0, 1)
+        assert not told.cut.invented.any()
+        for place, layer in zip(told.targets, told.cut.layers, strict=True):
+            x0, y0, x1, y1 = picture.targets[place].box_xyxy  # type: ignore[index]
+            left, top = layer.place_px
+            assert left <= x0
+            assert top <= y0
+            assert x1 <= left + layer.alpha.shape[1]
+            assert y1 <= top + layer.alpha.shape[0]
+
+
+def test_a_segmentation_is_the_target() -> None:
+    told = found(made(box(10, 10, 40, 40, annotation=TRIANGLE)))
+    (layer,) = told.cut.layers
+    assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
+    assert (
+        float(found(made(box(10, 10, 40, 40, annotation=TRIANGLE)), mattes="box").cut.layers[0].alpha.sum())
+        == 900
+    )
+
+
+def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
+    (layer,) = found(made(box(10, 10, 40, 40, annotation=TRIANGLE))).cut.layers
+    assert torch.equal(layer.light, light(image())[0, :, 10:40, 10:40])
+
+
+def test_what_stands_is_background() -> None:
+    assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
+
+
+@pytest.mark.parametrize(
+    "segmentation",
+    [[[1.0, 2.0]], {"size": [7, 7], "counts": [49]}, [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]]],
+)
+def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
+    (layer,) = found(made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))).cut.layers
+    assert float(layer.alpha.sum()) == 900  # nothing in noise sets the box apart from what is around it
+
+
+def test_who_ends_further_down_is_in_front() -> None:
+    told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)), mattes="box")
+    assert told.targets == (1, 0, 2)
+    assert [layer.place_px for layer in told.cut.layers] == [(20, 5), (5, 20), (40, 10)]
+
+
+def test_crowds_stay_and_texts_are_boxes() -> None:
+    crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
+    told = found(made(crowd, text), mattes="grabcut")
+    assert told.targets == (1,)
+    assert float(told.cut.layers[0].alpha.sum()) == 200
+    assert found(made()).cut.layers == ()
+
+
+def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
+    told = found(made(box(0, 0, WIDTH, HEIGHT)), mattes="box")
+    assert torch.equal(told.cut.background, light(image()))
+    assert told.cut.invented.all()
+
+
+def test_plates_are_what_is_behind(tmp_path: Path) -> None:
+    plate = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+    write_picture(tmp_path / "a.png", plate)
+    told = cut_out(
+        made(box(10, 10, 40, 40)), image(), 2 * light(image()), Objects(plates=str(tmp_path)), scale=2.0
+    )
+    torch.testing.assert_close(told.cut.background, 2 * light(plate))
+    assert not told.cut.invented.any()
+    write_picture(tmp_path / "a.png", plate[1:])
+    with pytest.raises(UnreadablePicture, match=r"81 x 59 and 81 x 60 px"):
+        found(made(box(10, 10, 40, 40)), plates=str(tmp_path))
+
+
+def test_speeds_are_by_class() -> None:
+    picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
+    told = found(picture, speeds={"person": 0.25}, mattes="box")
+    assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
+
+
+def test_what_is_missing_is_said_before_anything_is_computed(tmp_path: Path) -> None:
+    unlabelled = PictureSet("folder", "here", (Picture("a.png", None, image, "a"),))
+    labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
+    with pytest.raises(ValueError, match="needs to know where targets are"):
+        check_cut(unlabelled, Objects())
+    with pytest.raises(ValueError, match="object-speed: lorry: no target is one"):
+        check_cut(labelled, Objects(speeds={"lorry": 1.0}))
+    with pytest.raises(ValueError, match="mattes = 'segmentation': 1 targets have none"):
+        check_cut(labelled, Objects(mattes="segmentation"))
+    with pytest.raises(ValueError, match=r"holds no 'a\.png'"):
+        check_cut(labelled, Objects(plates=str(tmp_path)))
+    check_cut(labelled, Objects())

@@ -1,0 +1,251 @@
+"""What moves in a sweep: all, the targets before what is still, or the background of targets that are tracked."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval import evaluate
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import PictureSet, rendered_signs
+from blurnoise_eval.datasets.rendered import _layer, _Sign
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import MOVES
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.grid.objects import BOXES, MATTES, Objects
+from blurnoise_eval.scoring.matching import target_confidence
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_models.detector import STOP_SIGN
+from plans import plan as swept
+from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
+
+from blurnoise import charts, exposure
+from blurnoise.cut_scene import CutScene
+from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.layered import at_rest
+from blurnoise.layers import boxes_in_motion
+from blurnoise.mattes import Cut
+
+KINDS = (0.0, 1.0, 2.0)
+AT: Any = {"exposures_s": (0.01,), "lights_lux": (100.0,), "right_px_s": (0.0, 1600.0)}
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    return matched_detector(tmp_path_factory.mktemp("model"))
+
+
+def run(folder: Path, detector: Detector, plan: SweepPlan, pictures: PictureSet, **how: Any) -> list[Any]:
+    evaluate([detector], pictures, CAMERA, plan, folder, **{"threads": 1, **how})
+    with Store(folder) as store:
+        return everything(store)
+
+
+def labelled() -> PictureSet:
+    return picture_set(picture("a"), picture("b"))
+
+
+def test_names_are_those_of_the_simulator() -> None:
+    from blurnoise_eval.cli import _options
+
+    from blurnoise.layers import BOX_KINDS
+
+    assert MOVES.choices == exposure.MOVES
+    assert (_options.MATTES, _options.BOXES, BOXES) == (MATTES, BOXES, BOX_KINDS)
+
+
+def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detector: Detector) -> None:
+    at = Conditions(exposure_s=0.01, illuminance_lux=100.0, velocity_x_px_s=1600.0)
+    assert Cell("a", 0, at, 1).cell_id == "535e6891d330e313632b"  # as of runs before there was a choice
+    assert SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (1.0,)}).to_dict().keys() == {
+        "grid", "repeats", "seed", "examples"
+    }  # fmt: skip
+    assert at.exposure(CAMERA).moves == "all"
+    plain = run(tmp_path / "plain", detector, swept(**AT), labelled())
+    stated = run(tmp_path / "stated", detector, swept(**AT, moves=("all",)), labelled())
+    assert plain[2] == stated[2]  # detections, to the bit
+    for one, other in zip(plain[0] + plain[1], stated[0] + stated[1], strict=True):
+        assert {**one, "cell_id": None, "example": None} == {**other, "cell_id": None, "example": None}
+
+
+def test_rows_and_files_tell_what_moved(tmp_path: Path, detector: Detector) -> None:
+    cells, targets, *_ = run(tmp_path, detector, swept(**AT, moves=MOVES.choices), labelled())
+    seen = {(row["moves"], row["velocity_x_px_s"]) for row in cells}
+    assert seen == {(None, None), *((kind, speed) for kind in KINDS for speed in (0.0, 1600.0))}
+    still = {(row["image"], row["target_confidence"]) for row in cells if row["velocity_x_px_s"] == 0}
+    assert len(still) == 2  # at rest the picture is as it is, cut out or not
+    shares = {(row["moves"], row["velocity_x_px_s"]): row["invented_share"] for row in targets}
+    # L / 4w of a box; of an octagon, whose rows are shorter, by its share of its box
+    assert shares[None, None] is None
+    assert shares[0.0, 1600.0] == shares[1.0, 0.0] == 0.0
+    assert shares[1.0, 1600.0] == shares[2.0, 1600.0] == pytest.approx(16 / 4 / 24 / 0.828, abs=0.02)
+    means = {(row["moves"], row["velocity_x_px_s"]): row["invented_share"] for row in cells}
+    assert means == pytest.approx(shares)
+    evaluation = evaluate([detector], labelled(), CAMERA, swept(**AT, moves=MOVES.choices), tmp_path)
+    evaluation.report()
+    for name in ("results.csv", "targets.csv", "scores.csv", "answers.csv"):
+        with (tmp_path / name).open(newline="", encoding="utf-8") as file:
+            assert {row["moves"] for row in csv.DictReader(file)} - {""} == set(MOVES.choices), name
+    assert any(path.name == "score_moves.png" for path in evaluation.figures)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Behind targets the background was invented" in page
+
+
+@pytest.mark.slow  # processes start
+def test_engines_and_order_change_nothing(tmp_path: Path, detector: Detector) -> None:
+    plan = swept(**AT, moves=MOVES.choices)
+    one, two = (
+        run(tmp_path / str(how), detector, plan, labelled(), **how)
+        for how in ({"threads": 3}, {"engine": "processes", "threads": 2})
+    )
+    assert one == two
+    alone = run(tmp_path / "alone", detector, swept(**AT, moves=("background",)), labelled())
+    tracked = {row["cell_id"] for row in alone[0]}
+    assert [row for row in one[0] if row["cell_id"] in tracked] == [
+        {**row, "example": same["example"]}
+        for row, same in zip(alone[0], (r for r in one[0] if r["cell_id"] in tracked), strict=True)
+    ]
+
+
+def test_a_run_is_of_its_objects(tmp_path: Path, detector: Detector) -> None:
+    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.5}))
+    assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))) == plan
+    run(tmp_path, detector, plan, labelled())
+    for other in (Objects(), Objects(speeds={"stop sign": 0.25}), Objects(boxes="swept")):
+        with pytest.raises(StoreError, match="another plan"):
+            run(tmp_path, detector, SweepPlan(plan.grid, objects=other), labelled())
+
+
+def test_what_stands_is_seen_as_at_rest(tmp_path: Path, detector: Detector) -> None:
+    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.0}))
+    _, targets, *_ = run(tmp_path, detector, plan, labelled())
+    still, moved = (
+        [row["confidence"] for row in targets if row["velocity_x_px_s"] == speed] for speed in (0.0, 1600.0)
+    )
+    assert moved == still
+    assert min(still) > 0.5
+
+
+def test_what_cannot_move_by_itself_is_refused_before_a_folder_is_made(
+    tmp_path: Path, detector: Detector, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unlabelled = picture_set(picture("b", lambda: noise(40, 51), None))
+    with pytest.raises(ValueError, match="needs to know where targets are"):
+        run(tmp_path / "run", detector, swept(**AT, moves=("targets",)), unlabelled)
+    with pytest.raises(ValueError, match="speeds: of what moves for itself; goes with moves"):
+        SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (1.0,)}, objects=Objects(speeds={"car": 2.0}))
+    for command, told in (
+        (["sweep", "--moves", "some"], "moves = 'some': must be one of all, targets, background"),
+        (["sweep", "--moves", "targets", "--object-speed", "car"], "must be CLASS=FACTOR"),
+        (["sweep", "--moves", "targets", "--object-speed", "car=2"], "object-speed: car: no target is one"),
+        (["sweep", "--moves", "targets", "--camera", "ar0237"], "row_time_s"),
+        (["sweep", "--mattes", "fog", "--moves", "targets"], "mattes = 'fog'"),
+        (["quality", "--moves", "targets"], "moves: must be all"),
+    ):
+        with pytest.raises(SystemExit) as end:
+            raise SystemExit(main([*command, "-o", str(tmp_path / "run")]))
+        assert end.value.code == 2
+        assert told in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+def test_maps_are_of_runs_in_which_all_moves(
+    tmp_path: Path, detector: Detector, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(tmp_path, detector, swept(**AT, moves=("background",)), labelled())
+    assert main(["maps", str(tmp_path), "-o", str(tmp_path / "maps")]) == 2
+    assert "maps are of runs in which all moves" in capsys.readouterr().err.replace("\n", " ")
+
+
+# --- boxes ------------------------------------------------------------------
+
+BOX = np.array([[10.0, 20.0, 30.0, 60.0], [40.0, 40.0, 80.0, 80.0]])
+SIZES = np.full((2, 2), 100.0)
+
+
+def taken(moves: str, right_px_s: float = 3000.0) -> Exposure:
+    return Exposure(CAMERA, 0.01, 50.0, (right_px_s, 0.0), moves=moves)
+
+
+def test_boxes_follow_what_their_class_does() -> None:
+    objects = Objects(speeds={"slow": 0.5})
+    for moves, grown in (("all", (15, 15)), ("targets", (15, 7.5)), ("background", (0, 7.5))):
+        found = box_sweeper(taken(moves), objects)(BOX, SIZES, ["fast", "slow"])
+        by = np.array([[-each, 0, each, 0] for each in grown])
+        np.testing.assert_allclose(found, BOX + by)
+
+
+def test_the_truth_is_the_box_that_is_asked_for() -> None:
+    assert box_mover(taken("targets"), Objects()) is None
+    swept_boxes = box_mover(taken("targets"), Objects(boxes="swept"))
+    assert swept_boxes is not None
+    expected = boxes_in_motion(torch.from_numpy(BOX), (30.0, 0.0), "swept").numpy().clip(0, 100)
+    np.testing.assert_allclose(swept_boxes(BOX, SIZES, ["a", "a"]), expected)
+    half = box_mover(taken("targets", 5000.0), Objects(boxes="half"))  # 50 px: more than twice the first's 20
+    assert half is not None
+    np.testing.assert_allclose(half(BOX, SIZES, ["a", "a"]), [[20, 40, 20, 40], BOX[1]])
+    tracked = box_mover(taken("background", 5000.0), Objects(boxes="half"))
+    assert tracked is not None
+    np.testing.assert_allclose(tracked(BOX, SIZES, ["a", "a"]), BOX)
+
+
+def test_swept_truth_is_scored_and_kept(tmp_path: Path, detector: Detector) -> None:
+    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(boxes="swept"))
+    _, targets, *_ = run(tmp_path, detector, plan, labelled())
+    widths = {row["velocity_x_px_s"]: row["width_px"] for row in targets}
+    assert widths[1600.0] == pytest.approx(widths[0.0] + 16)
+    for row in targets:
+        assert row["confidence"] == row["confidence_swept"]
+
+
+# --- what it does to a detector ---------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_street_seen_through_the_smear_is_harder_than_one_that_is_blurred_with_it() -> None:
+    """A 64 px sign that moves 48 px at 17 degrees before a sharp, detailed street, 16 of them: it is found less often
+    when it moves alone than when all moves, and always when it is tracked; so says scene after scene."""
+    detector, found = Detector(STOP_SIGN), {moves: list[float]() for moves in MOVES.choices}
+    layer = _layer(_Sign(64.0, 64.0, (160.0, 160.0)))
+    box = charts.stop_sign_box(64.0, height_px=320, width_px=320, centre_px=(160.0, 160.0))
+    right, down = (48 / 0.01 * turn(math.radians(17)) for turn in (math.cos, math.sin))
+    for number in range(16):
+        behind = street(number)
+        apart = CutScene(Cut(behind, (layer,), np.zeros((320, 320), bool)))
+        whole = ExposedScene(at_rest(behind, [layer]))
+        for moves, confidences in found.items():
+            at = Exposure(CAMERA, 0.01, 400.0, (right, down), seed=number, moves=moves)
+            seen = next(iter((whole if moves == "all" else apart).frames([at]))).picture
+            confidences.append(target_confidence(detector.look(seen, [0])[0], box, 0))
+    rates = {moves: np.mean(np.array(each) >= 0.25) for moves, each in found.items()}
+    means = {moves: np.mean(each) for moves, each in found.items()}
+    assert rates["targets"] < rates["all"] <= rates["background"] == 1.0
+    assert means["targets"] + 0.05 < means["all"] < means["background"] - 0.3
+
+
+def street(seed: int) -> torch.Tensor:
+    """Squares of 4 px, each of its own light and colour, (1, 3, 320, 320)."""
+    rng = np.random.default_rng(seed)
+    levels = rng.uniform(0, 1, (80, 80, 3)) * 0.3 + rng.uniform(0, 1, (80, 80, 1))
+    light = 0.03 + 0.8 * (levels / 1.3) ** 2
+    large = cv2.resize(light.astype(np.float32), (320, 320), interpolation=cv2.INTER_NEAREST)
+    return torch.from_numpy(large.transpose(2, 0, 1)[None].copy())
+
+
+@pytest.mark.slow
+def test_signs_of_the_package_are_cut_from_what_is_truly_behind_them(tmp_path: Path) -> None:
+    """Nothing of rendered signs is invented, and tracked they are found however fast it goes."""
+    plan = swept((0.02,), (500.0,), (0.0, 2400.0), moves=MOVES.choices)
+    done = evaluate(STOP_SIGN, rendered_signs((50,), count=8), CAMERA, plan, tmp_path, threads=2)
+    assert {row["invented_share"] for row in done.cells} == {None, 0.0}
+    rate = {(row["moves"], row["velocity_x_px_s"]): row["detection_rate"] for row in done.scores}
+    assert rate[2.0, 2400.0] == rate[2.0, 0.0] == 1.0
+    assert max(rate[0.0, 2400.0], rate[1.0, 2400.0]) < 0.9
