@@ -103,7 +103,7 @@ def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch
     assert [each["word"] for each in numbers["axes"]] == ["exposure", "speed", "light", "f-number"]
     assert numbers["axes"][3] | {"colours": []} == {
         "word": "f-number", "title": "f-number", "unit": "", "texts": ["f/1.4", "f/2.8"],
-        "values": [1.4, 2.8], "logarithmic": True, "colours": [],
+        "values": [1.4, 2.8], "logarithmic": True, "named": False, "colours": [],
     }  # fmt: skip
     assert numbers["settings"] == [[0, 0], [0, 1], [1, 0], [1, 1]]
     for setting, velocity, exposure, confidence in [numbers["points"][k][2:6] for k in (0, 17, 30)]:

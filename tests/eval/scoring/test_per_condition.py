@@ -188,7 +188,7 @@ def test_truth_stands_where_the_conditions_move_it() -> None:
     judge = Judge(truth)
     before = judge([(name, 0, each) for name, each in found.items()])
     moved = [(name, 0, each) for name, each in shifted.items()]
-    after = judge(moved, lambda boxes, sizes: boxes + np.array([40.0, 0.0, 40.0, 0.0]))
+    after = judge(moved, lambda boxes, sizes, labels: boxes + np.array([40.0, 0.0, 40.0, 0.0]))
     assert after == pytest.approx(before, abs=1e-6)
     assert judge(moved)["ap50"] < 0.5 * before["ap50"]
     assert judge([(name, 0, each) for name, each in found.items()]) == before  # nothing stays moved
