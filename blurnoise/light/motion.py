@@ -72,7 +72,10 @@ class Motion(LightEffect):
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
             return f"transfer function of {len(along.shares)} segments over {extent}{together}"
-        return f"transfer function, {math.hypot(*at.displacement_px):.3g} px{together}"
+        length = f"{math.hypot(*at.displacement_px):.3g} px"
+        if at.variation_px:
+            return f"{length} in the middle; by transfer function where its variation is not modelled"
+        return f"transfer function, {length}{together}"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
         """The displacement and the trajectory."""
