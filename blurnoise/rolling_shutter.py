@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -42,6 +41,7 @@ _LEAST_CELLS, _LEAST_SAMPLES = (
 )  # of a row's exposure, however little moves: its window ends within a cell
 _ROOM_PX = 32  # of a row's band-limited ends
 _BLOCK = 32  # rows whose phases are a product
+_TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
 
 
 @dataclass(frozen=True)
@@ -264,37 +264,30 @@ def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> 
 
 
 def _rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border: Border) -> Tensor:
-    """As :func:`_gathered`, run by run of rows that begin alike, in strips that stay in the cache."""
+    """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
     if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
         return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
-    height, width = light.shape[-2:]
-    before, after = _ends(first, weights.shape[1])
-    plane = (
-        extended(light.detach(), (before, 0), (before + height + after, width), border).flatten(0, 1).numpy()
-    )
+    (height, width), taps = light.shape[-2:], weights.shape[1]
+    before, after = _ends(first, taps)
+    plane = extended(light.detach(), (before, 0), (before + height + after, width), border)
+    planes = plane.flatten(0, 1).numpy()
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
-    targets, factors = out.flatten(0, 1).numpy(), weights.astype(plane.dtype)
-    cuts = {
-        0,
-        height,
-        *(np.flatnonzero(np.diff(first)) + 1).tolist(),
-        *range(0, height, max(1, _STRIP // width)),
-    }
-    ends = sorted(cuts)
-    runs = list(pairwise(ends))
+    targets = out.flatten(0, 1).numpy()
+    bands = []
+    for top in range(0, height, _TOGETHER):
+        rows = slice(top, top + _TOGETHER)
+        places = before + first[rows] + np.arange(height)[rows]
+        begin = int(places.min())
+        band = np.zeros((len(places), int(places.max()) - begin + taps), planes.dtype)
+        np.put_along_axis(band, places[:, None] - begin + np.arange(taps), weights[rows], 1)
+        bands.append((rows, slice(begin, begin + band.shape[1]), band))
 
-    def mix(at: tuple[int, int, int]) -> None:
-        place, top, bottom = at
-        target, begin = targets[place, top:bottom], before + top + int(first[top])
-        target[:] = 0
-        with borrowed([target.shape], target.dtype) as (tapped,):
-            for tap in range(factors.shape[1]):
-                source = plane[place, begin + tap : begin + tap + bottom - top]
-                np.multiply(source, factors[top:bottom, tap, None], out=tapped)
-                target += tapped
+    def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
+        place, (rows, needed, band) = at
+        np.matmul(band, planes[place, needed], out=targets[place, rows])
 
     threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
-    side_by_side(mix, [(place, *run) for place in range(len(targets)) for run in runs], threads)
+    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
     return out
 
 
