@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur
+from blurnoise import blur, rolling_shutter
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
@@ -140,6 +140,15 @@ def path(at: OperatingPoint[float]) -> Polyline | None:
 def row_by_row(at: OperatingPoint[float]) -> bool:
     """Whether each row sees another part of the motion, which the rolling shutter then models, blur and all."""
     return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
+
+
+def in_rows(at: OperatingPoint[float]) -> bool:
+    """Whether uniform motion is along rows, which a rolling shutter then blurs and displaces at once."""
+    if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
+        return False
+    camera, (x, y) = at.camera, at.displacement_px
+    velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s)
+    return rolling_shutter.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
 
 
 def each_of(

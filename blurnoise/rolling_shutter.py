@@ -22,7 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import fourier
+from blurnoise import blur, fourier
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
@@ -120,9 +120,31 @@ def warped(
     return light
 
 
-def shifted_rows(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
-    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold."""
-    margin = _MARGIN_PX + math.ceil(float(shift_px.detach().abs().max()))
+def along_rows(velocity_px_s: tuple[float, float], lasting_s: float) -> bool:
+    """Whether motion is along rows alone, for as long as it matters, so that :func:`blurred_rows` serves."""
+    return velocity_px_s[0] != 0 and abs(velocity_px_s[1]) * lasting_s <= _STILL_PX
+
+
+def blurred_rows(
+    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
+) -> Tensor:
+    """Pictures (B, C, H, W) blurred and :func:`warped` by motion along rows, (2,) px in an exposure (): at once."""
+    velocity = displacement_px / exposure_s
+    asked = (light, displacement_px, exposure_s)
+    if light.device.type != "cpu" or (torch.is_grad_enabled() and any(each.requires_grad for each in asked)):
+        blurred = blur.motion_blur(light, displacement_px[None].expand(len(light), 2), border=border)
+        return warped(blurred, velocity, row_s, border)
+    tau = (torch.arange(light.shape[-2], dtype=torch.float64) - (light.shape[-2] - 1) / 2) * row_s
+    return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
+
+
+def shifted_rows(light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0) -> Tensor:
+    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
+
+    along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
+    gradients.
+    """
+    margin = _MARGIN_PX + math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
     length = fourier.fast_length(light.shape[-1] + 2 * margin)
     if light.device.type != "cpu" or (
         torch.is_grad_enabled() and (light.requires_grad or shift_px.requires_grad)
@@ -135,7 +157,7 @@ def shifted_rows(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
         )
         factors = torch.polar(torch.ones_like(phase), phase)
         return _times(light, factors, margin, length, border)
-    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype)
+    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype, along_px)
     return _times_packed(light, packed, margin, border)
 
 
@@ -214,17 +236,25 @@ def _times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Bor
 
 
 @lru_cache(maxsize=4)
-def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Packed phases of rows' displacements: where these grow evenly, products of a few; not to be written to."""
+def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along_px: float) -> NDArray[Any]:
+    """Packed phases of rows' displacements, times a blur along them: products of a few, where these grow evenly; not
+    to be written to."""
     shifts = np.array(shift_px)
     turn = -2j * np.pi * np.arange(length // 2 + 1) / length
     step = (shifts[-1] - shifts[0]) / max(1, len(shifts) - 1)
     if np.abs(shifts - shifts[0] - step * np.arange(len(shifts))).max() > 1e-9:
-        return _packed(np.exp(np.outer(shifts, turn)), length, kind)
+        return _spread(_packed(np.exp(np.outer(shifts, turn)), length, kind), along_px)
     within = np.exp(np.outer(np.arange(min(_BLOCK, len(shifts))) * step, turn))
     blocks = np.exp(np.outer(shifts[::_BLOCK], turn))
     phases = (blocks[:, None] * within).reshape(-1, len(turn))[: len(shifts)]
-    return _packed(phases, length, kind)
+    return _spread(_packed(phases, length, kind), along_px)
+
+
+def _spread(packed: NDArray[Any], along_px: float) -> NDArray[Any]:
+    """Packed factors (H, L) times the transfer function of motion along rows, in their place."""
+    if along_px:
+        packed *= fourier.row_factors(along_px, packed.shape[1], packed.dtype) * packed.shape[1]
+    return packed
 
 
 def _packed(factors: NDArray[np.complex128], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
