@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import blur, fourier
-from blurnoise._core.borders import Border, continued, extended
+from blurnoise._core.borders import Border, continued, extended, index_of
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.trajectory import Trajectory
@@ -297,24 +297,30 @@ def _rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], borde
     """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
     if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
         return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
-    (height, width), taps = light.shape[-2:], weights.shape[1]
-    before, after = _ends(first, taps)
-    plane = extended(light.detach(), (before, 0), (before + height + after, width), border)
-    planes = plane.flatten(0, 1).numpy()
+    height, taps = light.shape[-2], weights.shape[1]
+    sources = light.detach().contiguous().flatten(0, 1).numpy()
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
     targets = out.flatten(0, 1).numpy()
+    before, after = _ends(first, taps)
+    inside = index_of(height, before, before + height + after, border).numpy()
     bands = []
     for top in range(0, height, _TOGETHER):
         rows = slice(top, top + _TOGETHER)
         places = before + first[rows] + np.arange(height)[rows]
-        begin = int(places.min())
-        band = np.zeros((len(places), int(places.max()) - begin + taps), planes.dtype)
+        begin, end = int(places.min()), int(places.max()) + taps
+        band = np.zeros((len(places), end - begin))
         np.put_along_axis(band, places[:, None] - begin + np.arange(taps), weights[rows], 1)
-        bands.append((rows, slice(begin, begin + band.shape[1]), band))
+        shown = inside[begin:end]  # rows that the border shows count where they are
+        if border == "constant":
+            band[:, (np.arange(begin, end) < before) | (np.arange(begin, end) >= before + height)] = 0
+        needed = slice(int(shown.min()), int(shown.max()) + 1)
+        folded = np.zeros((needed.stop - needed.start, len(places)), sources.dtype)
+        np.add.at(folded, shown - needed.start, band.T)
+        bands.append((rows, needed, np.ascontiguousarray(folded.T)))
 
     def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
         place, (rows, needed, band) = at
-        np.matmul(band, planes[place, needed], out=targets[place, rows])
+        np.matmul(band, sources[place, needed], out=targets[place, rows])
 
     threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
     side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
