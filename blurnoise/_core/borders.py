@@ -50,7 +50,7 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
 
 
 def index_of(size: int, before: int, span: int, border: Border) -> Tensor:
-    """Of ``span`` pixels along an axis, ``before`` of them ahead of ``size``, which they show: of borders but "constant"."""
+    """What ``span`` pixels along an axis show, ``before`` of them ahead of ``size``; of borders but "constant"."""
     index = torch.arange(-before, span - before)
     if border == "replicate" or size == 1:
         return index.clamp(0, size - 1)
