@@ -27,7 +27,7 @@ from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 
 SPACING_PX = 2.0
-_BAND = 32  # rows
+_BAND = 16  # rows
 _MARGIN = 4  # px, for the taps
 _OFFSETS = np.arange(8) - 3.5
 _TAPS = np.sinc(_OFFSETS) * np.sinc(_OFFSETS / 4)
@@ -119,6 +119,9 @@ def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: l
 
     def blur(band: tuple[slice, list[float]]) -> None:
         rows, times = band
+        if times == [0.0]:
+            target[:, rows] = picture[:, rows]
+            return
         along_x, along_y = dx[rows], dy[rows]
         x0, y0 = np.meshgrid(
             2 * np.arange(width, dtype=np.float32),

@@ -246,7 +246,7 @@ def _multiply_rows(
     """Pictures (C, H, W) along their rows, in strips of rows that stay in a core's cache from border to result."""
     channels, height, _ = sources.shape
     strip = min(height, max(1, _STRIP // x.span))
-    row = _row_factors(along_px, x.length, sources.dtype)
+    row = row_factors(along_px, x.length, sources.dtype)
     with borrowed([(strip, x.length)], sources.dtype) as (factors,):
         factors[:] = row
 
@@ -267,7 +267,7 @@ def _multiply_rows(
 
 
 @lru_cache(maxsize=256)
-def _row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Plane:
+def row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Plane:
     """A sweep moves many pictures alike: the factors of one row, (1, length), not to be written to."""
     factors = np.empty((1, length), kind)
     _plane_factors((along_px, 0.0), SHARP, (1, length), factors)

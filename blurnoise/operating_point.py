@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur
+from blurnoise import blur, rolling_shutter
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
@@ -86,9 +86,7 @@ def operating_points(
     displacement, flow = _motion(velocity_px_s, exposure, image)
     points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant, objects=objects)
     if flow is not None:
-        apart = flow.detach() - displacement[:, :, None, None]
-        farthest = apart.square().sum(1).amax((1, 2)).sqrt()
-        points = replace(points, flow_px=flow, variation_px=farthest)
+        points = replace(points, flow_px=flow, variation_px=middle_of(flow)[1])
     paths = per_picture(trajectory, batch)
     other = (
         "a trajectory"
@@ -120,8 +118,14 @@ def _motion(velocity_px_s: Any, exposure_s: Tensor, image: Tensor) -> tuple[Tens
         return displacement, None
     flow = flows("velocity_px_s", velocity_px_s, image) * exposure_s[:, None, None, None]
     limited_motion(moved, flow)
-    seen = flow.detach()
-    return (seen.amax((2, 3)) + seen.amin((2, 3))) / 2, flow
+    return middle_of(flow)[0], flow
+
+
+def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
+    """Of flows (B, 2, H, W) the displacements in the middle, (B, 2), and how far the farthest are from them, (B,)."""
+    seen = flow_px.detach()
+    middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
+    return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
 
 
 def path(at: OperatingPoint[float]) -> Polyline | None:
@@ -136,6 +140,15 @@ def path(at: OperatingPoint[float]) -> Polyline | None:
 def row_by_row(at: OperatingPoint[float]) -> bool:
     """Whether each row sees another part of the motion, which the rolling shutter then models, blur and all."""
     return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
+
+
+def in_rows(at: OperatingPoint[float]) -> bool:
+    """Whether uniform motion is along rows, which a rolling shutter then blurs and displaces at once."""
+    if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
+        return False
+    camera, (x, y) = at.camera, at.displacement_px
+    velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s)
+    return rolling_shutter.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
 
 
 def each_of(

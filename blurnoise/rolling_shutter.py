@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -23,8 +22,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import fourier
-from blurnoise._core.borders import Border, continued, extended
+from blurnoise import blur, fourier
+from blurnoise._core.borders import Border, continued, extended, index_of
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.trajectory import Trajectory
@@ -42,6 +41,7 @@ _LEAST_CELLS, _LEAST_SAMPLES = (
 )  # of a row's exposure, however little moves: its window ends within a cell
 _ROOM_PX = 32  # of a row's band-limited ends
 _BLOCK = 32  # rows whose phases are a product
+_TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
 
 
 @dataclass(frozen=True)
@@ -120,9 +120,31 @@ def warped(
     return light
 
 
-def shifted_rows(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
-    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold."""
-    margin = _MARGIN_PX + math.ceil(float(shift_px.detach().abs().max()))
+def along_rows(velocity_px_s: tuple[float, float], lasting_s: float) -> bool:
+    """Whether motion is along rows alone, for as long as it matters, so that :func:`blurred_rows` serves."""
+    return velocity_px_s[0] != 0 and abs(velocity_px_s[1]) * lasting_s <= _STILL_PX
+
+
+def blurred_rows(
+    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
+) -> Tensor:
+    """Pictures (B, C, H, W) blurred and :func:`warped` by motion along rows, (2,) px in an exposure (): at once."""
+    velocity = displacement_px / exposure_s
+    asked = (light, displacement_px, exposure_s)
+    if light.device.type != "cpu" or (torch.is_grad_enabled() and any(each.requires_grad for each in asked)):
+        blurred = blur.motion_blur(light, displacement_px[None].expand(len(light), 2), border=border)
+        return warped(blurred, velocity, row_s, border)
+    tau = (torch.arange(light.shape[-2], dtype=torch.float64) - (light.shape[-2] - 1) / 2) * row_s
+    return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
+
+
+def shifted_rows(light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0) -> Tensor:
+    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
+
+    along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
+    gradients.
+    """
+    margin = _MARGIN_PX + math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
     length = fourier.fast_length(light.shape[-1] + 2 * margin)
     if light.device.type != "cpu" or (
         torch.is_grad_enabled() and (light.requires_grad or shift_px.requires_grad)
@@ -135,7 +157,7 @@ def shifted_rows(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
         )
         factors = torch.polar(torch.ones_like(phase), phase)
         return _times(light, factors, margin, length, border)
-    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype)
+    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype, along_px)
     return _times_packed(light, packed, margin, border)
 
 
@@ -214,17 +236,25 @@ def _times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Bor
 
 
 @lru_cache(maxsize=4)
-def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Packed phases of rows' displacements: where these grow evenly, products of a few; not to be written to."""
+def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along_px: float) -> NDArray[Any]:
+    """Packed phases of rows' displacements, times a blur along them: products of a few, where these grow evenly; not
+    to be written to."""
     shifts = np.array(shift_px)
     turn = -2j * np.pi * np.arange(length // 2 + 1) / length
     step = (shifts[-1] - shifts[0]) / max(1, len(shifts) - 1)
     if np.abs(shifts - shifts[0] - step * np.arange(len(shifts))).max() > 1e-9:
-        return _packed(np.exp(np.outer(shifts, turn)), length, kind)
+        return _spread(_packed(np.exp(np.outer(shifts, turn)), length, kind), along_px)
     within = np.exp(np.outer(np.arange(min(_BLOCK, len(shifts))) * step, turn))
     blocks = np.exp(np.outer(shifts[::_BLOCK], turn))
     phases = (blocks[:, None] * within).reshape(-1, len(turn))[: len(shifts)]
-    return _packed(phases, length, kind)
+    return _spread(_packed(phases, length, kind), along_px)
+
+
+def _spread(packed: NDArray[Any], along_px: float) -> NDArray[Any]:
+    """Packed factors (H, L) times the transfer function of motion along rows, in their place."""
+    if along_px:
+        packed *= fourier.row_factors(along_px, packed.shape[1], packed.dtype) * packed.shape[1]
+    return packed
 
 
 def _packed(factors: NDArray[np.complex128], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
@@ -264,37 +294,36 @@ def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> 
 
 
 def _rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border: Border) -> Tensor:
-    """As :func:`_gathered`, run by run of rows that begin alike, in strips that stay in the cache."""
+    """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
     if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
         return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
-    height, width = light.shape[-2:]
-    before, after = _ends(first, weights.shape[1])
-    plane = (
-        extended(light.detach(), (before, 0), (before + height + after, width), border).flatten(0, 1).numpy()
-    )
+    height, taps = light.shape[-2], weights.shape[1]
+    sources = light.detach().contiguous().flatten(0, 1).numpy()
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
-    targets, factors = out.flatten(0, 1).numpy(), weights.astype(plane.dtype)
-    cuts = {
-        0,
-        height,
-        *(np.flatnonzero(np.diff(first)) + 1).tolist(),
-        *range(0, height, max(1, _STRIP // width)),
-    }
-    ends = sorted(cuts)
-    runs = list(pairwise(ends))
+    targets = out.flatten(0, 1).numpy()
+    before, after = _ends(first, taps)
+    inside = index_of(height, before, before + height + after, border).numpy()
+    bands = []
+    for top in range(0, height, _TOGETHER):
+        rows = slice(top, top + _TOGETHER)
+        places = before + first[rows] + np.arange(height)[rows]
+        begin, end = int(places.min()), int(places.max()) + taps
+        band = np.zeros((len(places), end - begin))
+        np.put_along_axis(band, places[:, None] - begin + np.arange(taps), weights[rows], 1)
+        shown = inside[begin:end]  # rows that the border shows count where they are
+        if border == "constant":
+            band[:, (np.arange(begin, end) < before) | (np.arange(begin, end) >= before + height)] = 0
+        needed = slice(int(shown.min()), int(shown.max()) + 1)
+        folded = np.zeros((needed.stop - needed.start, len(places)), sources.dtype)
+        np.add.at(folded, shown - needed.start, band.T)
+        bands.append((rows, needed, np.ascontiguousarray(folded.T)))
 
-    def mix(at: tuple[int, int, int]) -> None:
-        place, top, bottom = at
-        target, begin = targets[place, top:bottom], before + top + int(first[top])
-        target[:] = 0
-        with borrowed([target.shape], target.dtype) as (tapped,):
-            for tap in range(factors.shape[1]):
-                source = plane[place, begin + tap : begin + tap + bottom - top]
-                np.multiply(source, factors[top:bottom, tap, None], out=tapped)
-                target += tapped
+    def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
+        place, (rows, needed, band) = at
+        np.matmul(band, sources[place, needed], out=targets[place, rows])
 
     threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
-    side_by_side(mix, [(place, *run) for place in range(len(targets)) for run in runs], threads)
+    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
     return out
 
 

@@ -37,7 +37,7 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     if border == "constant":
         return torch.nn.functional.pad(image, (before[1], after[1], before[0], after[0]))
     for dim, first, span in ((-2, before[0], height), (-1, before[1], width)):
-        index = _index(image.shape[dim], first, span, border)
+        index = index_of(image.shape[dim], first, span, border)
         image = image.index_select(dim, index.to(image.device))
     return image
 
@@ -49,7 +49,8 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
     cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], _OPENCV[border], dst=into, value=0)
 
 
-def _index(size: int, before: int, span: int, border: Border) -> Tensor:
+def index_of(size: int, before: int, span: int, border: Border) -> Tensor:
+    """What ``span`` pixels along an axis show, ``before`` of them ahead of ``size``; of borders but "constant"."""
     index = torch.arange(-before, span - before)
     if border == "replicate" or size == 1:
         return index.clamp(0, size - 1)

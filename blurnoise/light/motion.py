@@ -17,7 +17,7 @@ from blurnoise import path_blur, transfer
 from blurnoise._core.borders import Border
 from blurnoise.flow_blur import flow_blur
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint, each_of, path, row_by_row
+from blurnoise.operating_point import OperatingPoint, each_of, in_rows, path, row_by_row
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Motion(LightEffect):
         if at.objects or at.flow_px is not None:
             return Blur()
         moved = torch.as_tensor(at.displacement_px)
-        if not at.trajectories and at.camera.shutter != "global-reset":
+        if not at.trajectories and not at.camera.row_time_s:
             return Blur(displacement_px=moved)
         each = list(each_of(at))
-        elsewhere = torch.tensor([row_by_row(one) for one in each], device=moved.device)
+        elsewhere = torch.tensor([row_by_row(one) or in_rows(one) for one in each], device=moved.device)
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=tuple(map(path, each)))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
@@ -72,7 +72,10 @@ class Motion(LightEffect):
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
             return f"transfer function of {len(along.shares)} segments over {extent}{together}"
-        return f"transfer function, {math.hypot(*at.displacement_px):.3g} px{together}"
+        length = f"{math.hypot(*at.displacement_px):.3g} px"
+        if at.variation_px:
+            return f"{length} in the middle; by transfer function where its variation is not modelled"
+        return f"transfer function, {length}{together}"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
         """The displacement and the trajectory."""

@@ -20,7 +20,7 @@ from blurnoise.camera import Camera
 from blurnoise.flow_blur import flow_warp
 from blurnoise.layers import Passing
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint, each_of, row_by_row
+from blurnoise.operating_point import OperatingPoint, each_of, in_rows, row_by_row
 from blurnoise.rolling_shutter import Readout
 from blurnoise.trajectory import Trajectory
 
@@ -67,6 +67,9 @@ class RollingShutter(LightEffect):
             elif at.flow_px is not None and point.exposure_s:
                 flow = at.flow_px[item : item + 1] / at.exposure_s[item]
                 parts.append(_flowing(picture, flow, readout, border))
+            elif in_rows(point):
+                own = displaced[item], at.exposure_s[item]
+                parts.append(rolling_shutter.blurred_rows(picture, *own, readout.row_s, border))
             elif point.exposure_s:
                 velocity = displaced[item] / at.exposure_s[item]
                 parts.append(rolling_shutter.warped(picture, velocity, readout.row_s, border))

@@ -77,12 +77,12 @@ def test_objects_before_a_rolling_shutter(street: tuple[float, float], own: tupl
     """13 ms from the first row to the last: 20 px at 1500 px/s. Read upwards it is another picture."""
     layer, row_s = thing(own), 2e-4
     expected = truth(layer, straight(street, own), row_s)
-    assert error(found(layer, street, Moved(row_s=row_s)), expected) < 0.5
+    assert error(found(layer, street, Moved(row_s=row_s)), expected) < 0.25
     for wrong in (Moved(), Moved(row_s=-row_s)):
         assert error(found(layer, street, wrong), expected) > 1
     back = [(-x, -y) for x, y in (street, own)]  # upwards in time is downwards of what goes back
     upwards = found(replace(layer, velocity_px_s=back[1]), back[0], Moved(row_s=-row_s))
-    assert error(upwards, expected) < 0.5
+    assert error(upwards, expected) < 0.25
 
 
 @pytest.mark.parametrize(("street", "own"), PAIRS)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import CAMERAS, Json, numbers, one_of
 from blurnoise_eval.cli.console import print_facts, say_wrapped
 from blurnoise_eval.system.terminal import say, say_json
@@ -41,13 +41,8 @@ def motion(
         ),
     ] = None,
     width_px: Annotated[float | None, Option(metavar="PX", help="of the picture")] = None,
-    hfov_deg: Annotated[float | None, Option(metavar="DEG", help="horizontal field of view")] = None,
-    lens: Annotated[
-        Literal["f-theta", "rectilinear"],
-        Option(
-            help="f-theta: the same px per degree everywhere, as in Lin et al. 2024; rectilinear: pinhole"
-        ),
-    ] = "f-theta",
+    hfov_deg: Annotated[float | None, vehicle.hfov_deg()] = None,
+    lens: Annotated[vehicle.LensKind, vehicle.lens()] = "f-theta",
     map_: Annotated[
         Path | None,
         Option(
@@ -63,17 +58,9 @@ def motion(
     yaw_deg_s: Annotated[
         float | None, Option(metavar="DEG_S", help="turn to the right, default: 0", rich_help_panel=_MAP)
     ] = None,
-    height_m: Annotated[
-        float | None,
-        Option(metavar="M", help="of the camera above the road, default: 1.5", rich_help_panel=_MAP),
-    ] = None,
-    pitch_deg: Annotated[
-        float | None, Option(metavar="DEG", help="the camera looks down by, default: 0", rich_help_panel=_MAP)
-    ] = None,
-    heading_deg: Annotated[
-        float | None,
-        Option(metavar="DEG", help="... and to the right of the way by, default: 0", rich_help_panel=_MAP),
-    ] = None,
+    height_m: Annotated[float | None, vehicle.height_m(_MAP)] = None,
+    pitch_deg: Annotated[float | None, vehicle.pitch_deg(_MAP)] = None,
+    heading_deg: Annotated[float | None, vehicle.heading_deg(_MAP)] = None,
     planes_m: Annotated[
         object,
         Option(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import CameraName, Cfa, FNumber, FrameRate, GreyAnchor, Json, Mains, or_auto
 from blurnoise_eval.cli.console import print_facts, print_stages
 from blurnoise_eval.grid.axes import AUTOMATIC
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from blurnoise.capture import Capture
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut
+    from blurnoise.trajectory import Trajectory
+
+
+_EGO = "With --ego: the camera on the vehicle"
 
 
 def simulate(
@@ -52,6 +56,23 @@ def simulate(
             metavar="US", help="rolling shutter: from row to row (default: the camera's); 0: a global shutter"
         ),
     ] = None,
+    ego: Annotated[
+        str | None,
+        Option(
+            metavar="KMH[,DEG_S[,DEG_S]]",
+            help="the camera drives over a flat road, turns right, and up",
+            rich_help_panel=_EGO,
+        ),
+    ] = None,
+    height_m: Annotated[float | None, vehicle.height_m(_EGO)] = None,
+    pitch_deg: Annotated[float | None, vehicle.pitch_deg(_EGO)] = None,
+    heading_deg: Annotated[float | None, vehicle.heading_deg(_EGO)] = None,
+    plane_m: Annotated[
+        float | None,
+        Option(metavar="M", help="a wall at this distance", rich_help_panel=_EGO),
+    ] = None,
+    hfov_deg: Annotated[float | None, vehicle.hfov_deg(_EGO)] = None,
+    lens: Annotated[vehicle.LensKind | None, vehicle.lens(_EGO)] = None,
     temperature_c: Annotated[float, Option(metavar="C", help="of the sensor, degC")] = 25.0,
     gain_db: Annotated[
         float,
@@ -144,6 +165,7 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 30 --lux 50 --dx 1000
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 10 --lux 50 --dx 900 --explain
       blurnoise simulate photo.jpg -o seen.png --trajectory shake:12 --line-time-us 20
+      blurnoise simulate road.jpg -o seen.png --ego 80,10 --hfov-deg 60 --lens rectilinear --explain
       blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 20 --object 300,120,64,64 --object-dx 1500
       blurnoise simulate street.png -o seen.png --hdr 16 --emitters lamps.png:40 --pwm 90,0.1 --pwm-mask lamps.png
@@ -163,6 +185,7 @@ def simulate(
     from blurnoise.grey_anchor import reflectance_text, share_above_white
     from blurnoise.hdr import captured, developed, fuse
     from blurnoise.layers import passing
+    from blurnoise.operating_point import middle_of
     from blurnoise.picture.develop import develop_8bit, in_channels
     from blurnoise.radiometry import filter_electrons, photoelectrons
     from blurnoise.sensor.mosaic import outside_share
@@ -191,13 +214,20 @@ def simulate(
     taker, digital_db = taker.at_gain(gain_db)
     captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
     moves = given.trajectory(trajectory, taker, scene, exposure_s, seed)
+    seen_by = {"height_m": height_m, "pitch_deg": pitch_deg, "heading_deg": heading_deg, "plane_m": plane_m}
+    flow = _flow(ego, taker, scene, (dx, dy), moves, **seen_by, hfov_deg=hfov_deg, lens=lens)
+    motion_px = torch.tensor([dx, dy], dtype=torch.float64) * exposure_s
+    varies_px = 0.0
+    if flow is not None:
+        middle, farthest = middle_of(flow[None] * exposure_s)
+        motion_px, varies_px = middle[0], float(farthest)
     frames = captured(
         moving.background if moving else scene,
         taker,
         captures,
         exposure_s=exposure_s,
         illuminance_lux=lux,
-        velocity_px_s=(dx, dy),
+        velocity_px_s=(dx, dy) if flow is None else flow,
         trajectory=moves,
         temperature_c=temperature_c,
         generator=[seed],
@@ -227,13 +257,15 @@ def simulate(
         taker,
         exposure_s=exposure_s,
         illuminance_lux=lux,
-        displacement_px=(dx * exposure_s, dy * exposure_s),
+        displacement_px=(float(motion_px[0]), float(motion_px[1])),
+        variation_px=varies_px,
         trajectory=moves,
         temperature_c=temperature_c,
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
         objects=tuple(passing(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers),
     )
+    speed_px_s = (dx**2 + dy**2) ** 0.5 if flow is None else float(flow.square().sum(0).sqrt().median())
     facts: dict[str, Any] = {
         "output": str(output),
         "camera": taker.name,
@@ -241,11 +273,13 @@ def simulate(
         "gain_db": gain_db,
         "white_electrons": white_e,
         "saturation_electrons": first.saturation_e,
-        "blur_px": (dx**2 + dy**2) ** 0.5 * exposure_s,
+        "blur_px": speed_px_s * exposure_s,
         "mean_dn": float(dn.mean()),
         "full_scale_dn": taker.full_scale_dn,
         "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
     }
+    if flow is not None:
+        facts["longest_blur_px"] = float(flow.square().sum(0).max().sqrt()) * exposure_s
     if moves is not None:
         left, top, right, bottom = moves.seen(exposure_s, (dx, dy)).box
         facts |= {"path_width_px": right - left, "path_height_px": bottom - top}
@@ -264,10 +298,8 @@ def simulate(
             facts["outside_gamut_percent"] = 100 * outside_share(scene, taker)
     if grey_anchor is not None or emitters is not None or encoding == "linear":
         facts["above_white_percent"] = 100 * share_above_white(scene)
-    facts |= (
-        _of_captures(taker, captures, frames, exposure_s, (dx**2 + dy**2) ** 0.5) if len(captures) > 1 else {}
-    )
-    facts |= _of_object(moving, (dx, dy), exposure_s) if moving else {}
+    facts |= _of_captures(taker, captures, frames, exposure_s, speed_px_s) if len(captures) > 1 else {}
+    facts |= _of_object(moving, (dx, dy), flow, exposure_s) if moving else {}
     facts |= _of_lamp(lamp, captures, exposure_s) if lamp else {}
     facts["reflectance"] = reflectance_text(grey_anchor)
     if explain and as_json:
@@ -275,6 +307,27 @@ def simulate(
     print_facts(facts, as_json)
     if explain and not as_json:
         print_stages(needs, fidelity)
+
+
+def _flow(
+    ego: str | None,
+    taker: Camera,
+    scene: Tensor,
+    velocity_px_s: tuple[float, float],
+    path: Trajectory | None,
+    **seen_by: Any,
+) -> Tensor | None:
+    """What --ego says, px/s. Raises ``ValueError`` for options that go with it, or do not."""
+    stated = {name: value for name, value in seen_by.items() if value is not None}
+    if ego is None:
+        for name in stated:
+            raise ValueError(f"{name.replace('_', '-')}: goes with --ego")
+        return None
+    if any(velocity_px_s) or path is not None:
+        raise ValueError(
+            "ego: goes with neither --dx, --dy nor --trajectory, which move all of a picture alike"
+        )
+    return vehicle.flow_px_s(vehicle.Drive.parse(ego), taker, scene, **stated)
 
 
 def _of_captures(
@@ -318,7 +371,9 @@ def _object(
     return given.cut_out(where, plate, scene, velocity_px_s, encoding)
 
 
-def _of_object(moving: Cut, velocity_px_s: tuple[float, float], exposure_s: float) -> dict[str, Any]:
+def _of_object(
+    moving: Cut, velocity_px_s: tuple[float, float], flow_px_s: Tensor | None, exposure_s: float
+) -> dict[str, Any]:
     """How far it moves, and how much of what is seen in its place was invented."""
     from math import hypot
 
@@ -326,6 +381,10 @@ def _of_object(moving: Cut, velocity_px_s: tuple[float, float], exposure_s: floa
 
     (layer,) = moving.layers
     x, y = (float(own) for own in layer.velocity_px_s)
+    if flow_px_s is not None:  # as it is on average behind the object
+        left, top = layer.place_px
+        behind = flow_px_s[:, max(0, top) :, max(0, left) :][..., : len(layer.alpha), : layer.alpha.shape[1]]
+        velocity_px_s = (float(behind[0].mean()), float(behind[1].mean()))
     apart = [(own - rest) * exposure_s for own, rest in zip((x, y), velocity_px_s, strict=True)]
     invented = seen_behind(layer, apart) if moving.invented.any() else 0.0
     return {"object_blur_px": hypot(x, y) * exposure_s, "invented_percent": 100 * invented}
