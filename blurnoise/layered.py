@@ -242,4 +242,10 @@ def _work(window: Window, displacements: Sequence[Tensor]) -> Window:
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
+    if height * width > fourier.LARGEST_PLANE:
+        farthest = max(float(each.detach().abs().max()) for each in displacements)
+        raise ValueError(
+            f"displacement_px: {farthest:.4g} px along x or y; a layer needs a plane of {height}x{width} pixels, "
+            f"at most {fourier.LARGEST_PLANE} are allowed"
+        )
     return grown._replace(height=height, width=width)

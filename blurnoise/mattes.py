@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import image_batch, in_range, integer, shown
+from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise.encoding import linear_from_srgb
 from blurnoise.layers import Layer
 
@@ -45,7 +45,10 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
         raise ValueError("segmentation: must hold at least one polygon")
     corners = []
     for polygon in polygons:
-        flat = np.asarray(polygon, np.float64)
+        try:
+            flat = np.asarray(polygon, np.float64)
+        except (TypeError, ValueError, OverflowError):  # lists in it, text, an integer beyond 1e308
+            flat = np.zeros(0)
         if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
             raise ValueError(
                 f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
@@ -100,7 +103,7 @@ def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
 
 
 def _runs(text: str | bytes) -> list[int]:
-    data = text.encode("ascii", "replace") if isinstance(text, str) else text
+    data = text.encode(errors="surrogatepass") if isinstance(text, str) else text
     runs: list[int] = []
     number, shift = 0, 0
     for byte in data:
@@ -125,6 +128,7 @@ def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
 
     Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
     """
+    an_instance("annotation", annotation, Mapping)
     segmentation = annotation.get("segmentation")
     if annotation.get("iscrowd"):
         raise ValueError("segmentation: of a crowd, which is not one object")
@@ -144,6 +148,7 @@ def layer_of_rgba(
     rgba: NDArray[Any], velocity_px_s: Iterable[float] = (0.0, 0.0), place_px: tuple[int, int] = (0, 0)
 ) -> Layer:
     """The layer of a picture (h, w, 4), 8 or 16 bits, sRGB-coded with straight alpha, its corner at (left, top)."""
+    an_instance("rgba", rgba, np.ndarray)
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"rgba: must be (h, w, 4) of 8 or 16 bits, got {rgba.shape} {rgba.dtype}")
     planes = (
@@ -177,8 +182,11 @@ def cut_out(
     layers = []
     covered = np.zeros(size, bool)
     for matte, velocity in zip(mattes, velocities_px_s, strict=True):
+        an_instance("matte", matte, np.ndarray)
         if matte.shape != size:
             raise ValueError(f"matte: shape must be the picture's, {size}, got {matte.shape}")
+        if not np.isfinite(matte).all():
+            raise ValueError("matte: contains NaN or Inf")
         if not (matte > 0).any():
             raise ValueError("matte: is empty")
         layers.append(_layer(light, np.asarray(matte, np.float32), velocity))

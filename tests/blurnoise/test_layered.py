@@ -382,3 +382,10 @@ def test_what_does_not_go_together() -> None:
     long = Layer(torch.ones(1, 4, 5), torch.ones(4, 5), (9000.0, 0.0))
     with pytest.raises(ValueError, match="takes at most 4096"):
         expose_layers(BACKGROUND[None], [long], exposure_s=1.0, velocity_px_s=(0.0, 3.0))
+
+
+def test_motions_beyond_what_a_plane_holds() -> None:
+    """6e4 px along both axes would want 58 GB before a background at rest."""
+    layer = Layer(torch.ones(1, 4, 5), torch.ones(4, 5), (6e6, 6e6))
+    with pytest.raises(ValueError, match=r"displacement_px: 6e\+04 px .* at most 268435456 are allowed"):
+        expose_layers(torch.ones(1, 1, 9, 11), [layer], exposure_s=0.01)

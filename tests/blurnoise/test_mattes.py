@@ -44,7 +44,7 @@ def test_run_lengths_go_down_the_columns() -> None:
     assert mattes.of_rle([2, 3, 1], (2, 3)).tolist() == [[0, 1, 1], [0, 1, 0]]
 
 
-@pytest.mark.parametrize("counts", [[2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n"])
+@pytest.mark.parametrize("counts", [[2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n", "\u4f60\u597d"])
 def test_run_lengths_that_are_none(counts: object) -> None:
     with pytest.raises((ValueError, TypeError), match=r"segmentation|counts"):
         mattes.of_rle(counts, (2, 3))  # type: ignore[arg-type]
@@ -157,12 +157,26 @@ def test_what_cannot_be_cut_out() -> None:
     for wrong, message in (
         (np.zeros(SIZE, np.float32), "is empty"),
         (matte[1:], "must be the picture's"),
+        (matte * np.float32(np.nan), "contains NaN or Inf"),
         (np.ones(SIZE, np.float32), "give a plate"),
     ):
         with pytest.raises(ValueError, match=message):
             mattes.cut_out(light, [wrong], [(0.0, 0.0)])
     with pytest.raises(ValueError, match="plate: shape"):
         mattes.cut_out(light, [matte], [(0.0, 0.0)], light[..., 1:])
+
+
+def test_what_is_of_another_kind() -> None:
+    for polygon in (["a", "b", 1, 2, 3, 4], [[1, 2], [3]], [10**400, 1, 2, 3, 4, 5]):
+        with pytest.raises(ValueError, match=r"segmentation: polygon .* of 3 corners or more"):
+            mattes.of_polygons([polygon], SIZE)  # type: ignore[list-item]
+    with pytest.raises(TypeError, match=r"annotation: must be a collections.Mapping, got NoneType"):
+        mattes.of_annotation(None, SIZE)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"rgba: must be a numpy.ndarray, got NoneType"):
+        mattes.layer_of_rgba(None)  # type: ignore[arg-type]
+    light, matte = box_of_light(soft=False)
+    with pytest.raises(TypeError, match=r"matte: must be a numpy.ndarray, got Tensor"):
+        mattes.cut_out(light, [torch.from_numpy(matte)], [(0.0, 0.0)])  # type: ignore[list-item]
 
 
 def test_a_picture_with_alpha_is_a_layer() -> None:

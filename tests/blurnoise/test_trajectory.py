@@ -222,6 +222,18 @@ def test_no_time_sees_one_place() -> None:
         (lambda: Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0), "end"), "reference = 'end'"),  # type: ignore[arg-type]
         (lambda: Trajectory.straight((1.0, 0.0), 0.01).seen(0.02), "must hold the exposure, -0.01 to 0.01 s"),
         (lambda: Trajectory.sinusoid(1e3, 1e6, 100.0), "knots; at most"),
+        (lambda: Trajectory.sinusoid(1.0, 1.0, 1.0, phase_rad=math.inf), "phase_rad = inf: must be finite"),
+        (lambda: Trajectory((0.0, 1.0), (0.0, 10**400), (0.0, 0.0)), "x_px: must be finite"),
+        (
+            lambda: Trajectory.straight((1.0, 2.0, 3.0), 1.0),
+            r"velocity_px_s = .* must be two numbers \(x, y\)",
+        ),
+        (lambda: Trajectory.accelerated((0.0, 0.0), (math.inf, 0.0), 1.0), "acceleration_px_s2 = inf"),
+        (lambda: Trajectory.accelerated((0.0, 0.0), (math.nan, 0.0), 1.0), "acceleration_px_s2 = nan"),
+        (lambda: Trajectory.accelerated((0.0,), (0.0, 0.0), 1.0), "velocity_px_s = .* must be two numbers"),  # type: ignore[arg-type]
+        (lambda: Trajectory.of([0.0, 1.0], np.zeros((3, 2))), r"must be \(K,\), \(2, K\)"),
+        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(0.1, (math.nan, 0.0)), "velocity_px_s = nan"),
+        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(math.nan), "exposure_s = nan"),
     ],
 )
 def test_what_is_no_trajectory(make: object, words: str) -> None:
