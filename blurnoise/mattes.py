@@ -23,7 +23,6 @@ from blurnoise.layers import Layer
 Matte = NDArray[np.float32]
 Size = tuple[int, int]
 _FINER = 8  # pixels of a polygon's mask along one of the picture's
-_SHIFT = 6  # binary places of a polygon's corners in it
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 _AROUND_PX = 24  # what is looked at around a hole
@@ -64,11 +63,21 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
         return matte
     fine = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
     for points in corners:
-        own = np.round(((points - (left, top)) * _FINER - 0.5) * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillPoly(fine, [own], 1, shift=_SHIFT)
+        fine |= _inside((points - (left, top)) * _FINER, fine.shape)
     area = fine.reshape(bottom - top, _FINER, right - left, _FINER).mean((1, 3), dtype=np.float32)
     matte[top:bottom, left:right] = area
     return matte
+
+
+def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Whether the middles of cells (H, W) are inside a polygon (N, 2): an odd number of edges left of them."""
+    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, 0).T
+    middles = np.arange(size[0]) + 0.5
+    edge, row = np.nonzero((y0[:, None] <= middles) != (y1[:, None] <= middles))
+    x = x0[edge] + (middles[row] - y0[edge]) / (y1 - y0)[edge] * (x1 - x0)[edge]
+    crossed = np.zeros((size[0], size[1] + 1), np.uint8)
+    np.add.at(crossed, (row, np.ceil(x - 0.5).clip(0, size[1]).astype(np.int64)), 1)
+    return np.asarray(np.bitwise_xor.accumulate(crossed & 1, axis=1)[:, :-1])
 
 
 def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:

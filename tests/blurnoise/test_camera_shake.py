@@ -120,3 +120,14 @@ def test_figures_out_of_range() -> None:
             ValueError, match=r"time_s, rates_rad_s: shapes are .* must be \(K,\), \(3, K\), K >= 2"
         ):
             from_rates(np.arange(float(time)), np.zeros(rates), focal_px=1.0)
+
+
+def test_a_gyroscope_s_offset_is_harmless() -> None:
+    """0.1 degrees/s at f = 1663 px: 0.03 px in 10 ms."""
+    rates = np.zeros((3, 31))
+    rates[1] = math.radians(0.1)
+    (left, top, right, bottom) = (
+        from_rates(np.linspace(-0.015, 0.015, 31), rates, focal_px=FOCAL_PX).seen(0.01).box
+    )
+    assert right - left == pytest.approx(0.03, abs=0.002)
+    assert bottom == top == 0

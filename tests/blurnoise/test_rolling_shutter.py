@@ -10,7 +10,7 @@ import torch
 from brute_force import photograph, rms_dn, rolled
 
 from blurnoise import Trajectory, blur
-from blurnoise.rolling_shutter import Readout, of_rows, row_responses, stretch, warped
+from blurnoise.rolling_shutter import Readout, of_rows, row_responses, shifted_rows, stretch, warped
 from blurnoise.transfer_of_paths import vibration
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
@@ -266,8 +266,6 @@ def test_gradients() -> None:
 
 
 def test_uneven_displacements_have_phases_of_their_own() -> None:
-    from blurnoise.rolling_shutter import shifted_rows
-
     light = picture()
     shifts = torch.linspace(-3.0, 4.0, 41, dtype=torch.float64) ** 2
     fast = shifted_rows(light, shifts, "reflect")
@@ -275,3 +273,15 @@ def test_uneven_displacements_have_phases_of_their_own() -> None:
     torch.testing.assert_close(fast, plain, rtol=0, atol=1e-12)
     far = shifted_rows(light, torch.full((41,), 2.0, dtype=torch.float64), "circular")
     torch.testing.assert_close(far, light.roll(2, -1), rtol=0, atol=1e-9)
+
+
+def test_far_shifts_in_single_precision() -> None:
+    """Phases of 1e4 px are products in double precision: in single they would be off by 1e-3 of a turn and more."""
+    light = picture()
+    shifts = torch.linspace(-1e4, 1e4, SIZE[0], dtype=torch.float64)
+    far = shifted_rows(light, shifts, "circular")
+    torch.testing.assert_close(
+        shifted_rows(light.float(), shifts, "circular").double(), far, rtol=0, atol=1e-5
+    )
+    whole = shifted_rows(light, torch.full((SIZE[0],), 67.0 * 149, dtype=torch.float64), "circular")
+    torch.testing.assert_close(whole, light, rtol=0, atol=1e-8)

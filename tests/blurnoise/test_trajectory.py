@@ -112,6 +112,22 @@ def test_polyline_is_the_mean_over_time() -> None:
         assert abs(grid(knots, durations)[j, i] - brute) < 1e-5
 
 
+@pytest.mark.parametrize("off_px", [0.02, 0.2, 1.0])
+def test_a_path_that_is_near_errs_by_what_is_known(off_px: float) -> None:
+    """At most 2 pi |f| s, whatever the places within s px; a tenth of it RMS, where they are off at random."""
+    drawn = np.random.default_rng(4)
+    f = np.linspace(0.01, 0.5, 50)
+    knots, shares = drawn.uniform(-10, 10, (2, 65)), np.full(64, 1 / 64)
+    away = drawn.normal(size=(2, 65))
+    near = knots + off_px * away / np.hypot(*away)
+    error = np.abs(
+        polyline_grid(f, np.zeros(1), near, shares) - polyline_grid(f, np.zeros(1), knots, shares)
+    )[0]
+    assert (error <= 2 * np.pi * f * off_px).all()
+    assert float(np.sqrt((error / (2 * np.pi * f * off_px)) ** 2).mean()) < 0.2
+    assert float(error.max()) > 1e-3 * off_px
+
+
 def test_equal_weights_per_knot_are_wrong() -> None:
     """Time counts, not knots: the same places at another pace are another blur."""
     knots, durations = random_path()
