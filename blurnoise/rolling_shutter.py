@@ -6,7 +6,8 @@ tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each 
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
 first, it would have to be blurred by v T / (1 - v_y row_s).) Else each row sees the path in its own window:
-:func:`of_rows`. What leaves a picture is continued as its border says.
+:func:`of_rows`. What leaves a picture is continued as its border says, which of a picture that is blurred already is
+not quite what was blurred: as far from the border as the skew and the blur go.
 """
 
 from __future__ import annotations
