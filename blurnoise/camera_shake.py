@@ -149,11 +149,15 @@ def from_text(content: str, name: str, *, focal_px: float | None = None, axes: A
     """:func:`from_csv` of what such a file says; ``name`` is the file's, for messages."""
     try:
         columns = _columns(content)
-        time = columns.pop("time_s") if "time_s" in columns else np.zeros(0)
+        if "time_s" not in columns:
+            raise ValueError(f"columns {shown(list(columns))}: must hold time_s")
+        time = columns.pop("time_s")
         if len(time) < 2 or not bool((np.diff(time) > 0).all()):
             raise ValueError("time_s: must be at least two times that increase")
         time = time - (time[0] + time[-1]) / 2
         if {"x_px", "y_px"} <= set(columns):
+            if any(name.startswith("w") for name in columns):
+                raise ValueError(f"columns {shown(list(columns))}: must be places or rates, not both")
             return Trajectory.of(time, np.stack([columns["x_px"], columns["y_px"]]))
         for unit, scale in (("rad_s", 1.0), ("deg_s", math.pi / 180)):
             if {f"wx_{unit}", f"wy_{unit}"} <= set(columns):
@@ -172,11 +176,16 @@ def from_rates(
     """A trajectory of a camera's rates of rotation (3, K), rad/s, at times (K,): d = f (-int wy, int wx)."""
     if focal_px is None:
         raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
+    time, rates = np.asarray(time_s, float), np.asarray(rates_rad_s, float)
+    if time.ndim != 1 or len(time) < 2 or rates.shape != (3, len(time)):
+        raise ValueError(
+            f"time_s, rates_rad_s: shapes are {time.shape}, {rates.shape}; must be (K,), (3, K), K >= 2"
+        )
     turned = np.asarray(axes, float)
     if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-3):
         raise ValueError(f"axes = {shown(turned.tolist())}: must be 3x3, rows of length 1 at right angles")
-    wx, wy, _ = turned @ np.asarray(rates_rad_s, float)
-    return _of_rates(np.asarray(time_s, float), wx, wy, focal_px)
+    wx, wy, _ = turned @ rates
+    return _of_rates(time, wx, wy, focal_px)
 
 
 def _of_rates(time: Floats, wx: Floats, wy: Floats, focal_px: float) -> Trajectory:

@@ -144,8 +144,10 @@ class View:
 
         A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
         wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x. F-theta: a ray s at range R
-        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it.
+        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it. Raises
+        ``ValueError`` for a range <= 0.
         """
+        _ahead("range_m", range_m)
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
         if self.lens == "rectilinear":
             x, y = self._from_axis(pixels)
@@ -177,8 +179,10 @@ class View:
 def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
     """Ranges (...) of what rays (3, ...) meet at a depth, m: of a frontal plane, or a map (...), inf for the sky.
 
-    inf for rays that do not look ahead, which meet no plane before the camera.
+    inf for rays that do not look ahead, which meet no plane before the camera. Raises ``ValueError`` for a
+    depth <= 0.
     """
+    _ahead("depth_m", depth_m)
     ahead = rays[2]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(ahead > 0, depth_m / ahead, np.where(np.isnan(ahead), np.nan, np.inf)))
@@ -194,3 +198,12 @@ def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
 def _vector(axes: Floats) -> Vector:
     x, y, z = axes.tolist()
     return x, y, z
+
+
+def _ahead(name: str, away_m: float | Floats) -> None:
+    """Raise ``ValueError`` unless all is before the camera, or unknown."""
+    nearest = float(np.nanmin(away_m)) if not np.isnan(away_m).all() else math.inf
+    if nearest <= 0:
+        raise ValueError(
+            f"{name}: the smallest is {nearest:g}; must be > 0, inf for the sky, NaN where none is known"
+        )

@@ -33,7 +33,7 @@ _JOIN = 0.05  # cycles/px below half of one, over which a response is led into i
 _STILL_PX = 1e-3  # motion along an axis that is not worth its transform: an error of 1e-7
 _STRIP = 3 << 16  # values of a strip of rows
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis
-_LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
+LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
 
 
 @dataclass(frozen=True)
@@ -161,10 +161,10 @@ def multiply(
 def check_span(plan: TransformPlan, border: Border, moved: str) -> None:
     """Raise ``ValueError`` where the continued picture would be too large; ``moved`` says by what."""
     y, x = plan.y, plan.x
-    if y.span * x.span > _LARGEST_PLANE:
+    if y.span * x.span > LARGEST_PLANE:
         raise ValueError(
             f"{moved}: border {border!r} needs a plane of "
-            f"{y.span}x{x.span} pixels; at most {_LARGEST_PLANE} are allowed"
+            f"{y.span}x{x.span} pixels; at most {LARGEST_PLANE} are allowed"
         )
 
 

@@ -255,4 +255,9 @@ def _work(window: Window, courses: Sequence[Course]) -> Window:
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
+    if height * width > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"displacement_px: {max(across, down)} px to either side; a layer needs a plane of {height}x{width} "
+            f"pixels, at most {fourier.LARGEST_PLANE} are allowed"
+        )
     return grown._replace(height=height, width=width)

@@ -17,14 +17,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import image_batch, in_range, integer, shown
+from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise.encoding import linear_from_srgb
 from blurnoise.layers import Layer
 
 Matte = NDArray[np.float32]
 Size = tuple[int, int]
 _FINER = 8  # pixels of a polygon's mask along one of the picture's
-_SHIFT = 6  # binary places of a polygon's corners in it
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 _AROUND_PX = 24  # what is looked at around a hole
@@ -51,7 +50,10 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
         raise ValueError("segmentation: must hold at least one polygon")
     corners = []
     for polygon in polygons:
-        flat = np.asarray(polygon, np.float64)
+        try:
+            flat = np.asarray(polygon, np.float64)
+        except (TypeError, ValueError, OverflowError):  # lists in it, text, an integer beyond 1e308
+            flat = np.zeros(0)
         if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
             raise ValueError(
                 f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
@@ -67,11 +69,21 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
         return matte
     fine = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
     for points in corners:
-        own = np.round(((points - (left, top)) * _FINER - 0.5) * (1 << _SHIFT)).astype(np.int32)
-        cv2.fillPoly(fine, [own], 1, shift=_SHIFT)
+        fine |= _inside((points - (left, top)) * _FINER, fine.shape)
     area = fine.reshape(bottom - top, _FINER, right - left, _FINER).mean((1, 3), dtype=np.float32)
     matte[top:bottom, left:right] = area
     return matte
+
+
+def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Whether the middles of cells (H, W) are inside a polygon (N, 2): an odd number of edges left of them."""
+    (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, 0).T
+    middles = np.arange(size[0]) + 0.5
+    edge, row = np.nonzero((y0[:, None] <= middles) != (y1[:, None] <= middles))
+    x = x0[edge] + (middles[row] - y0[edge]) / (y1 - y0)[edge] * (x1 - x0)[edge]
+    crossed = np.zeros((size[0], size[1] + 1), np.uint8)
+    np.add.at(crossed, (row, np.ceil(x - 0.5).clip(0, size[1]).astype(np.int64)), 1)
+    return np.asarray(np.bitwise_xor.accumulate(crossed & 1, axis=1)[:, :-1])
 
 
 def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:
@@ -151,7 +163,7 @@ def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
 
 
 def _runs(text: str | bytes) -> list[int]:
-    data = text.encode("ascii", "replace") if isinstance(text, str) else text
+    data = text.encode(errors="surrogatepass") if isinstance(text, str) else text
     runs: list[int] = []
     number, shift = 0, 0
     for byte in data:
@@ -176,6 +188,7 @@ def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
 
     Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
     """
+    an_instance("annotation", annotation, Mapping)
     segmentation = annotation.get("segmentation")
     if annotation.get("iscrowd"):
         raise ValueError("segmentation: of a crowd, which is not one object")
@@ -195,6 +208,7 @@ def layer_of_rgba(
     rgba: NDArray[Any], velocity_px_s: Iterable[float] = (0.0, 0.0), place_px: tuple[int, int] = (0, 0)
 ) -> Layer:
     """The layer of a picture (h, w, 4), 8 or 16 bits, sRGB-coded with straight alpha, its corner at (left, top)."""
+    an_instance("rgba", rgba, np.ndarray)
     if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"rgba: must be (h, w, 4) of 8 or 16 bits, got {rgba.shape} {rgba.dtype}")
     planes = (
@@ -228,8 +242,11 @@ def cut_out(
     layers = []
     covered = np.zeros(size, bool)
     for matte, velocity in zip(mattes, velocities_px_s, strict=True):
+        an_instance("matte", matte, np.ndarray)
         if matte.shape != size:
             raise ValueError(f"matte: shape must be the picture's, {size}, got {matte.shape}")
+        if not np.isfinite(matte).all():
+            raise ValueError("matte: contains NaN or Inf")
         if not (matte > 0).any():
             raise ValueError("matte: is empty")
         layers.append(_layer(light, np.asarray(matte, np.float32), velocity))

@@ -6,7 +6,8 @@ tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each 
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
 first, it would have to be blurred by v T / (1 - v_y row_s).) Else each row sees the path in its own window:
-:func:`of_rows`. What leaves a picture is continued as its border says.
+:func:`of_rows`. What leaves a picture is continued as its border says, which of a picture that is blurred already is
+not quite what was blurred: as far from the border as the skew and the blur go.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from torch import Tensor
 
 from blurnoise import blur, fourier
 from blurnoise._core.borders import Border, continued, extended, index_of
+from blurnoise._core.checks import finite
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.trajectory import Trajectory
@@ -35,10 +37,10 @@ _CLOSING_PX = 32  # of the margin, at its end
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _STRIP = 1 << 16  # values of a strip of rows
 _SPACING_PX = 1.0  # of sub-exposures, which err by transfer.motion_error of it at most
-_LEAST_CELLS, _LEAST_SAMPLES = (
-    8,
-    16,
-)  # of a row's exposure, however little moves: its window ends within a cell
+# of a row's exposure, however little moves: its window ends within a cell
+_LEAST_CELLS, _LEAST_SAMPLES = 8, 16
+_FINEST, _MOMENT = 8.0, 1e-9  # cells of 1/64 px are small enough; of the whole time, an instant
+_SAMPLES_PER_PX, _LONGEST_PX = 4, 4096.0  # of the way up and down; beyond that they thin out
 _ROOM_PX = 32  # of a row's band-limited ends
 _BLOCK = 32  # rows whose phases are a product
 _TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
@@ -107,6 +109,7 @@ def warped(
     with the readout is read longer. Raises as :func:`stretch` does.
     """
     velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
+    finite("velocity_px_s", velocity)
     stretch(float(velocity[1].detach()), row_s)
     height = light.shape[-2]
     still = (height - 1) / 2 if middle is None else middle
@@ -335,17 +338,24 @@ def _ends(first: NDArray[Any], taps: int) -> tuple[int, int]:
 def _integrated_taps(time: Floats, y_px: Floats, readout: Readout) -> tuple[NDArray[np.int64], Floats]:
     """Where each row's taps begin, from itself, and their means over the row's window of a path y_px (K,)."""
     starts, stops = readout.windows_s
-    count = max(_LEAST_SAMPLES, math.ceil(4 * float(np.ptp(y_px))))
+    gone = np.concatenate(
+        [[0.0], np.cumsum(np.abs(np.diff(y_px)))]
+    )  # there and back: a vibration goes further
+    longest = float((np.interp(stops, time, gone) - np.interp(starts, time, gone)).max())
+    count = max(_LEAST_SAMPLES, math.ceil(_SAMPLES_PER_PX * min(longest, _LONGEST_PX)))
     shares = (np.arange(count) + 0.5) / count
     at = starts[:, None] + (stops - starts)[:, None] * shares
     seen = -np.interp(at, time, y_px)  # what was at row i + seen is at row i
-    first = np.floor(seen.min(1)).astype(np.int64) + 1 - _LOBES
-    taps = int((np.floor(seen.max(1)).astype(np.int64) + _LOBES - first).max()) + 1
-    weights = np.zeros((readout.rows, taps))
-    for moment in seen.T:
-        own = lanczos((moment - first)[:, None] - np.arange(taps))
-        weights += own / own.sum(1, keepdims=True)
-    return first, weights / count
+    whole = np.floor(seen).astype(np.int64) + 1 - _LOBES
+    first = whole.min(1)
+    taps = int((whole.max(1) - first).max()) + 2 * _LOBES
+    own = [lanczos(seen - whole - tap) for tap in range(2 * _LOBES)]
+    total = sum(own) * count
+    place = (whole - first[:, None] + taps * np.arange(readout.rows)[:, None]).ravel()
+    weights = np.zeros(readout.rows * taps)
+    for tap, each in enumerate(own):
+        weights += np.bincount(place + tap, (each / total).ravel(), len(weights))
+    return first, weights.reshape(readout.rows, taps)
 
 
 def _rows_blurred(light: Tensor, time: Floats, x_px: Floats, readout: Readout, border: Border) -> Tensor:
@@ -398,12 +408,15 @@ def _sub_exposed(light: Tensor, time: Floats, knots: Floats, readout: Readout, b
     Along rows by a phase, so that rows are transformed once and back once; across them by Lanczos's taps.
     """
     starts, stops = readout.windows_s
+    moment = _MOMENT * (time[-1] - time[0])  # an exposure of no length sees what there is then
+    starts, stops = starts - moment, stops + moment
     steps = np.hypot(*np.diff(knots)) / _SPACING_PX
-    least = np.diff(time) / (stops - starts).min() * _LEAST_CELLS
+    least = np.minimum(np.diff(time) / (stops - starts).min(), _FINEST * steps) * _LEAST_CELLS
     gone = np.concatenate([[0.0], np.cumsum(np.maximum(steps, least))])
     edges = np.interp(np.linspace(0, gone[-1], math.ceil(gone[-1]) + 1), gone, time)
     held = np.minimum(edges[1:], stops[:, None]) - np.maximum(edges[:-1], starts[:, None])
-    held = held.clip(0.0) / (stops - starts)[:, None]  # (rows, cells)
+    held = held.clip(0.0)
+    held /= held.sum(1, keepdims=True)  # (rows, cells)
     x, y = (np.interp((edges[1:] + edges[:-1]) / 2, time, along) for along in knots)
 
     (height, width), kind = light.shape[-2:], light.dtype
@@ -413,6 +426,11 @@ def _sub_exposed(light: Tensor, time: Floats, knots: Floats, readout: Readout, b
     before, after = _ends(first, 2 * _LOBES)
     margin = _MARGIN_PX + math.ceil(float(np.abs(x).max()))
     length = fourier.fast_length(width + 2 * margin)
+    if (before + height + after) * length > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"trajectory: goes {np.abs(x).max():.4g}, {np.abs(y).max():.4g} px from where it is shown; needs "
+            f"a plane of {before + height + after}x{length} pixels, at most {fourier.LARGEST_PLANE} are allowed"
+        )
     plane = extended(light, (before, margin), (before + height + after, length), border)
     spectra = torch.fft.rfft(torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1))
     phases = torch.from_numpy(np.exp(-2j * np.pi * np.outer(x, np.fft.rfftfreq(length)))).to(spectra)

@@ -109,14 +109,18 @@ class Trajectory:
     @classmethod
     def of(cls, time_s: Any, places_px: NDArray[Any], reference: Reference = "centroid") -> Trajectory:
         """Of times (K,) and places (2, K), px."""
-        x, y = places_px
-        return cls(tuple(np.asarray(time_s).tolist()), tuple(x.tolist()), tuple(y.tolist()), reference)
+        if np.ndim(time_s) != 1 or np.shape(places_px) != (2, len(time_s)):
+            raise ValueError(
+                f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
+            )
+        x, y = np.asarray(places_px).tolist()
+        return cls(tuple(np.asarray(time_s).tolist()), tuple(x), tuple(y), reference)
 
     @classmethod
     def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
         """Uniform motion, for exposures up to ``duration_s``."""
         half = positive("duration_s", duration_s) / 2
-        x, y = (limited("velocity_px_s", along) for along in velocity_px_s)
+        x, y = _vector("velocity_px_s", velocity_px_s)
         return cls((-half, half), (-x * half, x * half), (-y * half, y * half))
 
     @classmethod
@@ -140,7 +144,8 @@ class Trajectory:
         step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
         time = _steps(half, step)
         angle = math.radians(limited("direction_deg", direction_deg))
-        along = amplitude * np.sin(omega * time + phase_rad)
+        phase = limited("phase_rad", phase_rad)
+        along = amplitude * np.sin(omega * time + phase)
         return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
 
     @classmethod
@@ -152,12 +157,11 @@ class Trajectory:
         Its transfer function: :func:`blurnoise.transfer_of_paths.accelerated`.
         """
         half = positive("duration_s", duration_s) / 2
-        rate = math.hypot(*acceleration_px_s2)
+        velocity = _vector("velocity_px_s", velocity_px_s)
+        acceleration = _vector("acceleration_px_s2", acceleration_px_s2)
+        rate = float(np.hypot(*acceleration))
         time = _steps(half, math.sqrt(8 * _SAG_PX / rate) if rate else 2 * half)
-        velocity, acceleration = (
-            np.array(each, float)[:, None] for each in (velocity_px_s, acceleration_px_s2)
-        )
-        return cls.of(time, velocity * time + acceleration * time**2 / 2)
+        return cls.of(time, np.outer(velocity, time) + np.outer(acceleration, time**2 / 2))
 
     def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
         """Knots (2, K), px, and durations (K - 1,), s, of what lies between two times; of one moment one knot.
@@ -180,7 +184,8 @@ class Trajectory:
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
         """What an exposure sees of it, with uniform motion added; to 0.02 px. Raises as :meth:`window` does."""
-        return _seen(self, exposure_s, velocity_px_s)
+        x, y = _vector("velocity_px_s", velocity_px_s).tolist()
+        return _seen(self, limited("exposure_s", exposure_s), (x, y))
 
     def origin_px(
         self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)
@@ -254,11 +259,21 @@ def _steps(half_s: float, step_s: float) -> Floats:
 def _numbers(name: str, values: Iterable[float]) -> tuple[float, ...]:
     try:
         numbers = tuple(float(value) for value in values)
+    except OverflowError:  # an integer beyond 1e308
+        raise ValueError(f"{name}: must be finite") from None
     except (TypeError, ValueError):
         raise TypeError(f"{name} = {shown(values)}: must be numbers") from None
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name}: must be finite")
     return numbers
+
+
+def _vector(name: str, value: Iterable[float]) -> Floats:
+    """Two numbers (x, y) within the limit of their name."""
+    along = tuple(value)
+    if len(along) != 2:
+        raise ValueError(f"{name} = {shown(value)}: must be two numbers (x, y)")
+    return np.array([limited(name, each) for each in along])
 
 
 def per_picture(

@@ -96,6 +96,9 @@ def test_logs(tmp_path: Path) -> None:
         ("time_s,x_px,y_px\n0,1,left\n", "must hold numbers"),
         ("time_s,x_px,y_px\n0,1,nan\n1,1,1\n", "must hold finite numbers"),
         ("time_s,x_px,y_px\n0,1\n", "as many values in every row"),
+        ("time_ms,x_px,y_px\n0,1,1\n1,2,2\n", "must hold time_s"),
+        ("time_s,wx,wy\n0,1,1\n1,2,2\n", "wx_rad_s, wy_rad_s or in deg_s"),
+        ("time_s,x_px,y_px,wx_rad_s,wy_rad_s\n0,1,1,0,0\n1,2,2,0,0\n", "must be places or rates, not both"),
     ],
 )
 def test_what_is_no_log(tmp_path: Path, text: str, words: str) -> None:
@@ -112,3 +115,19 @@ def test_figures_out_of_range() -> None:
         shake(1, 10.0, 0.01, duration_s=0.001)
     with pytest.raises(ValueError, match="axes = "):
         from_rates(np.arange(3.0), np.zeros((3, 3)), focal_px=1.0, axes=np.ones((3, 3)))
+    for time, rates in ((3, (2, 3)), (3, (3, 4)), (1, (3, 1)), (0, (3, 0))):
+        with pytest.raises(
+            ValueError, match=r"time_s, rates_rad_s: shapes are .* must be \(K,\), \(3, K\), K >= 2"
+        ):
+            from_rates(np.arange(float(time)), np.zeros(rates), focal_px=1.0)
+
+
+def test_a_gyroscope_s_offset_is_harmless() -> None:
+    """0.1 degrees/s at f = 1663 px: 0.03 px in 10 ms."""
+    rates = np.zeros((3, 31))
+    rates[1] = math.radians(0.1)
+    (left, top, right, bottom) = (
+        from_rates(np.linspace(-0.015, 0.015, 31), rates, focal_px=FOCAL_PX).seen(0.01).box
+    )
+    assert right - left == pytest.approx(0.03, abs=0.002)
+    assert bottom == top == 0

@@ -214,6 +214,8 @@ def test_fisheye_sees_nothing_beyond_180_degrees() -> None:
         (lambda: View(10, 10, 180, "rectilinear"), "hfov_deg = 180: must be < 180"),
         (lambda: View(10, 10, 60, "fisheye"), "lens"),  # type: ignore[arg-type]
         (lambda: longest_exposure_s(np.ones((2, 1)), 0), "blur_px"),
+        (lambda: range_of_depth_m(np.ones((3, 2)), -1.0), "depth_m: the smallest is -1; must be > 0"),
+        (lambda: View(5, 5, 60).flow_px_s(np.zeros((2, 1)), np.zeros(1), EgoMotion()), "range_m: the smallest is 0"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(make: object, named: str) -> None:

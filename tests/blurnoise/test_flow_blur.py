@@ -74,6 +74,23 @@ def test_an_approach() -> None:
     assert seen[240 - 196] == pytest.approx(float(seen[240 + 196]), abs=1e-9)
 
 
+def test_rings_around_the_axis_stay_as_a_camera_rolls() -> None:
+    """And spokes do not."""
+    view = View(161, 121, 60.0, "rectilinear")
+    pixels = view.pixels()
+    sky = np.full(pixels.shape[1:], np.inf)
+    flow = torch.from_numpy(view.flow_px_s(pixels, sky, EgoMotion(rotation_deg_s=(0, 0, 400.0))) * 0.01)
+    x, y = pixels[0] - 80, pixels[1] - 60
+    rings = torch.from_numpy(0.5 + 0.4 * np.cos(2 * np.pi * np.hypot(x, y) / 8))[None, None].float()
+    spokes = torch.from_numpy(0.5 + 0.4 * np.cos(40 * np.arctan2(y, x)))[None, None].float()
+    inside = (..., slice(20, -20), slice(20, -20))
+    # straight paths of 4 degrees leave a ring by r theta^2 / 8 < 0.05 px
+    assert float((flow_blur(rings, flow.float()) - rings)[inside].abs().max()) < 0.03
+    assert (
+        float((flow_blur(spokes, flow.float()) - spokes)[inside].abs().max()) > 0.1
+    )  # of 0.4, 1 - sinc(4 degrees of 40 waves)
+
+
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("displacement_px", [(9.0, 0.0), (-6.0, 14.0), (300.0, 3.0)])
 def test_a_constant_flow_is_the_uniform_blur(border: Border, displacement_px: tuple[float, float]) -> None:

@@ -10,7 +10,15 @@ import torch
 from brute_force import photograph, rms_dn, rolled
 
 from blurnoise import Trajectory, blur
-from blurnoise.rolling_shutter import Readout, blurred_rows, of_rows, row_responses, stretch, warped
+from blurnoise.rolling_shutter import (
+    Readout,
+    blurred_rows,
+    of_rows,
+    row_responses,
+    shifted_rows,
+    stretch,
+    warped,
+)
 from blurnoise.transfer_of_paths import vibration
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
@@ -102,6 +110,50 @@ def test_vibration_by_brute_force(direction_deg: float, reset: bool) -> None:
     assert rms_dn(seen, brute) < (0.3 if direction_deg == 30.0 else 0.1)
     together = Readout(SIZE[0], 0.0, EXPOSURE_S)
     assert rms_dn(of_rows(picture(), path, origin, together, "circular").numpy(), brute) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("amplitude_px", "frequency_hz", "exposure_s"),
+    [(3.0, 2400.0, 0.01), (0.5, 1600.0, 0.01), (1.0, 480.0, 1 / 30)],
+)
+def test_fast_vibration_down_the_rows(amplitude_px: float, frequency_hz: float, exposure_s: float) -> None:
+    """Whole periods in each window: J0 of the frequency. 24 or 16 even moments hit the same phase in every period:
+    15.6, 5.0 and 8.0 DN, more than not blurring at all."""
+    readout = Readout(SIZE[0], 2e-5, exposure_s)
+    path = Trajectory.sinusoid(amplitude_px, frequency_hz, 0.1, direction_deg=90.0, phase_rad=0.3)
+    seen = of_rows(picture(), path, path.origin_px(exposure_s), readout, "circular").numpy()
+    f = np.fft.fftfreq(SIZE[0])[:, None] * amplitude_px
+    light = picture().numpy()
+    blurred = np.fft.ifft2(np.fft.fft2(light) * vibration(f, frequency_hz, exposure_s)).real
+    assert rms_dn(seen, blurred) < 0.05
+    assert rms_dn(seen, light) > 1.0
+
+
+@pytest.mark.parametrize("reset", [False, True])
+@pytest.mark.parametrize("exposure_s", [0.0, 1e-12, 1e-6])
+def test_short_exposures_along_and_across_rows(exposure_s: float, reset: bool) -> None:
+    """Rows in an instant, each where the path is then: nothing divides by its length, nor are cells as short as it.
+
+    Nothing is blurred, so that Lanczos's taps and the phase along rows differ most: by 0.22 DN, as the warp does.
+    """
+    readout = Readout(SIZE[0], ROW_S, exposure_s)
+    path = Trajectory((-1.0, 1.0), (-600.0, 600.0), (-300.0, 300.0))
+    brute = rolled(picture().numpy(), lambda s: (600 * s, 300 * s), *readout.windows_s, moments=1)
+    seen = of_rows(picture(), path, (0.0, 0.0), readout, "circular").numpy()
+    assert rms_dn(seen, brute) < 0.25
+    assert rms_dn(seen, picture().numpy()) > 2.0
+    whole = of_rows(picture(), path, (0.0, 0.0), Readout(SIZE[0], ROW_S, exposure_s, reset), "circular")
+    assert bool(whole.isfinite().all())
+
+
+def test_paths_beyond_what_a_plane_holds() -> None:
+    path = Trajectory((-1.0, 1.0), (-4e4, 4e4), (-4e4, 4e4))
+    with pytest.raises(
+        ValueError, match=r"trajectory: goes 1\.824e\+04, 1\.824e\+04 px .* at most 268435456 are allowed"
+    ):
+        of_rows(picture(), path, (0.0, 0.0), Readout(SIZE[0], ROW_S, 0.9), "reflect")
+    with pytest.raises(ValueError, match="velocity_px_s: contains NaN or Inf"):
+        warped(picture(), (math.nan, 0.0), ROW_S, "reflect")
 
 
 @pytest.mark.parametrize(
@@ -241,8 +293,6 @@ def test_gradients() -> None:
 
 
 def test_uneven_displacements_have_phases_of_their_own() -> None:
-    from blurnoise.rolling_shutter import shifted_rows
-
     light = picture()
     shifts = torch.linspace(-3.0, 4.0, 41, dtype=torch.float64) ** 2
     fast = shifted_rows(light, shifts, "reflect")
@@ -250,3 +300,15 @@ def test_uneven_displacements_have_phases_of_their_own() -> None:
     torch.testing.assert_close(fast, plain, rtol=0, atol=1e-12)
     far = shifted_rows(light, torch.full((41,), 2.0, dtype=torch.float64), "circular")
     torch.testing.assert_close(far, light.roll(2, -1), rtol=0, atol=1e-9)
+
+
+def test_far_shifts_in_single_precision() -> None:
+    """Phases of 1e4 px are products in double precision: in single they would be off by 1e-3 of a turn and more."""
+    light = picture()
+    shifts = torch.linspace(-1e4, 1e4, SIZE[0], dtype=torch.float64)
+    far = shifted_rows(light, shifts, "circular")
+    torch.testing.assert_close(
+        shifted_rows(light.float(), shifts, "circular").double(), far, rtol=0, atol=1e-5
+    )
+    whole = shifted_rows(light, torch.full((SIZE[0],), 67.0 * 149, dtype=torch.float64), "circular")
+    torch.testing.assert_close(whole, light, rtol=0, atol=1e-8)

@@ -112,6 +112,22 @@ def test_polyline_is_the_mean_over_time() -> None:
         assert abs(grid(knots, durations)[j, i] - brute) < 1e-5
 
 
+@pytest.mark.parametrize("off_px", [0.02, 0.2, 1.0])
+def test_a_path_that_is_near_errs_by_what_is_known(off_px: float) -> None:
+    """At most 2 pi |f| s, whatever the places within s px; a tenth of it RMS, where they are off at random."""
+    drawn = np.random.default_rng(4)
+    f = np.linspace(0.01, 0.5, 50)
+    knots, shares = drawn.uniform(-10, 10, (2, 65)), np.full(64, 1 / 64)
+    away = drawn.normal(size=(2, 65))
+    near = knots + off_px * away / np.hypot(*away)
+    error = np.abs(
+        polyline_grid(f, np.zeros(1), near, shares) - polyline_grid(f, np.zeros(1), knots, shares)
+    )[0]
+    assert (error <= 2 * np.pi * f * off_px).all()
+    assert float(np.sqrt((error / (2 * np.pi * f * off_px)) ** 2).mean()) < 0.2
+    assert float(error.max()) > 1e-3 * off_px
+
+
 def test_equal_weights_per_knot_are_wrong() -> None:
     """Time counts, not knots: the same places at another pace are another blur."""
     knots, durations = random_path()
@@ -222,6 +238,18 @@ def test_no_time_sees_one_place() -> None:
         (lambda: Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0), "end"), "reference = 'end'"),  # type: ignore[arg-type]
         (lambda: Trajectory.straight((1.0, 0.0), 0.01).seen(0.02), "must hold the exposure, -0.01 to 0.01 s"),
         (lambda: Trajectory.sinusoid(1e3, 1e6, 100.0), "knots; at most"),
+        (lambda: Trajectory.sinusoid(1.0, 1.0, 1.0, phase_rad=math.inf), "phase_rad = inf: must be finite"),
+        (lambda: Trajectory((0.0, 1.0), (0.0, 10**400), (0.0, 0.0)), "x_px: must be finite"),
+        (
+            lambda: Trajectory.straight((1.0, 2.0, 3.0), 1.0),
+            r"velocity_px_s = .* must be two numbers \(x, y\)",
+        ),
+        (lambda: Trajectory.accelerated((0.0, 0.0), (math.inf, 0.0), 1.0), "acceleration_px_s2 = inf"),
+        (lambda: Trajectory.accelerated((0.0, 0.0), (math.nan, 0.0), 1.0), "acceleration_px_s2 = nan"),
+        (lambda: Trajectory.accelerated((0.0,), (0.0, 0.0), 1.0), "velocity_px_s = .* must be two numbers"),  # type: ignore[arg-type]
+        (lambda: Trajectory.of([0.0, 1.0], np.zeros((3, 2))), r"must be \(K,\), \(2, K\)"),
+        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(0.1, (math.nan, 0.0)), "velocity_px_s = nan"),
+        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(math.nan), "exposure_s = nan"),
     ],
 )
 def test_what_is_no_trajectory(make: object, words: str) -> None:

@@ -218,3 +218,13 @@ def test_presets_that_roll() -> None:
         assert 1e6 * camera.row_time_s == pytest.approx(rows.get(name, 0.0), abs=0.05)
         assert camera.shutter == ("rolling" if name in rows else "global")
         assert {"row_time_s", "shutter", "scan"} <= set(camera.sources)
+
+
+def test_the_sensor_s_pattern_stays() -> None:
+    """What the sensor adds is not carried along: an even scene's picture is the same however it moves."""
+    even = torch.full((1, 1, *SIZE), 0.4)
+    taken: dict[str, Any] = {**TAKEN, "generator": [7], "fidelity": "full", "pattern_seed": 3}
+    uneven = replace(ROLLING, prnu=0.05, dsnu_e=20.0)
+    still = simulate(even, uneven, **taken)
+    assert float(still.std()) > 10
+    assert torch.equal(simulate(even, uneven, **taken, velocity_px_s=(900.0, -400.0)), still)
