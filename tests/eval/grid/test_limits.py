@@ -10,6 +10,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 
 from blurnoise import Camera
 from blurnoise._core.limits import LIMITS
+from blurnoise.exposure import MOVES
 
 IMX250 = Camera.preset("imx250")
 
@@ -17,7 +18,10 @@ IMX250 = Camera.preset("imx250")
 @pytest.mark.parametrize("axis", AXES, ids=lambda axis: axis.name)
 def test_the_axes_limits_are_the_simulators(axis: Axis) -> None:
     name = axis.into.removeprefix("camera.").partition(".")[0]
-    if name in LIMITS:  # a figure of the camera may have its range on the field itself
+    if axis.choices:
+        assert axis.choices == MOVES
+        assert (axis.low, axis.high) == (0, len(MOVES) - 1)
+    elif name in LIMITS:  # a figure of the camera may have its range on the field itself
         assert (axis.low, axis.high) == LIMITS[name][:2]
     else:
         for end in (axis.low, axis.high):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,11 @@ def sign(shift_px: int = 0) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.roll(coded, shift_px, axis=1))
 
 
-def to_the_right(boxes: NDArray[np.float64], sizes_px: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_the_right(
+    boxes: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str]
+) -> NDArray[np.float64]:
     assert boxes.shape == (1, 4)
+    assert len(labels) == 1
     assert sizes_px.shape == (1, 2)
     return boxes + np.array([SHIFT_PX, 0, SHIFT_PX, 0])
 

@@ -52,7 +52,7 @@ def test_regret_goes_by_what_is_open_of_differences() -> None:
         np.ones((30, 13, 1)), np.zeros((13, 1)), 30, np.zeros((13, 1)),
     )  # fmt: skip
     noisy = np.random.default_rng(4).normal(0, 0.05, surface.sums.shape)
-    surface = replace(surface, sums=surface.sums + noisy, setting=(50.0, 25.0, 1.4, 0.0, 0.0))
+    surface = replace(surface, sums=surface.sums + noisy, setting=(50.0, 25.0, 1.4, 0.0, 0.0, 0.0))
 
     def lost(not_known: np.ndarray | None) -> float:  # type: ignore[type-arg]
         opened = None if not_known is None else not_known[None]
