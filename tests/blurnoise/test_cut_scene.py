@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -138,4 +139,6 @@ def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match=r"moves = 'targets': must be 'all' of a scene"):
         frame(ExposedScene(ground()), taken("targets"))
     with pytest.raises(ValueError, match=r"moves = 'targets': .* row_time_s"):
-        Exposure(Camera.preset("ar0237"), 0.01, 60.0, VELOCITY, moves="targets")
+        Exposure(
+            replace(Camera.preset("ar0237"), shutter="global-reset"), 0.01, 60.0, VELOCITY, moves="targets"
+        )
