@@ -6,8 +6,8 @@ tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each 
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
 first, it would have to be blurred by v T / (1 - v_y row_s).) Else each row sees the path in its own window:
-:func:`of_rows`. What leaves a picture is continued as its border says, which of a picture that is blurred already is
-not quite what was blurred: as far from the border as the skew and the blur go.
+:func:`of_rows`. A picture that is blurred already, continued as its border says, is not quite what would be seen there:
+where rows are displaced by a pixel and more, it is continued before, :func:`blurred_and_warped`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from blurnoise._core.checks import finite
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.trajectory import Trajectory
+from blurnoise.transfer import SHARP
 
 Floats = NDArray[np.float64]
 _LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
@@ -36,6 +37,7 @@ _MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distan
 _CLOSING_PX = 32  # of the margin, at its end
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _STRIP = 1 << 16  # values of a strip of rows
+_BEYOND_PX = 8  # of a continued picture's blur, whose ends fall off
 _SPACING_PX = 1.0  # of sub-exposures, which err by transfer.motion_error of it at most
 # of a row's exposure, however little moves: its window ends within a cell
 _LEAST_CELLS, _LEAST_SAMPLES = 8, 16
@@ -139,6 +141,33 @@ def blurred_rows(
         return warped(blurred, velocity, row_s, border)
     tau = (torch.arange(light.shape[-2], dtype=torch.float64) - (light.shape[-2] - 1) / 2) * row_s
     return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
+
+
+def blurred_and_warped(
+    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
+) -> Tensor:
+    """Pictures (B, C, H, W) blurred and :func:`warped` by uniform motion, (2,) px in an exposure (): continued first.
+
+    What the rows bring in from beyond the border is then what was blurred there.
+    """
+    velocity = displacement_px / exposure_s
+    height, width = light.shape[-2:]
+    skewed, along = ((velocity * row_s).detach().abs() * (height - 1) / 2).tolist(), displacement_px.tolist()
+    across, down = (
+        math.ceil(skew + abs(by) / 2) + _BEYOND_PX for skew, by in zip(skewed, along, strict=True)
+    )
+    own = border == "circular" or (border == "reflect" and skewed[0] <= _STILL_PX)
+    spans = (height, width) if own else (height + 2 * down, width + 2 * across)
+    if spans[0] * spans[1] > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"displacement_px = {along}: rows that are read one after another need a plane of "
+            f"{spans[0]}x{spans[1]} pixels; at most {fourier.LARGEST_PLANE} are allowed"
+        )
+    beyond: Border = border if own else "replicate"
+    plane = light if own else extended(light, (down, across), spans, border)
+    moved = displacement_px[None].expand(len(light), 2)
+    seen = warped(blur.exposure_blur(plane, moved, SHARP, border=beyond), velocity, row_s, beyond)
+    return seen if own else seen[..., down : down + height, across : across + width].contiguous()
 
 
 def shifted_rows(light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0) -> Tensor:
