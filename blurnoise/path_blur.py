@@ -189,7 +189,7 @@ def _response(
     if len(shares) * math.prod(small) > 2 * _MOST_VALUES:
         raise ValueError(
             f"knots_px: {len(shares)} segments over {2 * reach[0]:.4g}x{2 * reach[1]:.4g} px; at most "
-            f"{2 * _MOST_VALUES // math.prod(small)} are allowed over as many, or blurnoise.Trajectory has no gradients"
+            f"{2 * _MOST_VALUES // math.prod(small)} are allowed over as many"
         )
     fy, fx = (torch.from_numpy(f).to(knots_px) for f in fourier.frequencies(small))
 

@@ -82,7 +82,7 @@ def test_uniform_motion_by_brute_force(velocity: tuple[float, float], scan: int)
 @pytest.mark.parametrize("border", ["reflect", "replicate", "constant", "circular"])
 @pytest.mark.parametrize("velocity", [(900.0, -500.0), (900.0, 0.0), (0.0, 500.0)])
 def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], border: Any) -> None:
-    """As of a scene that is continued far beyond what comes in: a blurred picture that is continued errs by up to 9 DN."""
+    """As of a scene that is continued far beyond what comes in: one continued once blurred errs by 9 DN."""
     size, row_s, far = (120, 160), 96e-6, 64
     light = torch.from_numpy(photograph(*size))
     moved, exposure = torch.tensor(velocity, dtype=torch.float64) * EXPOSURE_S, torch.tensor(EXPOSURE_S)

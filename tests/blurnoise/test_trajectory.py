@@ -198,7 +198,7 @@ def test_long_paths_are_sums_over_points(sides: tuple[int, int], monkeypatch: py
     assert np.abs(seen[:, low] - expected).max() < 2 * np.pi * 0.1 * 0.021
     monkeypatch.setattr(module, "_MOST_POINTS", 100)
     with pytest.raises(
-        ValueError, match="trajectory: what an exposure sees of it is .* px long in 199 segments"
+        ValueError, match=r"trajectory: what an exposure sees of it is .* px long in 199 segments"
     ):
         module.polyline_on(sides, knots, shares)
 

@@ -163,7 +163,7 @@ def write_values(
 def write(
     maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, title: str, path: Path
 ) -> None:
-    """Write :func:`draw`'s figure in the format of its suffix, .png, .svg or .pdf. Raises ``OSError``, ``ValueError``."""
+    """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``OSError``, ``ValueError``."""
     suffix = plot_suffix(path)
     picture = io.BytesIO()
     draw(maps, view, mount, blur_px, title).savefig(picture, format=suffix[1:], dpi=150)
