@@ -143,7 +143,7 @@ def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: l
 
 
 def _led(picture: Tensor, border: Border) -> tuple[Tensor, int]:
-    """A picture (C, H, W), and how many finer values it begins before itself: black, between which and it others lie."""
+    """A picture (C, H, W), and how many finer values it begins before itself: where black is beyond."""
     black = border == "constant"
     return (functional.pad(picture, (1, 0, 1, 0)), 2) if black else (picture, 0)
 

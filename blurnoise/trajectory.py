@@ -232,7 +232,7 @@ def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
         inside = lasts - firsts > 1
         firsts, lasts = firsts[inside], lasts[inside]
         if not len(firsts):
-            return np.unique(np.concatenate(kept)).tolist()
+            return [int(knot) for knot in np.unique(np.concatenate(kept))]
         counts = lasts - firsts - 1
         begins = np.cumsum(counts) - counts
         span = np.repeat(np.arange(len(counts)), counts)
