@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
-from blurnoise._core.limits import counted, limited
+from blurnoise._core.limits import LARGEST_PICTURE, counted, limited
 from blurnoise.motion import Lens
 
 Floats = NDArray[np.float64]
@@ -108,11 +108,17 @@ class View:
         return self.width_px / 2 / (half if self.lens == "f-theta" else math.tan(half))
 
     def pixels(self, most: int | None = None) -> Floats:
-        """The pixels' centres (2, H, W); with ``most``, at most so many along each side, the outermost among them."""
-        x, y = (
-            np.linspace(0.0, size - 1.0, size if most is None else min(size, most))
-            for size in (self.width_px, self.height_px)
-        )
+        """The pixels' centres (2, H, W); with ``most``, at most so many along each side, the outermost among them.
+
+        Raises ``ValueError`` for more than 2^28.
+        """
+        counts = [size if most is None else min(size, most) for size in (self.width_px, self.height_px)]
+        if math.prod(counts) > LARGEST_PICTURE:
+            raise ValueError(
+                f"width_px, height_px: {counts[0]} x {counts[1]} pixels; at most {LARGEST_PICTURE} are computed"
+            )
+        sizes = (self.width_px, self.height_px)
+        x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(sizes, counts, strict=True))
         return np.stack(np.meshgrid(x, y))
 
     def rays(self, pixels: Floats) -> Floats:

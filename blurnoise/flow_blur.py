@@ -109,7 +109,8 @@ def _times(length_px: float) -> list[float]:
 def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: list[float] | None) -> None:
     """By OpenCV, on the CPU: four channels at a time, a third of the time of three, or one."""
     width = picture.shape[-1]
-    plane = _with_margin(picture, border).numpy()
+    source, before = _led(picture, border)
+    plane = _with_margin(source, border).numpy()
     together = 1 if len(plane) == 1 else 4
     finer = [
         _finer(plane[first : first + together], together, border) for first in range(0, len(plane), together)
@@ -124,14 +125,14 @@ def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: l
             return
         along_x, along_y = dx[rows], dy[rows]
         x0, y0 = np.meshgrid(
-            2 * np.arange(width, dtype=np.float32),
-            2 * np.arange(rows.start, rows.start + len(along_x), dtype=np.float32),
+            2 * np.arange(width, dtype=np.float32) + before,
+            2 * np.arange(rows.start, rows.start + len(along_x), dtype=np.float32) + before,
         )
         sums = [np.zeros((*along_x.shape, together), np.float32) for _ in finer]
         for time in times:
             x, y = cv2.scaleAdd(along_x, -time, x0), cv2.scaleAdd(along_y, -time, y0)
-            for source, total in zip(finer, sums, strict=True):
-                seen = cv2.remap(source, x, y, cv2.INTER_LINEAR, borderMode=_OPENCV[border], borderValue=0)
+            for values, total in zip(finer, sums, strict=True):
+                seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=_OPENCV[border], borderValue=0)
                 cv2.accumulate(seen.reshape(total.shape), total)
         for place, total in enumerate(sums):
             some = target[place * together : (place + 1) * together, rows]
@@ -139,6 +140,12 @@ def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: l
             some[:] = mean[: len(some)]
 
     side_by_side(blur, _bands(by, at), threads)
+
+
+def _led(picture: Tensor, border: Border) -> tuple[Tensor, int]:
+    """A picture (C, H, W), and how many finer values it begins before itself: where black is beyond."""
+    black = border == "constant"
+    return (functional.pad(picture, (1, 0, 1, 0)), 2) if black else (picture, 0)
 
 
 def _with_margin(picture: Tensor, border: Border) -> Tensor:
@@ -170,21 +177,23 @@ def _whole(size: int, border: Border) -> int:
 
 def _differentiable(picture: Tensor, by: Tensor, border: Border, at: list[float] | None) -> Tensor:
     """The same by ``grid_sample``, of one picture (C, H, W), on any device."""
-    height, width = picture.shape[-2:]
+    width = picture.shape[-1]
     taps = torch.from_numpy(_TAPS).to(picture)
-    wide = _between(_with_margin(picture, border), taps)
-    finer = _between(wide.mT, taps).mT[None, :, : _whole(height, border), : _whole(width, border)]
+    source, before = _led(picture, border)
+    wide = _between(_with_margin(source, border), taps)
+    down, across = (_whole(side, border) for side in source.shape[-2:])
+    finer = _between(wide.mT, taps).mT[None, :, :down, :across]
     finer = functional.pad(finer, (1, 1, 1, 1), mode="circular" if border == "circular" else "constant")
     size = finer.shape[-2:]
-    across = torch.arange(width).to(picture)
+    columns = torch.arange(width).to(picture)
     parts = []
     for rows, times in _bands(by, at):
         along_x, along_y = by[0, rows], by[1, rows]
-        down = torch.arange(rows.start, rows.start + len(along_x)).to(picture)[:, None]
+        lines = torch.arange(rows.start, rows.start + len(along_x)).to(picture)[:, None]
         total = picture.new_zeros(())
         for time in times:
-            x = _folded(2 * (across - time * along_x), size[1] - 2, border) + 1
-            y = _folded(2 * (down - time * along_y), size[0] - 2, border) + 1
+            x = _folded(2 * (columns - time * along_x) + before, size[1] - 2, border) + 1
+            y = _folded(2 * (lines - time * along_y) + before, size[0] - 2, border) + 1
             grid = torch.stack([2 * x / (size[1] - 1) - 1, 2 * y / (size[0] - 1) - 1], -1)
             total = total + functional.grid_sample(
                 finer, grid[None], "bilinear", "border", align_corners=True

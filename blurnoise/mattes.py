@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
+from blurnoise._core.limits import LARGEST_PICTURE
 from blurnoise.encoding import linear_from_srgb
 from blurnoise.layers import Layer
 
@@ -46,6 +47,7 @@ class Cut(NamedTuple):
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
+    size = _size(size)
     if not isinstance(polygons, (list, tuple)) or not polygons:
         raise ValueError("segmentation: must hold at least one polygon")
     corners = []
@@ -88,6 +90,7 @@ def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.u
 
 def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:
     """Of a rectangle in a picture (H, W), by area."""
+    size = _size(size)
     spans = []
     for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
         in_range(f"box: {name}", start, -_LARGEST_PX, _LARGEST_PX)
@@ -96,6 +99,16 @@ def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte
         spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
     across, down = spans
     return np.asarray(down[:, None] * across, np.float32)
+
+
+def _size(size: Size) -> Size:
+    """``size``, checked. Raises ``TypeError`` or ``ValueError``."""
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise ValueError(f"size = {shown(size)}: must be two whole numbers (H, W)")
+    height, width = (integer("size", side, 1, 1 << 20) for side in size)
+    if height * width > LARGEST_PICTURE:
+        raise ValueError(f"size = {height} x {width}: must be at most {LARGEST_PICTURE} pixels")
+    return height, width
 
 
 def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte:
@@ -149,6 +162,7 @@ def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
     Compressed, every number takes 5 bits a character, the sixth says that more follow, and from the third on it is
     the difference to the last but one (pycocotools, maskApi.c). Raises ``ValueError`` where they do not fill (H, W).
     """
+    size = _size(size)
     runs = (
         _runs(counts)
         if isinstance(counts, (str, bytes))

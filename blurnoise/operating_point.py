@@ -151,6 +151,14 @@ def in_rows(at: OperatingPoint[float]) -> bool:
     return rolling_shutter.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
 
 
+def skewed(at: OperatingPoint[float]) -> bool:
+    """Whether rows in uniform motion are displaced by a pixel or more, which a rolling shutter then blurs, too."""
+    if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
+        return False
+    fastest = max(abs(float(along)) for along in at.displacement_px) / at.exposure_s
+    return fastest * at.camera.row_time_s * at.camera.height_px / 2 >= 1
+
+
 def each_of(
     points: OperatingPoint[Tensor], size: tuple[int, int] | None = None
 ) -> Iterator[OperatingPoint[float]]:

@@ -29,10 +29,12 @@ from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur import NEGLIGIBLE
 from blurnoise.trajectory import Polyline
 from blurnoise.transfer import SHARP, Optics
-from blurnoise.transfer_of_paths import polyline, polyline_grid
+from blurnoise.transfer_of_paths import polyline, polyline_on
 
 _LEAST_PX = 64  # side of the small grid
 _ROOM_PX = 32  # of the band-limited ends, both together
+_LARGE = 1 << 20  # values of a small grid
+_MOST_VALUES = 1 << 26  # of segments times frequencies, of which gradients keep several
 
 
 def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: Border = "reflect") -> Tensor:
@@ -54,8 +56,9 @@ def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: 
         for picture, target in zip(image.detach(), out, strict=True):
             fourier.multiply_planes(picture, spectrum, packed.multiply_complex, plan, border, target, threads)
         return out
-    knots, shares = torch.from_numpy(path.knots), torch.tensor(path.shares, dtype=torch.float64)
-    return fourier.filtered(image, _response(knots, shares, optics, plan, image), plan, border)
+    tile = torch.from_numpy(_tile(path.knots, np.array(path.shares), (plan.y.length, plan.x.length)))
+    response = _with_lens(torch.fft.rfftn(tile, dim=plan.dims), optics, plan, image)
+    return fourier.filtered(image, response, plan, border)
 
 
 def exposure_blur(
@@ -122,14 +125,28 @@ def polyline_blur(
 
 def point_spread(knots_px: NDArray[Any], shares: NDArray[Any]) -> NDArray[np.float64]:
     """The band-limited point spread of a path (2, K), on a grid whose middle, at half its sides, is (0, 0)."""
+    return np.fft.fftshift(_spread_on(_sides(np.abs(knots_px).max(1).tolist()), knots_px, shares))
+
+
+def _spread_on(lengths: tuple[int, int], knots_px: NDArray[Any], shares: NDArray[Any]) -> NDArray[np.float64]:
+    """The same on a grid of ``lengths``, which it wraps round, from (0, 0)."""
+    fy, fx = fourier.frequencies(lengths)
+    spectrum = fourier.joined(polyline_on(lengths, knots_px, shares), fx, fy, lengths)
+    return np.fft.irfftn(spectrum, s=lengths, axes=(-2, -1) if lengths[1] > 1 else (-1, -2))
+
+
+def _tile(knots_px: NDArray[Any], shares: NDArray[Any], lengths: tuple[int, int]) -> NDArray[np.float64]:
+    """The same on a tile, by way of the small grid unless that is large, and the larger of the two."""
     sides = _sides(np.abs(knots_px).max(1).tolist())
-    fy, fx = fourier.frequencies(sides)
-
-    def motion(fx: NDArray[Any], fy: NDArray[Any]) -> NDArray[Any]:
-        return polyline_grid(fx, fy, knots_px, shares)
-
-    spread = np.fft.irfft2(fourier.joined(motion, fx, fy, sides), s=sides)
-    return np.fft.fftshift(spread)
+    if math.prod(sides) > max(_LARGE, math.prod(lengths)):
+        return _spread_on(lengths, knots_px, shares)
+    spread = point_spread(knots_px, shares)
+    tile = np.zeros(lengths)
+    rows, columns = (
+        (np.arange(side) - side // 2) % length for side, length in zip(spread.shape, lengths, strict=True)
+    )
+    np.add.at(tile, np.ix_(rows, columns), spread)  # wraps where the tile is smaller
+    return tile
 
 
 def _plan(
@@ -151,15 +168,8 @@ def _sides(reach_px: tuple[float, float]) -> tuple[int, int]:
 @lru_cache(maxsize=16)
 def _packed_spectrum(path: Polyline, optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Any:
     """A path's transfer function on a tile, packed and divided by its size; not to be written to."""
-    spread = point_spread(path.knots, np.array(path.shares))
-    tile = np.zeros(lengths, kind)
-    rows, columns = (
-        (np.arange(side) - side // 2) % length for side, length in zip(spread.shape, lengths, strict=True)
-    )
-    np.add.at(
-        tile, np.ix_(rows, columns), (spread / tile.size).astype(kind)
-    )  # wraps where the tile is smaller
-    spectrum = cv2.dft(tile)
+    tile = _tile(path.knots, np.array(path.shares), lengths)
+    spectrum = cv2.dft((tile / tile.size).astype(kind))
     if optics != SHARP:
         factors = np.empty(lengths, kind)
         fy, fx = (torch.from_numpy(f.astype(kind)) for f in fourier.frequencies(lengths))
@@ -176,6 +186,11 @@ def _response(
     large = {-2: plan.y.length, -1: plan.x.length}
     sides = dict(zip((-2, -1), _sides((reach[0], reach[1])), strict=True))
     small = (sides[-2] if -2 in plan.dims else 1, sides[-1] if -1 in plan.dims else 1)
+    if len(shares) * math.prod(small) > 2 * _MOST_VALUES:
+        raise ValueError(
+            f"knots_px: {len(shares)} segments over {2 * reach[0]:.4g}x{2 * reach[1]:.4g} px; at most "
+            f"{2 * _MOST_VALUES // math.prod(small)} are allowed over as many"
+        )
     fy, fx = (torch.from_numpy(f).to(knots_px) for f in fourier.frequencies(small))
 
     def motion(fx: Tensor, fy: Tensor) -> Tensor:
@@ -192,10 +207,14 @@ def _response(
         shape = [*spread.shape]
         shape[dim] = length
         spread = spread.new_zeros(shape).index_add(spread.ndim + dim, places, spread)
-    whole: Tensor = torch.fft.rfftn(spread, dim=plan.dims)
+    return _with_lens(torch.fft.rfftn(spread, dim=plan.dims), optics, plan, image)
+
+
+def _with_lens(whole: Tensor, optics: Optics, plan: fourier.TransformPlan, image: Tensor) -> Tensor:
+    """A transfer function over the plan's axes times the lens's, (1, 1, h, w), as ``image`` needs it."""
     if optics != SHARP:
-        lengths = tuple(large[dim] if dim in plan.dims else 1 for dim in (-2, -1))
-        fy, fx = (torch.from_numpy(f).to(knots_px) for f in fourier.frequencies((lengths[0], lengths[1])))
+        lengths = tuple(axis.length if dim in plan.dims else 1 for dim, axis in ((-2, plan.y), (-1, plan.x)))
+        fy, fx = (torch.from_numpy(f).to(whole.device) for f in fourier.frequencies((lengths[0], lengths[1])))
         whole = whole * optics.response(fx, fy[:, None])
     kind = torch.complex64 if image.dtype == torch.float32 else torch.complex128
     return whole.to(device=image.device, dtype=kind)[None, None]

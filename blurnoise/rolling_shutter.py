@@ -6,8 +6,8 @@ tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each 
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
 first, it would have to be blurred by v T / (1 - v_y row_s).) Else each row sees the path in its own window:
-:func:`of_rows`. What leaves a picture is continued as its border says, which of a picture that is blurred already is
-not quite what was blurred: as far from the border as the skew and the blur go.
+:func:`of_rows`. A picture that is blurred already, continued as its border says, is not quite what is seen there:
+where rows are displaced by a pixel and more, it is continued before, :func:`blurred_and_warped`.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from blurnoise._core.checks import finite
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.trajectory import Trajectory
+from blurnoise.transfer import SHARP
 
 Floats = NDArray[np.float64]
 _LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
@@ -36,11 +37,13 @@ _MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distan
 _CLOSING_PX = 32  # of the margin, at its end
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _STRIP = 1 << 16  # values of a strip of rows
+_BEYOND_PX = 8  # of a continued picture's blur, whose ends fall off
 _SPACING_PX = 1.0  # of sub-exposures, which err by transfer.motion_error of it at most
 # of a row's exposure, however little moves: its window ends within a cell
 _LEAST_CELLS, _LEAST_SAMPLES = 8, 16
 _FINEST, _MOMENT = 8.0, 1e-9  # cells of 1/64 px are small enough; of the whole time, an instant
 _SAMPLES_PER_PX, _LONGEST_PX = 4, 4096.0  # of the way up and down; beyond that they thin out
+_PHASES = 256  # places within a pixel at which taps are computed, linear between them: to 1e-5
 _ROOM_PX = 32  # of a row's band-limited ends
 _BLOCK = 32  # rows whose phases are a product
 _TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
@@ -141,13 +144,50 @@ def blurred_rows(
     return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
 
 
-def shifted_rows(light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0) -> Tensor:
+def blurred_and_warped(
+    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
+) -> Tensor:
+    """Pictures (B, C, H, W) blurred and :func:`warped` by uniform motion, (2,) px in an exposure (): continued first.
+
+    What the rows bring in from beyond the border is then what was blurred there.
+    """
+    velocity = displacement_px / exposure_s
+    height, width = light.shape[-2:]
+    skewed, along = ((velocity * row_s).detach().abs() * (height - 1) / 2).tolist(), displacement_px.tolist()
+    across, down = (
+        math.ceil(skew + abs(by) / 2) + _BEYOND_PX for skew, by in zip(skewed, along, strict=True)
+    )
+    own = border == "circular" or (border == "reflect" and skewed[0] <= _STILL_PX)
+    spans = (height, width) if own else (height + 2 * down, width + 2 * across)
+    if spans[0] * spans[1] > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"displacement_px = {along}: rows that are read one after another need a plane of "
+            f"{spans[0]}x{spans[1]} pixels; at most {fourier.LARGEST_PLANE} are allowed"
+        )
+    beyond: Border = border if own else "replicate"
+    plane = light if own else extended(light, (down, across), spans, border)
+    moved = displacement_px[None].expand(len(light), 2)
+    seen = blur.exposure_blur(plane, moved, SHARP, border=beyond)
+    if own:
+        return warped(seen, velocity, row_s, border)
+    seen = warped(seen, torch.stack([velocity[0] * 0, velocity[1]]), row_s, beyond)[
+        ..., down : down + height, :
+    ]
+    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
+    seen = shifted_rows(seen, velocity[0] * tau, beyond, known_px=across)
+    return seen[..., across : across + width].contiguous()
+
+
+def shifted_rows(
+    light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0, *, known_px: int = 0
+) -> Tensor:
     """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
 
     along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
-    gradients.
+    gradients. known_px: of either end that is not asked for.
     """
-    margin = _MARGIN_PX + math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
+    far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
+    margin = max(_CLOSING_PX, _MARGIN_PX - known_px) + far
     length = fourier.fast_length(light.shape[-1] + 2 * margin)
     if light.device.type != "cpu" or (
         torch.is_grad_enabled() and (light.requires_grad or shift_px.requires_grad)
@@ -346,16 +386,21 @@ def _integrated_taps(time: Floats, y_px: Floats, readout: Readout) -> tuple[NDAr
     shares = (np.arange(count) + 0.5) / count
     at = starts[:, None] + (stops - starts)[:, None] * shares
     seen = -np.interp(at, time, y_px)  # what was at row i + seen is at row i
-    whole = np.floor(seen).astype(np.int64) + 1 - _LOBES
-    first = whole.min(1)
-    taps = int((whole.max(1) - first).max()) + 2 * _LOBES
-    own = [lanczos(seen - whole - tap) for tap in range(2 * _LOBES)]
-    total = sum(own) * count
-    place = (whole - first[:, None] + taps * np.arange(readout.rows)[:, None]).ravel()
-    weights = np.zeros(readout.rows * taps)
-    for tap, each in enumerate(own):
-        weights += np.bincount(place + tap, (each / total).ravel(), len(weights))
-    return first, weights.reshape(readout.rows, taps)
+    low = np.floor(seen.min(1)).astype(np.int64)
+    rows, span = readout.rows, int((np.floor(seen.max(1)) - low).max()) + 2
+    fine = (seen - low[:, None]) * _PHASES
+    place = fine.astype(np.int64)
+    part = (fine - place).ravel()
+    place = (place + span * _PHASES * np.arange(rows)[:, None]).ravel()
+    spent = np.bincount(place, 1 - part, rows * span * _PHASES)
+    spent += np.bincount(place + 1, part, rows * span * _PHASES)
+    taps = lanczos(np.arange(_PHASES)[:, None] / _PHASES - np.arange(1 - _LOBES, _LOBES + 1))
+    taps /= taps.sum(1, keepdims=True) * count
+    spread = spent.reshape(rows, span, _PHASES) @ taps
+    weights = np.zeros((rows, span + 2 * _LOBES - 1))
+    for tap in range(2 * _LOBES):
+        weights[:, tap : tap + span] += spread[..., tap]
+    return low + 1 - _LOBES, weights
 
 
 def _rows_blurred(light: Tensor, time: Floats, x_px: Floats, readout: Readout, border: Border) -> Tensor:

@@ -17,6 +17,7 @@ from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.trajectory import Trajectory
 
+_FORMS = "must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
 _KINDS = {"shake": (1,), "sine": (2, 3)}
 
 
@@ -36,9 +37,7 @@ class StatedTrajectory:
             return
         kind, numbers = self._parts
         if len(numbers) not in _KINDS.get(kind, ()):
-            raise ValueError(
-                f"trajectory = {shown(self.text)}: must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
-            )
+            raise ValueError(f"trajectory = {shown(self.text)}: {_FORMS}")
         in_range(f"trajectory = {self.text!r}: px", numbers[0], 0.0, 1e4)
         if len(numbers) > 1:
             limited(f"trajectory = {self.text!r}: frequency", numbers[1], "frequency_hz")
@@ -49,6 +48,8 @@ class StatedTrajectory:
         kind, colon, _ = text.partition(":")
         if colon and kind in _KINDS:
             return cls(text)
+        if not text or Path(text).is_dir():
+            raise ValueError(f"trajectory = {shown(text)}: {_FORMS}")
         return cls(text, Path(text).read_text(encoding="utf-8-sig"))
 
     @property

@@ -28,6 +28,9 @@ SIMPLIFIED_PX = 0.02
 transfer function, and RMS a tenth of that."""
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20
+_SPAN = (
+    4096  # knots simplified together: of many periods, whose ends are equal, each would be cut off by itself
+)
 
 
 @dataclass(frozen=True)
@@ -222,20 +225,27 @@ def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
 
     After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
     """
-    kept, waiting = {0, len(time) - 1}, [(0, len(time) - 1)]
-    while waiting:
-        first, last = waiting.pop()
-        if last - first < 2:
-            continue
-        share = (time[first + 1 : last] - time[first]) / (time[last] - time[first])
-        line = knots[:, first, None] + share * (knots[:, last] - knots[:, first])[:, None]
-        off = np.hypot(*(knots[:, first + 1 : last] - line))
-        worst = int(off.argmax())
-        if off[worst] > tolerance_px:
-            middle = first + 1 + worst
-            kept.add(middle)
-            waiting += [(first, middle), (middle, last)]
-    return sorted(kept)
+    ends = np.unique([*range(0, len(time), _SPAN), len(time) - 1])
+    kept = [ends]
+    firsts, lasts = ends[:-1], ends[1:]
+    while True:  # all spans between two knots that are kept, at once
+        inside = lasts - firsts > 1
+        firsts, lasts = firsts[inside], lasts[inside]
+        if not len(firsts):
+            return [int(knot) for knot in np.unique(np.concatenate(kept))]
+        counts = lasts - firsts - 1
+        begins = np.cumsum(counts) - counts
+        span = np.repeat(np.arange(len(counts)), counts)
+        place = np.arange(len(span)) - begins[span] + firsts[span] + 1
+        share = (time[place] - time[firsts[span]]) / (time[lasts] - time[firsts])[span]
+        line = knots[:, firsts[span]] + share * (knots[:, lasts] - knots[:, firsts])[:, span]
+        off = np.hypot(*(knots[:, place] - line))
+        most = np.maximum.reduceat(off, begins)
+        found = np.flatnonzero((off == most[span]) & (off > tolerance_px))
+        found = found[np.unique(span[found], return_index=True)[1]]  # the first of equals
+        middle, cut = place[found], span[found]
+        kept.append(middle)
+        firsts, lasts = np.concatenate([firsts[cut], middle]), np.concatenate([middle, lasts[cut]])
 
 
 def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:

@@ -103,6 +103,8 @@ LIMITS: Mapping[str, Limit] = {
     "wavelength_nm": Limit(1.0, 1e6),
     "value": Limit(0.0, 1e30),  # of a curve, either sign
 }
+LARGEST_PICTURE = 1 << 28
+"""Pixels of what is made as large as stated."""
 DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6}
 """The least that is drawn log-uniformly: from there to the limit single precision holds the ratio."""
 

@@ -82,9 +82,10 @@ class Pwm:
         whole, rest_s = self._divided(exposure_s)
         beyond_s = in_range("overlap_s", overlap_s, 0.0, 3600.0, above=True) - whole * self.pulse_s
         always_s = max(0.0, rest_s + self.pulse_s - 1 / self.frequency_hz)
-        if beyond_s <= always_s:
+        slack_s = 1e-12 * (exposure_s + 1 / self.frequency_hz)  # the law jumps there, and ends are rounded
+        if beyond_s <= always_s + slack_s:
             return 1.0
-        if beyond_s > min(rest_s, self.pulse_s):
+        if beyond_s > min(rest_s, self.pulse_s) + slack_s:
             return 0.0
         return self.frequency_hz * (rest_s + self.pulse_s - 2 * beyond_s)
 

@@ -17,7 +17,7 @@ from blurnoise import path_blur, transfer
 from blurnoise._core.borders import Border
 from blurnoise.flow_blur import flow_blur
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint, each_of, in_rows, path, row_by_row
+from blurnoise.operating_point import OperatingPoint, each_of, in_rows, path, row_by_row, skewed
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,9 @@ class Motion(LightEffect):
         if not at.trajectories and not at.camera.row_time_s:
             return Blur(displacement_px=moved)
         each = list(each_of(at))
-        elsewhere = torch.tensor([row_by_row(one) or in_rows(one) for one in each], device=moved.device)
+        elsewhere = torch.tensor(
+            [row_by_row(one) or in_rows(one) or skewed(one) for one in each], device=moved.device
+        )
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=tuple(map(path, each)))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:

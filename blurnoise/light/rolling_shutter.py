@@ -20,7 +20,7 @@ from blurnoise.camera import Camera
 from blurnoise.flow_blur import flow_warp
 from blurnoise.layers import Passing
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint, each_of, in_rows, row_by_row
+from blurnoise.operating_point import OperatingPoint, each_of, in_rows, row_by_row, skewed
 from blurnoise.rolling_shutter import Readout
 from blurnoise.trajectory import Trajectory
 
@@ -70,6 +70,9 @@ class RollingShutter(LightEffect):
             elif in_rows(point):
                 own = displaced[item], at.exposure_s[item]
                 parts.append(rolling_shutter.blurred_rows(picture, *own, readout.row_s, border))
+            elif skewed(point):
+                own = displaced[item], at.exposure_s[item]
+                parts.append(rolling_shutter.blurred_and_warped(picture, *own, readout.row_s, border))
             elif point.exposure_s:
                 velocity = displaced[item] / at.exposure_s[item]
                 parts.append(rolling_shutter.warped(picture, velocity, readout.row_s, border))

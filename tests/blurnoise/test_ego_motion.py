@@ -221,3 +221,10 @@ def test_fisheye_sees_nothing_beyond_180_degrees() -> None:
 def test_bad_input_is_named(make: object, named: str) -> None:
     with pytest.raises(ValueError, match=named):
         make()  # type: ignore[operator]
+
+
+def test_views_beyond_what_memory_holds() -> None:
+    view = View(1 << 20, 1 << 20, 60.0)
+    with pytest.raises(ValueError, match="width_px, height_px: 1048576 x 1048576 pixels; at most"):
+        view.pixels()
+    assert view.pixels(5).shape == (2, 5, 5)

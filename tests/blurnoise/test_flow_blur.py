@@ -131,6 +131,9 @@ def test_invariants() -> None:
     flow = 30 * torch.rand(2, 2, 70, 41, generator=torch.Generator().manual_seed(3))
     flat = torch.full((2, 1, 70, 41), 0.3)
     assert (flow_blur(flat, flow) - flat).abs().max() < 1e-6
+    assert torch.equal(
+        flow_blur(flat * 0, flow), flat * 0
+    )  # others differ by the rounding of sums over moments
     pictures = torch.cat([scene(70, 41, 1), scene(70, 41, 2)])
     assert flow_blur(pictures, torch.zeros(2, 70, 41)) is pictures
     both = flow_blur(pictures, flow)
@@ -188,3 +191,16 @@ def test_bad_input_is_named(flow: Tensor, named: str) -> None:
         flow_blur(torch.zeros(3, 1, 5, 7), flow)
     with pytest.raises(ValueError, match="border"):
         flow_blur(torch.zeros(3, 1, 5, 7), torch.zeros(2, 5, 7), border="mirror")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+@pytest.mark.parametrize("along", [(1.0, 0.0), (0.0, 1.0)])
+def test_black_beyond_the_border_begins_alike_on_all_sides(
+    along: tuple[float, float], kind: torch.dtype
+) -> None:
+    """Between the first pixel and the black before it there are values, too; else that side is darker by 0.14."""
+    flow = torch.tensor(along, dtype=kind)[:, None, None].expand(2, 9, 12)
+    seen = flow_blur(torch.ones(1, 1, 9, 12, dtype=kind), flow, border="constant")
+    assert float((seen - seen.flip(-1, -2)).abs().max()) < 1e-6
+    exact = motion_blur(torch.ones(1, 1, 9, 12, dtype=kind), along, method="transfer", border="constant")
+    assert float((seen - exact).abs().max()) < 0.08

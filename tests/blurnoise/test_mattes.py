@@ -234,3 +234,15 @@ def test_a_picture_with_alpha_is_a_layer() -> None:
     assert layer.alpha.sum() == 16
     with pytest.raises(ValueError, match="rgba"):
         mattes.layer_of_rgba(rgba[..., :3])
+
+
+@pytest.mark.parametrize("size", [(0, 5), (5, -1), (5.5, 4), (1 << 20, 1 << 20), (5,), "no"])
+def test_sizes_that_are_none(size: object) -> None:
+    for make in (
+        lambda: mattes.of_box(0, 0, 3, 3, size),  # type: ignore[arg-type]
+        lambda: mattes.of_polygons([[0, 0, 3, 0, 3, 3]], size),  # type: ignore[arg-type]
+        lambda: mattes.of_rle([4], size),  # type: ignore[arg-type]
+    ):
+        with pytest.raises((TypeError, ValueError), match="size = ") as error:
+            make()
+        assert "\n" not in str(error.value)

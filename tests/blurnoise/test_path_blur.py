@@ -116,6 +116,22 @@ def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
         path_blur(light, far, border="replicate")
 
 
+def test_paths_much_longer_than_the_picture() -> None:
+    """They are summed on its own period, not on a grid as large as they are; knots with gradients are limited."""
+    light = torch.rand(1, 3, 48, 64, generator=torch.Generator().manual_seed(1))
+    path = shake(0, 5000.0, 0.01).seen(0.01)
+    seen = path_blur(light, path)
+    whole = torch.from_numpy(np.pad(light.numpy(), ((0, 0), (0, 0), (0, 46), (0, 62)), mode="reflect"))
+    fy, fx = fourier.frequencies((94, 126))
+    response = fourier.joined(
+        lambda fx, fy: polyline_grid(fx, fy, path.knots, np.array(path.shares)), fx, fy, (94, 126)
+    )
+    expected = np.fft.irfft2(np.fft.rfft2(whole.numpy()) * response, s=(94, 126))[..., :48, :64]
+    np.testing.assert_allclose(seen.numpy(), expected, atol=1e-5)
+    with pytest.raises(ValueError, match=r"knots_px: 40 segments over 9000x9000 px; at most"):
+        polyline_blur(light, torch.linspace(-4500, 4500, 82).reshape(41, 2))
+
+
 def test_gradients_of_picture_knots_and_durations() -> None:
     light = picture(13, 17).requires_grad_()
     knots = torch.tensor([[-1.5, 0.4], [0.3, -1.0], [1.8, 0.9]], dtype=torch.float64, requires_grad=True)

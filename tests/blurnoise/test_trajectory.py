@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Trajectory, transfer
+from blurnoise import Trajectory, fourier, transfer
+from blurnoise.camera_shake import shake
 from blurnoise.trajectory import simplified
 from blurnoise.transfer_of_paths import accelerated, polyline, polyline_grid, vibration
 
@@ -160,6 +161,61 @@ def test_simplified_is_within_its_tolerance_at_every_time() -> None:
     assert len(kept) < len(time) / 4
     slowed = np.array([[0.0, 1.0, 10.0], [0.0, 0.0, 0.0]])  # one line of which the pace changes
     assert simplified(np.array([0.0, 1.0, 2.0]), slowed, 0.05) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_few_segments_serve(seed: int) -> None:
+    """Shakes of 20 px, 255 segments: to 0.05 px a quarter of them at most, half the RMS of the change below 3e-3."""
+    path = shake(seed, 20.0, 0.01)
+    some = np.linspace(0, 2000, 256).astype(int)
+    time, knots = np.array(path.time_s)[some], np.array([path.x_px, path.y_px])[:, some]
+    kept, fy, fx = simplified(time, knots, 0.05), *fourier.frequencies((64, 64))
+    whole, few = (
+        polyline_grid(fx, fy, knots[:, at], np.diff(time[at]) / np.ptp(time)) for at in (np.arange(256), kept)
+    )
+    assert len(kept) - 1 <= 63
+    assert 1e-3 < np.sqrt((np.abs(few - whole) ** 2).mean()) / 2 < 3e-3
+
+
+def test_many_periods_are_simplified_a_part_at_a_time() -> None:
+    """Every period ends where it began: cut off one by one, their work would go with the square of their number."""
+    path = Trajectory.sinusoid(100.0, 2e4, 0.01)
+    time, knots = np.array(path.time_s), np.array([path.x_px, path.y_px])
+    kept = simplified(time, knots, 0.02)
+    again = np.stack([np.interp(time, time[kept], along[kept]) for along in knots])
+    assert np.hypot(*(again - knots)).max() <= 0.02
+    assert len(kept) < len(time) / 3
+    walk = np.cumsum(np.random.default_rng(1).normal(size=(2, 9000)), 1)
+    even = np.arange(9000.0)
+    again = np.stack(
+        [np.interp(even, even[at], along[at]) for at in [simplified(even, walk, 2.0)] for along in walk]
+    )
+    assert 1.0 < np.hypot(*(again - walk)).max() <= 2.0
+
+
+@pytest.mark.parametrize("sides", [(64, 96), (90, 128)])
+def test_long_paths_are_sums_over_points(sides: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the exact sum over segments, at the grid's frequencies and their aliases, and at whole periods as J0."""
+    from blurnoise import transfer_of_paths as module
+
+    drawn = np.random.default_rng(0)
+    knots, shares = drawn.uniform(-20, 20, (2, 200)), drawn.uniform(size=199)
+    shares /= shares.sum()
+    fy, fx = fourier.frequencies(sides)
+    exact = fourier.joined(module.polyline_on(sides, knots, shares), fx, fy, sides)
+    vibrating = Trajectory.sinusoid(15.0, 1e4, 0.01).seen(0.01)
+    monkeypatch.setattr(module, "_DIRECTLY", 0)
+    points = fourier.joined(module.polyline_on(sides, knots, shares), fx, fy, sides)
+    assert 0 < np.abs(points - exact).max() < 2e-4
+    seen = module.polyline_on(sides, vibrating.knots, np.array(vibrating.shares))(fx, fy)
+    low = np.abs(fx) <= 0.1
+    expected = vibration(15.0 * fx[low], 1e4, 0.01)
+    assert np.abs(seen[:, low] - expected).max() < 2 * np.pi * 0.1 * 0.021
+    monkeypatch.setattr(module, "_MOST_POINTS", 100)
+    with pytest.raises(
+        ValueError, match=r"trajectory: what an exposure sees of it is .* px long in 199 segments"
+    ):
+        module.polyline_on(sides, knots, shares)
 
 
 def test_independent_places_become_gaussian() -> None:

@@ -47,7 +47,7 @@ def motion(
         Path | None,
         Option(
             "--map",
-            metavar="OUT.png",
+            metavar="OUT.png|OUT.svg|OUT.pdf",
             help="draw the longest exposure that keeps blur within --max-blur-px, at every pixel",
             rich_help_panel=_MAP,
         ),
@@ -156,7 +156,9 @@ def _draw_map(
     from blurnoise._core.limits import limited
     from blurnoise.ego_motion import Mount, View
     from blurnoise_eval.drawing import motion_map
+    from blurnoise_eval.drawing.photon_transfer import plot_suffix
 
+    plot_suffix(path)  # before anything is computed
     limited("max_blur_px", max_blur_px, "blur_px")
     if exposure_s is not None:
         limited("exposure_s", exposure_s)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from blurnoise.light.flicker import Pwm, lit
@@ -31,6 +31,8 @@ def test_at_1_ms_a_tenth_of_the_frames_has_half_the_most_light() -> None:
     assert LED.overlap_probability(1e-3, 0.5e-3) == pytest.approx(0.1)
 
 
+@example(exposure_ms=7.0, duty=0.13, share=1.0)  # the law ends with a jump
+@example(exposure_ms=13.0, duty=0.71, share=1.0)
 @given(
     exposure_ms=st.floats(0.05, 60.0),
     duty=st.floats(0.02, 0.98),
@@ -45,8 +47,9 @@ def test_the_law_is_that_of_evenly_spread_phases(exposure_ms: float, duty: float
     assert float(on_s.min()) / exposure_s / duty == pytest.approx(least, abs=2 * steps + 1e-9)
     assert float(on_s.max()) / exposure_s / duty == pytest.approx(most, abs=2 * steps + 1e-9)
     overlap_s = share * most * duty * exposure_s
+    short_s = 1e-12 * (exposure_s + 1 / 90.0)  # of rounding, where the law jumps
     if abs(overlap_s - least * duty * exposure_s) > 1e-6:  # where the law jumps
-        found = float((on_s >= overlap_s).double().mean())
+        found = float((on_s >= overlap_s - short_s).double().mean())
         assert lamp.overlap_probability(exposure_s, overlap_s) == pytest.approx(found, abs=2e-4)
 
 

@@ -56,6 +56,8 @@ def test_the_plan_says_when_one_motion_does() -> None:
     )
     assert (none.kept, little.kept, much.kept) == (False, False, True)
     assert none.contribution_dn == 0
+    white_dn = 6905.94 * CAMERA.system_gain_dn_per_e  # at 100 lux in 10 ms
+    assert much.contribution_dn == pytest.approx(0.1978 * white_dn, rel=1e-3)
     assert much.contribution_dn == pytest.approx(1e6 * little.contribution_dn, rel=1e-3)
     assert "each pixel's path" in much.how
     assert stage("motion", displacement_px=(5.0, 0.0), variation_px=1.0).kept

@@ -86,6 +86,7 @@ def test_a_cameras_size_and_view(capsys: pytest.CaptureFixture[str]) -> None:
         (["--map", "a.png", *ROAD, "--exposure-ms", "-1"], "exposure_s = -0.001"),
         (["--map", "a.png", *ROAD, "--width-px", "1"], "a map needs 2 px each way"),
         (["--map", "a.png", *ROAD, "--camera", "leica"], "camera = 'leica'"),
+        (["--map", "a.txt", *ROAD], "suffix of a.txt"),
         (["--map", "none/a.png", *ROAD], "none/a.png"),
     ],
 )  # fmt: skip

@@ -78,6 +78,8 @@ def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
         ("--trajectory sine:3", "trajectory = 'sine:3': must be FILE.csv, shake:PX or sine:PX,HZ[,DEG]"),
         ("--trajectory shake:x", "trajectory = 'shake:x'"),
         ("--trajectory none.csv", "none.csv"),
+        ("--trajectory=", "trajectory = '': must be FILE.csv"),
+        ("--trajectory .", "trajectory = '.': must be FILE.csv"),
         ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
         ("--line-time-us -3", "row_time_s = -3e-06"),
     ],
