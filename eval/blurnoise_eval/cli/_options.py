@@ -186,10 +186,11 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
         @wraps(command)
         def run(**options: Any) -> None:
             given = {axis: options.pop(axis.name) for axis in AXES}
+            replaced = {name for axis, values in given.items() if values is not None for name in axis.without}
             grid = {
                 axis.name: tuple(map(axis.of_option, values))
                 for axis, values in given.items()
-                if values is not None
+                if values is not None and not (axis.name in replaced and defaulted(axis.name))
             }
             command(grid=grid, **options)
 
@@ -202,6 +203,14 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
         return run
 
     return decorate
+
+
+def defaulted(name: str) -> bool:
+    """Whether an option of the command that runs was left out."""
+    from click import get_current_context
+    from click.core import ParameterSource
+
+    return get_current_context().get_parameter_source(name) is ParameterSource.DEFAULT
 
 
 def default_text(axis: Axis) -> str | None:
