@@ -28,7 +28,8 @@ from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
-from blurnoise.exposed_with import Exposure
+from blurnoise.exposed_with import MOVES as MOVES
+from blurnoise.exposed_with import Exposure as Exposure
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.layers import Layer, Layers, of_each
 from blurnoise.light import effects
