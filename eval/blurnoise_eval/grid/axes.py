@@ -175,7 +175,7 @@ AXES: tuple[Axis, ...] = (
     Axis(
         "ego_speed_m_s", "ego_speed_m_s", "--ego-kmh",
         "the camera drives over a flat road, in place of --dx and --dy: each place moves in its own way",
-        "Ego speed", "km/h", 1 / 3.6, 0.0, 100.0, own=lambda camera: 0.0, fails=True, without=("velocity_x_px_s",),
+        "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, own=lambda camera: 0.0, fails=True, without=("velocity_x_px_s",),
         text=lambda value: f"{3.6 * value:g} km/h", slug=lambda value: f"{3.6 * value:g}km_h",
     ),
 )  # fmt: skip

@@ -71,7 +71,10 @@ def read(
     conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting)
     camera = conditions.exposure(Camera.from_dict(store.about("manifest")["camera"])).camera
     lines, exposures = _asked(store, seen)
-    if because := store.about(BECAUSE) or what_breaks(camera, exposures, lines, setting["temperature_c"]):
+    drives = setting[EGO.name] > 0
+    if because := store.about(BECAUSE) or what_breaks(
+        camera, exposures, lines, setting["temperature_c"], drives=drives
+    ):
         raise ValueError(
             f"run = {str(store.folder)!r}: light x exposure and motion do not say all there, so no program follows: "
             + "; ".join(because)
