@@ -115,9 +115,10 @@ def decide(
 
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
-    light and speed. Where the plane does not hold (dark current, several directions, a trajectory, a camera that drives) it is that grid,
-    and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them. Stopped, it goes on
-    when the same command is given again; a wider question in the same folder begins with what is there.
+    light and speed. Where the plane does not hold (dark current, several directions, a trajectory, a camera that
+    drives) it is that grid, and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them.
+    Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
+    there.
     """
     seen_by = given.camera(camera)
     from blurnoise_eval.deciding.deciding import Precision, decided

@@ -26,10 +26,10 @@ def what_breaks(
     trajectory: StatedTrajectory | None = None,
     drives: bool = False,
 ) -> list[str]:
-    """Why the plane does not hold between two exposures, a reason each; empty where it holds. drives: the camera does.
+    """Why the plane does not hold between two exposures, a reason each; empty where it holds.
 
-    Asked at gain 0 dB: gain raises the dark charge and the noise that hides it alike. Raises ``ValueError`` for a
-    camera of several captures.
+    drives: whether the camera does. Asked at gain 0 dB: gain raises the dark charge and the noise that hides it
+    alike. Raises ``ValueError`` for a camera of several captures.
     """
     longest_s = max(exposures_s)
     reasons = [

@@ -79,8 +79,8 @@ def nodes_of(store: Store) -> RunNodes:
         )
     if plan.get("ego") is not None:
         raise StoreError(
-            f"run = {str(store.folder)!r}: its camera drives, so that each place moves in its own way; maps are of runs "
-            f"over {' and '.join(VELOCITY)}"
+            f"run = {str(store.folder)!r}: its camera drives, so that each place moves in its own way; maps are of "
+            f"runs over {' and '.join(VELOCITY)}"
         )
     plane = plane_of(queries.exposed_conditions(store), camera, list(stated))
     if not plane.nodes:

@@ -16,7 +16,7 @@ from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
-from blurnoise_eval.grid.axes import AUTOMATIC, axis, speed_px_s, velocity_of
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, axis, speed_px_s, velocity_of
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.metering import Metering, mean_light
 from blurnoise_eval.scoring.criterion import Criterion
