@@ -261,6 +261,7 @@ def simulate(
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
         objects=tuple(passing(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers),
+        size=(scene.shape[-2], scene.shape[-1]),
     )
     speed_px_s = (dx**2 + dy**2) ** 0.5 if flow is None else float(flow.square().sum(0).sqrt().median())
     facts: dict[str, Any] = {
