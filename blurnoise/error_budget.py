@@ -90,6 +90,7 @@ def plan(
     illuminant: str | Curve = "D55",
     tolerance_dn: float = TOLERANCE_DN,
     objects: tuple[Passing, ...] = (),
+    size: tuple[int, int] | None = None,
 ) -> Plan:
     """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
 
@@ -98,7 +99,7 @@ def plan(
     the module. displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels
     is another, 0.198 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
     displacement and share of the picture (:func:`blurnoise.layers.passing`); the other arguments as in
-    :func:`blurnoise.simulate`, for one picture.
+    :func:`blurnoise.simulate`, for one picture. size: (H, W) of that, by default the sensor's, in what is told.
     Raises ``ValueError`` that names the argument.
     """
     limited("tolerance_dn", tolerance_dn)
@@ -111,7 +112,7 @@ def plan(
     white_e *= mosaic.peak(camera, illuminant)
     varies = limited("variation_px", variation_px)
     at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
-    at = replace(at, variation_px=varies)
+    at = replace(at, variation_px=varies, size=size)
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
         at = replace(at, trajectories=(trajectory,))

@@ -11,7 +11,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 from typing import Any, NamedTuple, TypeVar
 
@@ -23,19 +23,20 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, one_of, shown
+from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of
 from blurnoise._core.limits import limited
-from blurnoise.camera import Amplified, Camera
+from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding, linear_from_srgb
 from blurnoise.error_budget import TOLERANCE_DN, Plan, plan_at
+from blurnoise.exposed_with import MOVES as MOVES
+from blurnoise.exposed_with import Exposure as Exposure
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.layers import Layer, Layers, of_each
 from blurnoise.light import effects
 from blurnoise.light.motion import MOTION_VARIATION
-from blurnoise.operating_point import OperatingPoint, each_of, items, of_one_exposure, operating_points
+from blurnoise.operating_point import OperatingPoint, each_of, items, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.mosaics import magnification
-from blurnoise.radiometry import photoelectrons
 from blurnoise.sensor import mosaic
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
@@ -44,88 +45,7 @@ from blurnoise.spectra import Curve, check_illuminant
 from blurnoise.trajectory import Trajectory
 
 Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
-MOVES = ("all", "targets", "background")
-"""What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
 _FIELDS = 2  # noise fields that a scene keeps
-
-
-@dataclass(frozen=True)
-class Exposure:
-    """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
-
-    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
-    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
-    has the velocity, see :mod:`blurnoise.cut_scene`. Raises ``TypeError`` or ``ValueError`` naming the field and what
-    is allowed.
-    """
-
-    camera: Camera
-    exposure_s: float
-    illuminance_lux: float
-    velocity_px_s: tuple[float, float] = (0.0, 0.0)
-    temperature_c: float = 25.0
-    gain_db: float = 0.0
-    seed: int = 0
-    trajectory: Trajectory | None = None
-    moves: str = "all"
-
-    def __post_init__(self) -> None:
-        of_one_exposure(self.camera)
-        for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
-            limited(name, getattr(self, name))
-        _ = self.amplified  # whose gain has limits of its own
-        if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
-            raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
-        for speed in self.velocity_px_s:
-            limited(
-                "displacement_px: velocity times exposure",
-                limited("velocity_px_s", speed) * self.exposure_s,
-                "displacement_px",
-            )
-        integer("seed", self.seed, 0, rng.LAST_SEED)
-        if self.trajectory is not None:
-            an_instance("trajectory", self.trajectory, Trajectory)
-        one_of("moves", self.moves, MOVES)
-        other = self.trajectory is not None or self.camera.shutter == "global-reset"
-        if self.moves != "all" and self.camera.row_time_s and other:
-            raise ValueError(
-                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
-                "rolling shutter and without a trajectory; must be 'all'"
-            )
-
-    @property
-    def amplified(self) -> Amplified:
-        """The camera as it stands at the gain, and the digital gain that is left."""
-        return self.camera.at_gain(self.gain_db)
-
-    def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
-        """Where boxes (N, 4) of the scene, px, are at mid-exposure in a picture (H, W), by default the sensor's."""
-        return effects.moved_boxes(boxes_xyxy, self._point(size))
-
-    def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
-        """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
-        return effects.swept_boxes(boxes_xyxy, self._point(size))
-
-    def of_targets(self, speed: float = 1.0) -> Exposure:
-        """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
-        share = {"all": 1.0, "targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = self.velocity_px_s
-        return replace(self, velocity_px_s=(share * x, share * y), moves="all")
-
-    def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
-        if self.moves != "all":
-            return self.of_targets()._point(size)
-        x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
-        white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
-        return OperatingPoint(
-            self.camera,
-            self.exposure_s,
-            self.temperature_c,
-            white_e,
-            (x, y),
-            size=size,
-            trajectories=(self.trajectory,) if self.trajectory else (),
-        )
 
 
 class Frame(NamedTuple):
@@ -295,14 +215,17 @@ class ExposedScene:
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
     def _planned(self, exposures: Sequence[Exposure]) -> Iterator[_Planned]:
-        for camera, of_camera in groupby(exposures, key=lambda each: each.amplified.camera):
+        for (camera, drives), of_camera in groupby(
+            exposures, key=lambda each: (each.amplified.camera, each if each.drives else None)
+        ):  # one flow at a time
             some = list(of_camera)
+            motion = [self._velocity(each) for each in some]
             points = operating_points(
                 self.light.expand(len(some), -1, -1, -1),
                 camera,
                 exposure_s=[each.exposure_s for each in some],
                 illuminance_lux=[each.illuminance_lux for each in some],
-                velocity_px_s=[self._velocity(each) for each in some],
+                velocity_px_s=motion if drives is None else self._flow(drives, camera),
                 temperature_c=[each.temperature_c for each in some],
                 illuminant=self._illuminant,
                 trajectory=[each.trajectory for each in some],
@@ -322,7 +245,10 @@ class ExposedScene:
                     camera,
                     digital_db,
                     exposure.seed,
-                    effects.key(_reduced(at, needs), without),
+                    (
+                        effects.key(_reduced(at, needs), without),
+                        drives and (drives.vehicle, drives.ego_speed_m_s),
+                    ),
                 )
                 yield _Planned(alike, items(points, slice(place, place + 1)), needs)
 
@@ -332,6 +258,9 @@ class ExposedScene:
                 f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"
             )
         return exposure.velocity_px_s
+
+    def _flow(self, exposure: Exposure, camera: Camera) -> Tensor:
+        return exposure.vehicle.flow_px_s(camera, self._size, exposure.ego_speed_m_s)
 
     def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
         return self._layers[0]

@@ -81,12 +81,15 @@ class RollingShutter(LightEffect):
         return torch.cat(parts)
 
     def how(self, at: OperatingPoint[float]) -> str:
-        """Which of the ways, and how long the rows take."""
+        """Which of the ways, and how long the rows take of a picture of the point's size."""
         if at.objects:
             return "with the objects, each thing by its own motion"
-        took = f"{1e3 * at.camera.row_time_s * at.camera.height_px:.3g} ms from first row to last"
+        rows, row_s = at.camera.height_px, at.camera.row_time_s
+        if at.size is not None:
+            rows, row_s = at.size[0], row_s / at.camera.field.per_sensor_px(at.size)
+        took = f"{1e3 * row_s * rows:.3g} ms from first row to last"
         if not row_by_row(at):
-            x, y = (along * at.camera.row_time_s for along in _velocity(at))
+            x, y = (along * row_s for along in _velocity(at))
             return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
         return f"{took}: every row in its own window"
 

@@ -93,7 +93,7 @@ def _settings(
 ) -> list[dict[str, float]]:
     return [
         {"illuminance_lux": lux, "temperature_c": celsius, "f_number": f_number}
-        | {"defocus_radius_px": 0.0, "gain_db": 0.0, "moves": move}
+        | {"defocus_radius_px": 0.0, "gain_db": 0.0, "moves": move, "ego_speed_m_s": 0.0}
         for lux, celsius, f_number, move in product(lights_lux, temperatures_c, f_numbers, moves)
     ]
 

@@ -9,7 +9,7 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from typer import Option
+from typer import Context, Option
 
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, Axis
 
@@ -184,12 +184,13 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
-        def run(**options: Any) -> None:
+        def run(*, context: Context, **options: Any) -> None:
             given = {axis: options.pop(axis.name) for axis in AXES}
+            replaced = {name for axis, values in given.items() if values is not None for name in axis.without}
             grid = {
                 axis.name: tuple(map(axis.of_option, values))
                 for axis, values in given.items()
-                if values is not None
+                if values is not None and not (axis.name in replaced and left_out(context, axis.name))
             }
             command(grid=grid, **options)
 
@@ -197,11 +198,18 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
         shared = [part for name, part in stated.parameters.items() if name != "grid"]
         added = [_axis_option(axis, usual.get(axis.name, default_text(axis))) for axis in AXES]
         place = list(stated.parameters).index("grid")
-        parameters = [*shared[:place], *added, *shared[place:]]
+        own = Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context)
+        parameters = [own, *shared[:place], *added, *shared[place:]]
         run.__signature__ = stated.replace(parameters=parameters)  # type: ignore[attr-defined]
         return run
 
     return decorate
+
+
+def left_out(context: Context, name: str) -> bool:
+    """Whether an option of the command that runs was not given."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "DEFAULT"
 
 
 def default_text(axis: Axis) -> str | None:

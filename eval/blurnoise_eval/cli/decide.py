@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from typer import Option
+from typer import Context, Option
 
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
     CameraName,
     GreyAnchor,
@@ -17,6 +17,7 @@ from blurnoise_eval.cli._options import (
     Range,
     StatedPath,
     bounds,
+    left_out,
     options_of,
     or_auto,
     spread,
@@ -24,6 +25,7 @@ from blurnoise_eval.cli._options import (
 from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 from blurnoise_eval.cli.sweep import sweep
+from blurnoise_eval.grid.axes import EGO
 
 _asked = partial(Option, rich_help_panel="What is asked; LIST is 1,5,10 or start:stop:step, RANGE low:high")
 _stops = partial(Option, rich_help_panel="When it is enough")
@@ -31,11 +33,13 @@ _SUBJECT = (
     "model", "contract", "ocr", "dictionary", "text_detector", "images", "coco", "yolo", "split", "bdd", "text",
     "target", "keep_empty", "limit", "max_megapixels",
 )  # fmt: skip
+_VEHICLE = ("height_m", "pitch_deg", "heading_deg", "plane_m", "hfov_deg", "lens", "yaw_deg_s")
 
 
-@options_of(sweep, *_SUBJECT)
+@options_of(sweep, *_SUBJECT, *_VEHICLE)
 def decide(
     *,
+    context: Context,
     shared: dict[str, Any],
     exposure_ms: Annotated[
         Range, _asked("--exposure-ms", parser=bounds, metavar="RANGE", help="exposure times, ms")
@@ -66,6 +70,10 @@ def decide(
     moves: Annotated[
         Literal["all", "targets", "background"], _asked(help="what moves, as of 'blurnoise sweep'")
     ] = "all",
+    ego_kmh: Annotated[
+        float | None,
+        _asked(metavar="KMH", help="the camera drives, in place of --dx, as of 'blurnoise sweep'"),
+    ] = None,
     threshold: Threshold = None,
     keep: Keep = None,
     score: Score = None,
@@ -107,9 +115,10 @@ def decide(
 
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
-    light and speed. Where the plane does not hold (dark current, several directions, a trajectory) it is that grid,
-    and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them. Stopped, it goes on
-    when the same command is given again; a wider question in the same folder begins with what is there.
+    light and speed. Where the plane does not hold (dark current, several directions, a trajectory, a camera that
+    drives) it is that grid, and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them.
+    Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
+    there.
     """
     seen_by = given.camera(camera)
     from blurnoise_eval.deciding.deciding import Precision, decided
@@ -121,7 +130,13 @@ def decide(
         "defocus_radius_px": defocus_px,
         "gain_db": gain,
         "moves": None if moves == "all" else moves,
+        EGO.name: None if ego_kmh is None else EGO.of_option(ego_kmh),
     }
+    if ego_kmh is not None and left_out(context, "dx"):
+        dx = (0.0,)
+    ego = vehicle.stated(**{name: shared.pop(name) for name in _VEHICLE})
+    if ego is not None and ego_kmh is None:
+        raise ValueError("height-m, hfov-deg and the like: go with --ego-kmh")
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
@@ -144,6 +159,7 @@ def decide(
         seed=seed,
         grey_anchor=grey_anchor,
         trajectory=trajectory,
+        ego=ego,
         engine=engine,
         threads=workers,
         progress=True,

@@ -67,10 +67,7 @@ def simulate(
     height_m: Annotated[float | None, vehicle.height_m(_EGO)] = None,
     pitch_deg: Annotated[float | None, vehicle.pitch_deg(_EGO)] = None,
     heading_deg: Annotated[float | None, vehicle.heading_deg(_EGO)] = None,
-    plane_m: Annotated[
-        float | None,
-        Option(metavar="M", help="a wall at this distance", rich_help_panel=_EGO),
-    ] = None,
+    plane_m: Annotated[float | None, vehicle.plane_m(_EGO)] = None,
     hfov_deg: Annotated[float | None, vehicle.hfov_deg(_EGO)] = None,
     lens: Annotated[vehicle.LensKind | None, vehicle.lens(_EGO)] = None,
     temperature_c: Annotated[float, Option(metavar="C", help="of the sensor, degC")] = 25.0,
@@ -264,6 +261,7 @@ def simulate(
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
         objects=tuple(passing(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers),
+        size=(scene.shape[-2], scene.shape[-1]),
     )
     speed_px_s = (dx**2 + dy**2) ** 0.5 if flow is None else float(flow.square().sum(0).sqrt().median())
     facts: dict[str, Any] = {
@@ -327,7 +325,10 @@ def _flow(
         raise ValueError(
             "ego: goes with neither --dx, --dy nor --trajectory, which move all of a picture alike"
         )
-    return vehicle.flow_px_s(vehicle.Drive.parse(ego), taker, scene, **stated)
+    drive = vehicle.Drive.parse(ego)
+    size = (scene.shape[-2], scene.shape[-1])
+    camera_on = vehicle.stated(**stated, yaw_deg_s=drive.yaw_deg_s, pitch_deg_s=drive.pitch_deg_s)
+    return None if camera_on is None else camera_on.flow_px_s(taker, size, drive.speed_m_s)
 
 
 def _of_captures(

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Option
 
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
     FAMILIES,
     Boxes,
@@ -30,6 +30,7 @@ from blurnoise_eval.cli._options import (
 from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 
+_EGO = "With --ego-kmh: the camera on the vehicle"
 _what = partial(Option, rich_help_panel="What to run")
 
 
@@ -111,6 +112,15 @@ def sweep(
     plates: Plates = None,
     object_speed: ObjectSpeed = None,
     boxes: Boxes = "object",
+    height_m: Annotated[float | None, vehicle.height_m(_EGO)] = None,
+    pitch_deg: Annotated[float | None, vehicle.pitch_deg(_EGO)] = None,
+    heading_deg: Annotated[float | None, vehicle.heading_deg(_EGO)] = None,
+    plane_m: Annotated[float | None, vehicle.plane_m(_EGO)] = None,
+    hfov_deg: Annotated[float | None, vehicle.hfov_deg(_EGO)] = None,
+    lens: Annotated[vehicle.LensKind | None, vehicle.lens(_EGO)] = None,
+    yaw_deg_s: Annotated[
+        float | None, Option(metavar="DEG_S", help="it turns to the right, default: 0", rich_help_panel=_EGO)
+    ] = None,
     frame_rate: FrameRate = 30.0,
     mains: Mains = "0",
     repeats: Annotated[int, Option(metavar="N", help="noise fields per picture")] = 1,
@@ -144,6 +154,7 @@ def sweep(
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run  side by side; targets: found when clean
       blurnoise sweep --ocr -o run                                       the rendered STOP, read
       blurnoise sweep --moves all,targets,background -o run              signs that move, a camera that tracks them
+      blurnoise sweep --ego-kmh 0,50,100 --hfov-deg 60 -o run            a camera that drives over a road
 
     Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
     goes on where it was when the same command is given again.
@@ -175,6 +186,15 @@ def sweep(
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     objects = given.objects(mattes, plates, object_speed or (), boxes)
     stated: Any = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor, "trajectory": trajectory}
+    stated["ego"] = vehicle.stated(
+        height_m=height_m,
+        pitch_deg=pitch_deg,
+        heading_deg=heading_deg,
+        plane_m=plane_m,
+        hfov_deg=hfov_deg,
+        lens=lens,
+        yaw_deg_s=yaw_deg_s,
+    )
     plan = SweepPlan(grid, **stated, auto_exposure=auto, objects=objects)
     for each in models if model or ocr else ():
         print_assumed(each.contract, each.path)

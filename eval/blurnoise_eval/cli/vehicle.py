@@ -1,4 +1,4 @@
-"""The camera on a vehicle, as ``motion --map`` and ``simulate --ego`` are told of it: its options, and the flow."""
+"""The camera on a vehicle, as ``motion --map``, ``simulate --ego`` and ``sweep --ego-kmh`` are told of it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from typer import Option
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
-    from blurnoise.camera import Camera
+    from blurnoise.driving import Vehicle
 
 LensKind = Literal["f-theta", "rectilinear"]
 
@@ -28,6 +26,11 @@ def pitch_deg(panel: str) -> Any:
 def heading_deg(panel: str) -> Any:
     """--heading-deg."""
     return Option(metavar="DEG", help="... and to the right of the way by, default: 0", rich_help_panel=panel)
+
+
+def plane_m(panel: str) -> Any:
+    """--plane-m."""
+    return Option(metavar="M", help="a wall at this distance", rich_help_panel=panel)
 
 
 def hfov_deg(panel: str | None = None) -> Any:
@@ -63,43 +66,12 @@ class Drive(NamedTuple):
         return cls(speed_kmh / 3.6, *turns)
 
 
-def flow_px_s(
-    drive: Drive,
-    camera: Camera,
-    light: Tensor,
-    *,
-    hfov_deg: float | None = None,
-    lens: LensKind = "f-theta",
-    height_m: float = 1.5,
-    pitch_deg: float = 0.0,
-    heading_deg: float = 0.0,
-    plane_m: float | None = None,
-) -> Tensor:
-    """The velocity (2, H, W), px/s, of what a light (B, C, H, W) shows: road and sky, or a plane before them.
+def stated(**fields: Any) -> Vehicle | None:
+    """A :class:`blurnoise.driving.Vehicle` of the fields that are not None; None where all are.
 
-    hfov_deg: of the picture; None: the camera's, of whose sensor the picture is the largest part of its shape. Raises
-    ``ValueError`` naming the argument.
+    Raises ``ValueError`` naming the field.
     """
-    from dataclasses import replace
+    from blurnoise.driving import Vehicle
 
-    import numpy as np
-    import torch
-
-    from blurnoise._core.limits import limited
-    from blurnoise.ego_motion import Mount, View, range_of_depth_m
-
-    height, width = light.shape[-2:]
-    if hfov_deg is None:
-        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
-        half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px((height, width)))
-        hfov_deg = math.degrees(2 * (half if lens == "f-theta" else math.atan(half)))
-    view, mount = View(width, height, hfov_deg, lens), Mount(height_m, pitch_deg, heading_deg)
-    moving = mount.driving(drive.speed_m_s, drive.yaw_deg_s)
-    x, y, z = moving.rotation_deg_s
-    moving = replace(moving, rotation_deg_s=(x + drive.pitch_deg_s, y, z))
-    pixels = view.pixels()
-    rays = view.rays(pixels)
-    ranges = mount.road_m(rays)
-    if plane_m is not None:
-        ranges = np.minimum(ranges, range_of_depth_m(rays, limited("plane_m", plane_m, "depth_m")))
-    return torch.from_numpy(np.nan_to_num(view.flow_px_s(pixels, ranges, moving)))  # none beyond the lens
+    given = {name: value for name, value in fields.items() if value is not None}
+    return Vehicle(**given) if given else None

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, integer
 from blurnoise.camera import Camera
+from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
@@ -30,6 +31,7 @@ from blurnoise_eval.deciding.realised import conditions_at
 from blurnoise_eval.deciding.search import MOST_NODES, Search
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import EGO
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
@@ -102,6 +104,7 @@ def decided(
     seed: int = 0,
     grey_anchor: str | None = None,
     trajectory: str | None = None,
+    ego: Vehicle | None = None,
     objects: Objects = USUAL_OBJECTS,
     engine: str | Engine = "threads",
     threads: int = 1,
@@ -134,10 +137,11 @@ def decided(
     cluster_of("", cluster)
     temperature = question.further.get("temperature_c", 25.0)
     path = None if trajectory is None else StatedTrajectory.parse(trajectory)
-    because = what_breaks(camera, question.exposures_s, question.lines, temperature, path)
+    drives = bool(question.further.get(EGO.name)) or ego is not None
+    because = what_breaks(camera, question.exposures_s, question.lines, temperature, path, drives)
     if because:
         evaluate(
-            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path), output,
+            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path, ego=ego), output,
             **enough, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
         with Store(Path(output)) as store:

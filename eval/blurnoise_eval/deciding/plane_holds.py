@@ -24,11 +24,12 @@ def what_breaks(
     lines: Sequence[Line],
     temperature_c: float = 25.0,
     trajectory: StatedTrajectory | None = None,
+    drives: bool = False,
 ) -> list[str]:
     """Why the plane does not hold between two exposures, a reason each; empty where it holds.
 
-    Asked at gain 0 dB: gain raises the dark charge and the noise that hides it alike. Raises ``ValueError`` for a
-    camera of several captures.
+    drives: whether the camera does. Asked at gain 0 dB: gain raises the dark charge and the noise that hides it
+    alike. Raises ``ValueError`` for a camera of several captures.
     """
     longest_s = max(exposures_s)
     reasons = [
@@ -39,6 +40,10 @@ def what_breaks(
         reasons.append(f"motion has {len(planes)} directions, and blurs differently in each")
     if trajectory is not None:
         reasons.append(f"along {trajectory.text} another exposure sees another part of the path")
+    if drives:
+        reasons.append(
+            "before a camera that drives each place has a blur of its own, in any exposure another"
+        )
     return reasons
 
 

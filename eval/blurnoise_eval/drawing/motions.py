@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from blurnoise import mattes
 from blurnoise.augment import expose_pictures
 from blurnoise.camera import Camera
 from blurnoise.camera_shake import path_duration_s, shake, speed_bump
-from blurnoise.ego_motion import Mount, View
-from blurnoise.encoding import linear_from_srgb, srgb_from_linear
-from blurnoise.flow_blur import flow_blur
+from blurnoise.driving import Vehicle
+from blurnoise.ego_motion import View
+from blurnoise.picture.develop import develop, in_channels
+from blurnoise.simulation import simulate
 from blurnoise.trajectory import Trajectory
 from blurnoise_eval.drawing.gallery import Tile
 
@@ -28,7 +28,8 @@ READOUT_S = 0.03
 """From first row to last, as slow rolling shutters take."""
 _VIBRATION_HZ = 100.0
 _BUMP_M, _BUMP_LENGTH_M, _BUMP_KM_H = 0.1, 3.7, 30.0
-_ROAD_KM_H, _HEIGHT_M, _HFOV_DEG = 50.0, 1.4, 60.0
+_ROAD_KM_H, _HFOV_DEG = 50.0, 60.0
+_VEHICLE = Vehicle(height_m=1.4, hfov_deg=_HFOV_DEG)
 
 
 @dataclass(frozen=True)
@@ -94,9 +95,8 @@ def tiles(
         {"camera": rolls if kind.rolls else stands, "path": paths.get(kind.path or "")} for kind in KINDS
     ]
     speeds = [kind.share * speed_px_s for kind in KINDS]
-    scenes = [_on_road(planes, view, exposure_s) if kind.path == "road" else planes for kind in KINDS]
     exposed = expose_pictures(
-        torch.cat(scenes),
+        planes.expand(len(KINDS), -1, -1, -1),
         [each["camera"] for each in own],
         exposure_s=exposure_s,
         illuminance_lux=illuminance_lux,
@@ -107,6 +107,16 @@ def tiles(
         trajectory=[each["path"] for each in own],
         generator=[seed] * len(KINDS),
     )
+    on_road = simulate(
+        planes,
+        stands,
+        exposure_s=exposure_s,
+        illuminance_lux=illuminance_lux,
+        velocity_px_s=_VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6),
+        generator=[seed],
+    )
+    road = torch.tensor([kind.path == "road" for kind in KINDS])
+    exposed[road] = in_channels(develop(on_road, stands, whole=True), planes.shape[1])
     pictures = exposed.mul(255).round().byte().permute(0, 2, 3, 1).numpy()
     made = []
     for kind, picture, each, speed in zip(KINDS, pictures, own, speeds, strict=True):
@@ -118,12 +128,3 @@ def tiles(
             Tile(seen, each["camera"], exposure_s, illuminance_lux, speed, kind.direction_deg, motion=note)
         )
     return made
-
-
-def _on_road(planes: Tensor, view: View, exposure_s: float) -> Tensor:
-    """What a picture (1, C, H, W) is as a flat road with the sky above it, for a car that drives ahead."""
-    mount, pixels = Mount(_HEIGHT_M), view.pixels()
-    rays = view.rays(pixels)
-    flow = view.flow_px_s(pixels, mount.road_m(rays), mount.driving(_ROAD_KM_H / 3.6))
-    moved = torch.from_numpy((flow * exposure_s).astype(np.float32))
-    return srgb_from_linear(flow_blur(linear_from_srgb(planes.contiguous()), moved)).clamp(0, 1)

@@ -31,6 +31,7 @@ class Axis:
     automatic: it may be left to the camera, as ``AUTOMATIC``. text: for captions, unit included; slug: for file
     names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails
     for good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files.
+    without: axes whose default gives way where this one is stated.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Axis:
     automatic: bool = False
     default: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
         """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed, a choice may be a name.
@@ -82,7 +84,7 @@ class Axis:
 
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
-        return value * self.per_option if self.per_option >= 1 else value / round(1 / self.per_option)
+        return value * self.per_option if self.per_option >= 1 else value / round(1 / self.per_option, 9)
 
     def shown(self, value: float) -> float:
         """The value in the option's unit, as axes of figures and tables have it."""
@@ -170,6 +172,12 @@ AXES: tuple[Axis, ...] = (
         "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
         text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
     ),
+    Axis(
+        "ego_speed_m_s", "ego_speed_m_s", "--ego-kmh",
+        "the camera drives over a flat road, in place of --dx and --dy: each place moves in its own way",
+        "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, own=lambda camera: 0.0, fails=True, without=("velocity_x_px_s",),
+        text=lambda value: f"{3.6 * value:g} km/h", slug=lambda value: f"{3.6 * value:g}km_h",
+    ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
 VELOCITY = ("velocity_x_px_s", "velocity_y_px_s")
@@ -216,7 +224,7 @@ def speed_px_s(row: Mapping[str, Any]) -> float:
 
 
 def blur_px(row: Mapping[str, Any]) -> float:
-    """Length of a row's motion during the exposure, px."""
+    """Length of a row's motion during the exposure, px; 0 of a camera that drives, before which places differ."""
     import numpy as np
 
     return float(np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"]) * row["exposure_s"])
@@ -233,5 +241,7 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
     return f"{x:g} px/s" if y == 0 and x >= 0 else f"({x:g}, {y:g}) px/s"
 
 
-EXPOSURE, LIGHT, GAIN, MOVES = map(axis, ("exposure_s", "illuminance_lux", "gain_db", "moves"))
+EXPOSURE, LIGHT, GAIN, MOVES, EGO = map(
+    axis, ("exposure_s", "illuminance_lux", "gain_db", "moves", "ego_speed_m_s")
+)
 SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

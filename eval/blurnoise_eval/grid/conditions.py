@@ -20,6 +20,7 @@ from blurnoise._core.checks import integer
 from blurnoise._core.limits import limited
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
+from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.exposure import Exposure
 from blurnoise.grey_anchor import GreyAnchor
 from blurnoise.stated_trajectory import StatedTrajectory
@@ -27,6 +28,7 @@ from blurnoise_eval.grid.axes import (
     AUTOMATIC,
     AXES,
     CORE,
+    EGO,
     FURTHER,
     MOVES,
     NAMES,
@@ -116,7 +118,7 @@ class Conditions(Mapping[str, float | None]):
     @property
     def blurs_as(self) -> tuple[tuple[float, float], tuple[float | None, ...]]:
         """Motion, what moves, and lens: conditions of which these are equal can share one blurred picture."""
-        return self.displacement_px, (self["moves"], *(self[name] for name in _LENS))
+        return self.displacement_px, (self["moves"], self[EGO.name], *(self[name] for name in _LENS))
 
     def on(self, camera: Camera) -> dict[str, float]:
         """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
@@ -129,12 +131,17 @@ class Conditions(Mapping[str, float | None]):
         return frozenset(name for name, value in self.stated.items() if value == AUTOMATIC)
 
     def exposure(
-        self, camera: Camera, seed: int = 0, *, automatic: Mapping[str, float] = _STAND_INS
+        self,
+        camera: Camera,
+        seed: int = 0,
+        *,
+        automatic: Mapping[str, float] = _STAND_INS,
+        vehicle: Vehicle | None = None,
     ) -> Exposure:
         """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it.
 
         automatic: what the camera sets on the axes that are left to it; by default stand-ins, 0 dB and 1 ms, for what
-        does not depend on them.
+        does not depend on them. vehicle: which drives at the ego speed, None: the usual one.
         """
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
@@ -153,7 +160,7 @@ class Conditions(Mapping[str, float | None]):
                 fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
             else:
                 fields[place] = value
-        return Exposure(with_lens(camera, **lens), **fields, seed=seed)
+        return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 
 def with_lens(camera: Camera, **figures: float) -> Camera:
@@ -181,6 +188,7 @@ class SweepPlan:
     what moves where not all of a picture does, and the boxes that are the truth.
     trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
     picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
+    ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, the usual one if none is stated.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -191,8 +199,11 @@ class SweepPlan:
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
     trajectory: str | StatedTrajectory | None = None
+    ego: Vehicle | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.ego, Mapping):
+            object.__setattr__(self, "ego", Vehicle(**self.ego))
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", StatedTrajectory.parse(self.trajectory))
         if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
@@ -216,9 +227,27 @@ class SweepPlan:
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
+        self._check_ego()
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
+
+    def _check_ego(self) -> None:
+        """Raise ``ValueError`` for what the camera's own drive does not go with; the usual vehicle drives if none is
+        stated."""
+        speeds = self.values(EGO.name)
+        if not speeds:
+            if self.ego is not None:
+                raise ValueError(f"ego: goes with {EGO.name}, at which it drives")
+            return
+        if self.ego is None:
+            object.__setattr__(self, "ego", USUAL_VEHICLE)
+        others = {name: any(self.values(name)) for name in (*VELOCITY, MOVES.name)}
+        others["trajectory"] = self.trajectory is not None
+        if stated := [name for name, given in others.items() if given]:
+            raise ValueError(
+                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(stated)}"
+            )
 
     @property
     def longest_s(self) -> float:
@@ -270,9 +299,9 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; no grey anchor and no trajectory where there is none, as in runs from before there
-        was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is its
-        identity."""
+        """Plain values for JSON; no grey anchor, trajectory or vehicle where there is none, as in runs from before
+        there was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is
+        its identity."""
         values = {**asdict(self), "objects": self.objects.to_dict()}
         if not values["objects"]:
             del values["objects"]
@@ -280,6 +309,8 @@ class SweepPlan:
             del values["auto_exposure"]
         if self.grey_anchor is None:
             del values["grey_anchor"]
+        if self.ego is None:
+            del values["ego"]
         del values["trajectory"]
         return values | ({"trajectory": self.path[0].identity} if self.path else {})
 

@@ -57,6 +57,10 @@ class NodePlan:
         """Nothing moves along a path: it would see another part of that in every exposure."""
 
     @property
+    def ego(self) -> None:
+        """Nothing drives: the plane of lux-seconds and pixels has one motion for a picture."""
+
+    @property
     def cuts(self) -> bool:
         """Whether anything moves but all of a picture."""
         return bool(self.further.get(MOVES.name))

@@ -13,7 +13,7 @@ from itertools import groupby
 import numpy as np
 
 from blurnoise.camera import Camera
-from blurnoise_eval.grid.axes import MOVES
+from blurnoise_eval.grid.axes import MOVES, VELOCITY
 from blurnoise_eval.maps.nodes import Array, Plane, plane_of
 from blurnoise_eval.maps.predictor import Predictor, predictor_of
 from blurnoise_eval.maps.ranking import Ranked, ranked
@@ -76,6 +76,11 @@ def nodes_of(store: Store) -> RunNodes:
         raise StoreError(
             f"run = {str(store.folder)!r}: its targets or their background move alone, which a chart cannot; maps "
             "are of runs in which all moves"
+        )
+    if plan.get("ego") is not None:
+        raise StoreError(
+            f"run = {str(store.folder)!r}: its camera drives, so that each place moves in its own way; maps are of "
+            f"runs over {' and '.join(VELOCITY)}"
         )
     plane = plane_of(queries.exposed_conditions(store), camera, list(stated))
     if not plane.nodes:

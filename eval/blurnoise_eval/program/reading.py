@@ -16,7 +16,7 @@ from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
-from blurnoise_eval.grid.axes import AUTOMATIC, axis, speed_px_s, velocity_of
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, axis, speed_px_s, velocity_of
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.metering import Metering, mean_light
 from blurnoise_eval.scoring.criterion import Criterion
@@ -71,7 +71,10 @@ def read(
     conditions = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting)
     camera = conditions.exposure(Camera.from_dict(store.about("manifest")["camera"])).camera
     lines, exposures = _asked(store, seen)
-    if because := store.about(BECAUSE) or what_breaks(camera, exposures, lines, setting["temperature_c"]):
+    drives = setting[EGO.name] > 0
+    if because := store.about(BECAUSE) or what_breaks(
+        camera, exposures, lines, setting["temperature_c"], drives=drives
+    ):
         raise ValueError(
             f"run = {str(store.folder)!r}: light x exposure and motion do not say all there, so no program follows: "
             + "; ".join(because)

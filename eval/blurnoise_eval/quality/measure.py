@@ -33,7 +33,7 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.radiometry import behind_one_filter, photoelectrons
-from blurnoise_eval.grid.axes import AUTOMATIC, blur_px
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.threads import limited_threads
 
@@ -182,6 +182,8 @@ def check(camera: Camera, plan: SweepPlan) -> None:
             )
     if plan.cuts:
         raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
+    if any(plan.values(EGO.name)):
+        raise ValueError(f"{EGO.name}: must be 0; a chart is no road")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

@@ -5,8 +5,10 @@ Domain: confidences in [0, 1], exposures in s (written in ms). Texts are plain, 
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
+from blurnoise.driving import Vehicle
 from blurnoise.grey_anchor import reflectance_text
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import AXES
@@ -168,6 +170,16 @@ def path_text(path: StatedTrajectory, longest_s: float) -> str:
     return f"{path.identity}{of_each}; blur and speeds are of the uniform motion beside it"
 
 
+def ego_text(vehicle: Vehicle) -> str:
+    """Which vehicle drives, as the manifest keeps it."""
+    told = {name: value for name, value in asdict(vehicle).items() if value is not None}
+    figures = ", ".join(f"{name} {value}" for name, value in told.items())
+    return (
+        f"{figures}; over a flat road: what stands on it moves as the road behind it does, and not above the "
+        "horizon; blur_px of a target is that of its middle"
+    )
+
+
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
     sources = fields.get("sources", {})
@@ -201,6 +213,8 @@ def run_facts(data: RunData) -> dict[str, str]:
         facts["reflectance"] = reflectance(data)
     if manifest.get("trajectory"):
         facts["trajectory"] = manifest["trajectory"]
+    if manifest.get("ego"):
+        facts["ego"] = manifest["ego"]
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": pictures,

@@ -13,6 +13,7 @@ from typing import Any
 
 from blurnoise_eval.grid.axes import (
     BLUR,
+    EGO,
     EXPOSURE,
     LIGHT,
     SETTING_AXES,
@@ -61,16 +62,17 @@ class Settings:
         return sorted({setting[place] for setting in self.every})
 
     def condition_text(self, row: Mapping[str, Any]) -> str:
-        """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'untouched picture'."""
+        """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'untouched picture'.
+
+        Before a camera that drives every place has a blur of its own: '5 ms · 100 lux · 50 km/h'.
+        """
         if row["clean"]:
             return "untouched picture"
-        parts = [
-            EXPOSURE.text(row["exposure_s"]),
-            LIGHT.text(row[LIGHT.name]),
-            velocity_text(velocity_of(row)),
-        ]
-        parts += [axis.text(row[axis.name]) for axis in self.further]
-        return " · ".join([*parts, BLUR.text(row["blur_px"])])
+        parts = [EXPOSURE.text(row["exposure_s"]), LIGHT.text(row[LIGHT.name])]
+        further = [axis.text(row[axis.name]) for axis in self.further]
+        if row[EGO.name]:  # where no blur is the picture's
+            return " · ".join([*parts, *further])
+        return " · ".join([*parts, velocity_text(velocity_of(row)), *further, BLUR.text(row["blur_px"])])
 
     def held_text(self) -> str:
         """Where the axes stand that do not vary: '25 °C · f/2.8'."""

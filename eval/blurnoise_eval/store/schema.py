@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 7  # of the tables below
+VERSION = 8  # of the tables below
 _APPLIED = (
     "ALTER TABLE cells ADD COLUMN applied_exposure_s REAL; UPDATE cells SET applied_exposure_s = exposure_s;"
 )
@@ -13,7 +13,11 @@ _MOVES = "".join(
     f"UPDATE {table} SET moves = 0, invented_share = 0 WHERE clean = 0;"
     for table in ("cells", "targets")
 )
-UPGRADES = {5: _APPLIED + _MOVES, 6: _MOVES}
+_EGO = "".join(
+    f"ALTER TABLE {table} ADD COLUMN ego_speed_m_s REAL; UPDATE {table} SET ego_speed_m_s = 0 WHERE clean = 0;"
+    for table in ("cells", "targets")
+)
+UPGRADES = {5: _APPLIED + _MOVES + _EGO, 6: _MOVES + _EGO, 7: _EGO}
 """What makes the tables of an older version those below, but for the order of columns and what an index holds."""
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""

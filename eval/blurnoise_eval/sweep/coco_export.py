@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.camera import Camera
+from blurnoise.driving import Vehicle
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions
@@ -109,7 +110,7 @@ def write_detections(
     truth_of = truths(store)
     labels = json.loads((store.folder / INSTANCES).read_text(encoding="utf-8"))
     manifest = store.about("manifest")
-    camera, objects = Camera.from_dict(manifest["camera"]), objects_of(store)
+    camera, objects, vehicle = Camera.from_dict(manifest["camera"]), objects_of(store), vehicle_of(store)
     for model in manifest["models"]:
         truth = truth_of(model["name"])
         if truth is None:
@@ -123,7 +124,7 @@ def write_detections(
             path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
-            if mover := _mover(at, camera, objects):
+            if mover := _mover(at, camera, objects, vehicle):
                 own = json.dumps({**whole, "annotations": moved(truth, mover)})
                 write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
@@ -132,15 +133,28 @@ def write_detections(
 
 def objects_of(store: Store) -> Objects:
     """What the run's plan says of objects."""
-    plan = (store.about("identity") or {}).get("plan", {})
-    return Objects(**plan.get("objects", {}))
+    return Objects(**_planned(store).get("objects", {}))
 
 
-def _mover(at: Mapping[str, Any], camera: Camera, objects: Objects) -> MoveBoxes | None:
+def vehicle_of(store: Store) -> Vehicle | None:
+    """Which drives, by the run's plan."""
+    stated = _planned(store).get("ego")
+    return None if stated is None else Vehicle(**stated)
+
+
+def _planned(store: Store) -> dict[str, Any]:
+    plan: dict[str, Any] = (store.about("identity") or {}).get("plan", {})
+    return plan
+
+
+def _mover(
+    at: Mapping[str, Any], camera: Camera, objects: Objects, vehicle: Vehicle | None
+) -> MoveBoxes | None:
     """Where a row's conditions take the boxes of the scene; None: they stay."""
     if at["clean"]:
         return None
-    return box_mover(Conditions(**{axis: at[axis] for axis in NAMES}).exposure(camera), objects)
+    conditions = Conditions(**{axis: at[axis] for axis in NAMES})
+    return box_mover(conditions.exposure(camera, vehicle=vehicle), objects)
 
 
 def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:

@@ -13,6 +13,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
+import torch
+
+from blurnoise._core.limits import limited_motion
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
@@ -102,7 +105,12 @@ def evaluate(
         path = stated_path.of(seen_by, seen_by.field.size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
-        replace(at.exposure(seen_by), trajectory=path)
+        taken = replace(at.exposure(seen_by, vehicle=plan.ego), trajectory=path)
+        if taken.drives:
+            height, width = seen_by.field.size
+            edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
+            exposed = replace(taken, exposure_s=plan.longest_s if at.automatic else taken.exposure_s)
+            limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
     with Store(Path(output), create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from blurnoise.auto_exposure import USUAL, AutoExposure, mean_luma
 from blurnoise.camera import Camera
 from blurnoise.cut_scene import CutScene
+from blurnoise.driving import Vehicle
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.exposure import Frame as Taken
 from blurnoise.layers import boxes_in_motion
@@ -126,17 +127,19 @@ def frames(
     camera: Camera,
     auto_exposure: AutoExposure = USUAL,
     path: tuple[StatedTrajectory, float] | None = None,
+    ego: Vehicle | None = None,
 ) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and stands first.
 
     auto_exposure: what sets the gain where a cell leaves it to the camera, by the scene's mean light. path: what the
     picture does beside its velocity, and the longest exposure along it; a shake is that of the cell's seed.
+    ego: the vehicle that drives at a cell's ego speed.
     """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure)
+        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure, ego)
         if path is not None:
             stated, longest_s = path
             size = (scene.image8.shape[0], scene.image8.shape[1])
@@ -159,10 +162,15 @@ def frames(
 
 
 def _set(
-    at: Conditions, seed: int, mean_light: float, camera: Camera, auto_exposure: AutoExposure
+    at: Conditions,
+    seed: int,
+    mean_light: float,
+    camera: Camera,
+    auto_exposure: AutoExposure,
+    ego: Vehicle | None,
 ) -> Exposure:
     """How a picture of ``mean_light`` is taken: as stated, and as the camera sets what is left to it."""
-    exposure = at.exposure(camera, seed)
+    exposure = at.exposure(camera, seed, vehicle=ego)
     if not at.automatic:
         return exposure
     if "exposure_s" in at.automatic:
@@ -208,7 +216,7 @@ def box_mover(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | 
     """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or what else
     ``objects.boxes`` says; None: they stay."""
     along_path = objects.boxes == "swept" and taken.trajectory is not None
-    if objects.boxes == "object" or not (any(taken.velocity_px_s) or along_path):
+    if objects.boxes == "object" or not (any(taken.velocity_px_s) or taken.drives or along_path):
         return _mover(lambda of: of.move_boxes, taken, objects) if effects.displace(taken.camera) else None
     if objects.boxes == "swept":
         return _mover(lambda of: of.sweep_boxes, taken, objects, within=True)
@@ -222,12 +230,12 @@ def box_sweeper(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes:
 
 def _half(taken: Exposure) -> BoxesIn:
     """Where boxes are for half of the exposure or more; those that are nowhere so long are their middle, no area."""
-    moved_px = [along * taken.exposure_s for along in taken.velocity_px_s]
 
     def boxes_in(boxes_xyxy: torch.Tensor, size: tuple[int, int] | None) -> torch.Tensor:
+        middle = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]) / 2
+        moved_px = taken.displacements_px(middle, size)
         there = boxes_in_motion(taken.move_boxes(boxes_xyxy, size), moved_px, "half")
-        middle = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]).repeat(1, 2) / 2
-        return torch.where(there.isnan(), middle, there)
+        return torch.where(there.isnan(), middle.repeat(1, 2), there)
 
     return boxes_in
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import torch
 
 from blurnoise.camera import Camera
 from blurnoise_eval.grid.axes import NAMES, blur_px
@@ -33,6 +34,11 @@ def cell_result(
         {**shared, **row, "invented_share": None if at is None else frame.invented.get(row["target_id"], 0.0)}
         for row in sight.targets
     ]
+    if taken is not None and taken.drives and rows:
+        height, width = frame.image.shape[:2]
+        middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
+        own_px = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1)
+        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, own_px.tolist(), strict=True)]
     invented = [row["invented_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {

@@ -57,7 +57,9 @@ def run(
     started = noted = time.perf_counter()
     outcome = Outcome()
     hopes = {model.name: _Hope() for model in models}
-    work = Work(tuple(models), camera, plan.grey_anchor, plan.auto_exposure, plan.objects, plan.path)
+    work = Work(
+        tuple(models), camera, plan.grey_anchor, plan.auto_exposure, plan.objects, plan.path, plan.ego
+    )
 
     def unfinished() -> Iterator[Block]:
         for block in blocks(pictures, plan):

@@ -16,7 +16,7 @@ from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.report import RunData
-from blurnoise_eval.report.findings import path_text
+from blurnoise_eval.report.findings import ego_text, path_text
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
@@ -102,6 +102,7 @@ def open_run(
             "seed": plan.seed,
             "grey_anchor": plan.grey_anchor,
             "trajectory": None if plan.path is None else path_text(*plan.path),
+            "ego": None if plan.ego is None else ego_text(plan.ego),
             "versions": {name: metadata.version(name) for name in _PACKAGES},
             "hardware": hardware(),
             **facts,

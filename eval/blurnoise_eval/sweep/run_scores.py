@@ -16,7 +16,7 @@ from blurnoise_eval.scoring.per_condition import performance, score_rows
 from blurnoise_eval.scoring.score_surfaces import Sized
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.coco_export import objects_of, truths
+from blurnoise_eval.sweep.coco_export import objects_of, truths, vehicle_of
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 
 _VERSION = 3  # of what is kept
@@ -89,10 +89,10 @@ def _unpacked(packed: Sequence[Any]) -> Estimate:
 def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
     """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
-    objects = objects_of(store)
+    objects, vehicle = objects_of(store), vehicle_of(store)
 
     def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
-        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera)
+        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera, vehicle=vehicle)
         return box_mover(exposure, objects), box_sweeper(exposure, objects)
 
     return mover

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
+from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.grid.conditions import Cell
@@ -37,6 +38,7 @@ class Work:
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
     path: tuple[StatedTrajectory, float] | None = None
+    ego: Vehicle | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -81,7 +83,8 @@ class Worker:
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
-        for frame in frames(prepared.scene, block.cells, camera, self._work.auto_exposure, self._work.path):
+        taken = self._work.auto_exposure, self._work.path, self._work.ego
+        for frame in frames(prepared.scene, block.cells, camera, *taken):
             kept = frame.cell.cell_id in block.examples
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None

@@ -14,6 +14,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, pixels, told
 
 from blurnoise import Camera, simulate
+from blurnoise.driving import Vehicle
 from blurnoise.ego_motion import EgoMotion, Mount, View, range_of_depth_m
 
 SIZE = (45, 60)
@@ -66,24 +67,25 @@ def test_the_numbers_that_python_gives(
 
 
 def test_turning_up_lifts_the_camera_and_lowers_the_scene() -> None:
-    light = torch.zeros(1, 1, *SIZE)
-    up, right = (vehicle.flow_px_s(vehicle.Drive.parse(text), CAMERA, light) for text in ("0,0,5", "0,5"))
+    drives = [vehicle.Drive.parse(text) for text in ("0,0,5", "0,5")]
+    each = [Vehicle(yaw_deg_s=drive.yaw_deg_s, pitch_deg_s=drive.pitch_deg_s) for drive in drives]
+    up, right = (own.flow_px_s(CAMERA, SIZE, 0.0) for own in each)
     assert float(up[1].min()) > 0
     assert float(right[0].max()) < 0
-    assert float(vehicle.flow_px_s(vehicle.Drive.parse("0"), CAMERA, light).abs().max()) == 0
+    assert float(Vehicle().flow_px_s(CAMERA, SIZE, 0.0).abs().max()) == 0
 
 
 def test_the_view_is_the_cameras_unless_stated() -> None:
     """A picture of another shape than the sensor's shows the largest part of it: the same px per degree."""
-    whole, tall = torch.zeros(1, 1, 103, 123), torch.zeros(1, 1, 103, 61)
-    drive = vehicle.Drive(0.0, 10.0)
+    whole, tall = (103, 123), (103, 61)
+    turning = Vehicle(yaw_deg_s=10.0)
     for lens in ("f-theta", "rectilinear"):
-        seen, part = (vehicle.flow_px_s(drive, CAMERA, light, lens=lens) for light in (whole, tall))  # type: ignore[arg-type]
+        seen, part = (replace(turning, lens=lens).flow_px_s(CAMERA, size, 0.0) for size in (whole, tall))
         torch.testing.assert_close(part, seen[..., 31:92], rtol=2e-3, atol=1e-6)
-    stated = vehicle.flow_px_s(drive, CAMERA, whole, hfov_deg=30.0)
+    stated = replace(turning, hfov_deg=30.0).flow_px_s(CAMERA, whole, 0.0)
     assert float(stated[0].abs().max()) == pytest.approx(10 * 123 / 30, rel=0.02)
     assert float(
-        vehicle.flow_px_s(drive, replace(CAMERA, hfov_deg=30.0), whole)[0].abs().max()
+        turning.flow_px_s(replace(CAMERA, hfov_deg=30.0), whole, 0.0)[0].abs().max()
     ) == pytest.approx(float(stated[0].abs().max()), rel=0.01)
 
 

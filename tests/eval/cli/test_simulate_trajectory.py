@@ -32,6 +32,9 @@ def test_a_vibration(tmp_path: Path, capsys: Output, line_time_us: int) -> None:
     if line_time_us:
         camera = replace(camera, row_time_s=2e-5, shutter="rolling")
         assert facts["readout_ms"] == pytest.approx(1e3 * 2e-5 * 31 / max(31 / 2056, 44 / 2464))
+        stages = told(capsys, "simulate", source, *out, "--trajectory", "sine:3,80,90", "--explain")["stages"]
+        (how,) = (stage["how"] for stage in stages if stage["name"] == "rolling shutter")
+        assert how.startswith(f"{facts['readout_ms']:.3g} ms from first row to last")
     else:
         assert "readout_ms" not in facts
     span_s = 0.01 + 2 * camera.row_time_s * 2056

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import AXES, CORE, NAMES, SETTING, VELOCITY
+from blurnoise_eval.grid.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.scoring.criterion import Criterion
@@ -55,6 +55,9 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
         grid[axis.name] = [value for value in values if low <= value <= high] or [
             min(max(low, 1.0), axis.high)
         ]
+    if EGO.name in grid:  # whose camera moves all in its own way
+        grid = {name: values for name, values in grid.items() if name not in (*VELOCITY, MOVES.name)}
+        grid |= {name: [0.0] for name in VELOCITY if name in CORE}
     longest_s = max(grid["exposure_s"])
     for name in VELOCITY:  # no farther than a picture may move during an exposure
         if name in grid:

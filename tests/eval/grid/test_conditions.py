@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from blurnoise_eval.grid.axes import AXES, NAMES
+from blurnoise_eval.grid.axes import AXES, EGO, NAMES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from plans import IMX250, plan
 
@@ -107,9 +107,10 @@ def test_ids_of_the_first_four_axes_stay_what_they_were() -> None:
 def test_every_axis_reaches_the_simulator_and_the_columns(axis: Any) -> None:
     """A value of its own on one axis, seen where ``into`` says, and nothing else is other than without it."""
     value = axis.high if axis.choices else min(3.0, (axis.low + 3 * axis.high) / 4)
-    with_it = Conditions(**{**AT, axis.name: value})
-    assert with_it.on(IMX250) == {**AT.on(IMX250), axis.name: value}
-    plain, exposure = AT.exposure(IMX250, 11), with_it.exposure(IMX250, 11)
+    at = AT if axis is not EGO else Conditions(**{**AT, **dict.fromkeys(VELOCITY, 0.0)})
+    with_it = Conditions(**{**at, axis.name: value})
+    assert with_it.on(IMX250) == {**at.on(IMX250), axis.name: value}
+    plain, exposure = at.exposure(IMX250, 11), with_it.exposure(IMX250, 11)
     assert exposure.seed == 11
     place, _, part = axis.into.partition(".")
     if place == "camera":

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from blurnoise_eval.grid.axes import AXES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import SweepPlan
 
-from blurnoise import Camera
+from blurnoise import Camera, Exposure
 from blurnoise._core.limits import LIMITS
 from blurnoise.exposure import MOVES
 
@@ -23,9 +24,13 @@ def test_the_axes_limits_are_the_simulators(axis: Axis) -> None:
         assert (axis.low, axis.high) == (0, len(MOVES) - 1)
     elif name in LIMITS:  # a figure of the camera may have its range on the field itself
         assert (axis.low, axis.high) == LIMITS[name][:2]
-    else:
-        for end in (axis.low, axis.high):
+        return
+    for end in (axis.low, axis.high):
+        if axis.into.startswith("camera."):
             replace(IMX250, **{name: end})
+        else:
+            value: Any = axis.choices[int(end)] if axis.choices else end
+            Exposure(IMX250, 0.01, 50.0, **{name: value})
 
 
 @pytest.mark.parametrize("name", VELOCITY)

@@ -19,7 +19,7 @@ def test_the_light_alone_names_the_settings_of_a_usual_run(tmp_path: Path) -> No
     data = made_run(tmp_path, n_examples=0)
     assert [axis.name for axis in data.settings.axes] == ["illuminance_lux"]
     assert data.settings.every == ((10.0,), (200.0,))
-    assert data.settings.held_text() == "25 °C · f/1.4 · defocus 0 px · gain 0 dB · all moves"
+    assert data.settings.held_text() == "25 °C · f/1.4 · defocus 0 px · gain 0 dB · all moves · 0 km/h"
     row = next(row for row in data.scores if row["exposure_s"] == 0.004 and row["velocity_x_px_s"] == 600)
     assert data.settings.condition_text(row) == "4 ms · 10 lux · 600 px/s · blur 2.4 px"
     assert data.settings.condition_text(data.scores[0]) == "untouched picture"
@@ -32,7 +32,7 @@ def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
     assert [axis.name for axis in settings.axes] == ["illuminance_lux", "temperature_c", "f_number"]
     assert len(settings.every) == 2 * 2 * 2
     assert settings.text(settings.every[-1]) == "200 lux · 85 °C · f/2.8"
-    assert settings.held_text() == "defocus 0 px · gain 0 dB · all moves"
+    assert settings.held_text() == "defocus 0 px · gain 0 dB · all moves · 0 km/h"
     assert findings.run_facts(data)["held"] == settings.held_text()
     row = data.scores[-1]
     assert settings.condition_text(row) == "64 ms · 200 lux · 600 px/s · 85 °C · f/2.8 · blur 38.4 px"

@@ -338,18 +338,18 @@ def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read_only", [False, True])
-@pytest.mark.parametrize("version", [5, 6])
+@pytest.mark.parametrize("version", [5, 6, 7])
 def test_run_of_a_version_before_is_read(
     tmp_path: Path, version: int, read_only: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All moved, nothing was invented, and before 6 the exposure that was taken is the one that was stated; a file
-    that cannot be written stays as it is."""
+    """All moved, nothing was invented, no camera drove, and before 6 the exposure that was taken is the one that was
+    stated; a file that cannot be written stays as it is."""
     with Store(tmp_path, create=True) as store:
         store.add([result(0), clean_result(1)])
     with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
         database.executescript("DROP INDEX cells_by_conditions")
         for table in ("cells", "targets"):
-            for column in ("moves", "invented_share"):
+            for column in ("moves", "invented_share", "ego_speed_m_s")[2 if version == 7 else 0 :]:
                 database.executescript(f"ALTER TABLE {table} DROP COLUMN {column}")
         if version == 5:
             database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s")
@@ -362,8 +362,9 @@ def test_run_of_a_version_before_is_read(
         if version == 5:
             assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
         for rows in (cells, list(store.targets())):
-            told = {(row["clean"], row["moves"], row["invented_share"]) for row in rows}
+            told = {(row["clean"], row["moves"], row["ego_speed_m_s"]) for row in rows}
             assert told == {(False, 0.0, 0.0), (True, None, None)}
+            assert version == 7 or {row["invented_share"] for row in rows} == {0.0, None}
         assert len(cells) == 2
         assert len(list(store.targets())) > 0
     assert ((tmp_path / RUN_FILE).read_bytes() == before) == read_only

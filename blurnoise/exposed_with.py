@@ -1,0 +1,157 @@
+"""What a frame is exposed with: camera, light, time and motion, and where that motion has boxes.
+
+Convention: px, x right and y down, boxes (N, 4) as (x0, y0, x1, y1) from the picture's corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from blurnoise._core import rng
+from blurnoise._core.checks import an_instance, integer, one_of, shown
+from blurnoise._core.limits import limited
+from blurnoise.camera import Amplified, Camera
+from blurnoise.driving import USUAL_VEHICLE, Vehicle
+from blurnoise.light import effects
+from blurnoise.operating_point import OperatingPoint, of_one_exposure
+from blurnoise.radiometry import photoelectrons
+from blurnoise.trajectory import Trajectory
+
+MOVES = ("all", "targets", "background")
+"""What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
+_OfBoxes = Callable[[Tensor, OperatingPoint[float]], Tensor]
+_THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
+
+    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
+    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
+    has the velocity, see :mod:`blurnoise.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity,
+    trajectory and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    """
+
+    camera: Camera
+    exposure_s: float
+    illuminance_lux: float
+    velocity_px_s: tuple[float, float] = (0.0, 0.0)
+    temperature_c: float = 25.0
+    gain_db: float = 0.0
+    seed: int = 0
+    trajectory: Trajectory | None = None
+    moves: str = "all"
+    ego_speed_m_s: float = 0.0
+    vehicle: Vehicle = USUAL_VEHICLE
+
+    def __post_init__(self) -> None:
+        of_one_exposure(self.camera)
+        for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
+            limited(name, getattr(self, name))
+        _ = self.amplified  # whose gain has limits of its own
+        if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
+            raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
+        for speed in self.velocity_px_s:
+            limited(
+                "displacement_px: velocity times exposure",
+                limited("velocity_px_s", speed) * self.exposure_s,
+                "displacement_px",
+            )
+        integer("seed", self.seed, 0, rng.LAST_SEED)
+        if self.trajectory is not None:
+            an_instance("trajectory", self.trajectory, Trajectory)
+        one_of("moves", self.moves, MOVES)
+        other = self.trajectory is not None or self.camera.shutter == "global-reset"
+        if self.moves != "all" and self.camera.row_time_s and other:
+            raise ValueError(
+                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
+                "rolling shutter and without a trajectory; must be 'all'"
+            )
+        limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
+        an_instance("vehicle", self.vehicle, Vehicle)
+        if not self.drives:
+            return
+        if any(self.velocity_px_s) or self.trajectory is not None or self.moves != "all":
+            raise ValueError(
+                f"ego_speed_m_s = {self.ego_speed_m_s!r}: a camera that drives moves each place in its own way; "
+                "velocity_px_s must be (0, 0), trajectory None and moves 'all'"
+            )
+        if self.camera.row_time_s and self.camera.shutter == "global-reset":
+            raise ValueError(
+                f"ego_speed_m_s = {self.ego_speed_m_s!r}: must be 0 before a global reset, as of {self.camera.name!r}"
+            )
+
+    @property
+    def drives(self) -> bool:
+        """Whether the camera's vehicle does, or turns."""
+        return bool(self.ego_speed_m_s) or self.vehicle.turns
+
+    @property
+    def amplified(self) -> Amplified:
+        """The camera as it stands at the gain, and the digital gain that is left."""
+        return self.camera.at_gain(self.gain_db)
+
+    def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """Where boxes (N, 4) of the scene, px, are at mid-exposure in a picture (H, W), by default the sensor's."""
+        return self._boxes(effects.moved_boxes, boxes_xyxy, size)
+
+    def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
+        return self._boxes(effects.swept_boxes, boxes_xyxy, size)
+
+    def displacements_px(self, places: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """Motion (N, 2) during the exposure, px, at places (N, 2) of a picture (H, W), by default the sensor's.
+
+        Places are counted from the picture's corner, as boxes are.
+        """
+        moved = places.double().new_tensor(self.velocity_px_s).expand(len(places), 2)
+        if self.drives:
+            pixels = places.detach().cpu().double().numpy().T - 0.5
+            of = size or self.camera.field.size
+            flow = self.vehicle.flow_at(pixels, self.camera, of, self.ego_speed_m_s)
+            moved = torch.from_numpy(flow.T).to(moved)
+        return (moved * self.exposure_s).to(places)
+
+    def of_targets(self, speed: float = 1.0) -> Exposure:
+        """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
+        share = {"all": 1.0, "targets": speed, "background": 1.0 - speed}[self.moves]
+        x, y = self.velocity_px_s
+        return replace(self, velocity_px_s=(share * x, share * y), moves="all")
+
+    def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
+        """What an effect makes of boxes (N, 4). Where each place has its own motion: what holds that of the corners,
+        of the sides' middles and of the box's own."""
+        at = self._point(size)
+        if not self.drives or not len(boxes_xyxy):
+            return effect(boxes_xyxy, at)
+        x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
+        places = torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).reshape(
+            -1, 2
+        )
+        moved = self.displacements_px(places, size).tolist()
+        seen = [
+            effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))
+            for place, (dx, dy) in zip(places, moved, strict=True)
+        ]
+        each = torch.cat(seen).view(-1, 9, 4)
+        return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)
+
+    def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
+        if self.moves != "all":
+            return self.of_targets()._point(size)
+        x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
+        white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
+        return OperatingPoint(
+            self.camera,
+            self.exposure_s,
+            self.temperature_c,
+            white_e,
+            (x, y),
+            size=size,
+            trajectories=(self.trajectory,) if self.trajectory else (),
+        )
