@@ -387,9 +387,7 @@ def test_what_does_not_go_together() -> None:
 def test_motions_beyond_what_a_plane_holds() -> None:
     """6e4 px along both axes would want 58 GB before a background at rest."""
     layer = Layer(torch.ones(1, 4, 5), torch.ones(4, 5), (6e6, 6e6))
-    with pytest.raises(
-        ValueError, match=r"displacement_px: 30008 px .* at most 268435456 are"
-    ):
+    with pytest.raises(ValueError, match=r"displacement_px: 30008 px .* at most 268435456 are"):
         expose_layers(torch.ones(1, 1, 9, 11), [layer], exposure_s=0.01)
 
 

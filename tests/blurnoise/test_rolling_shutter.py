@@ -12,13 +12,13 @@ from brute_force import photograph, rms_dn, rolled
 
 from blurnoise import Trajectory, blur
 from blurnoise._core.borders import extended
+from blurnoise.moved_rows import shifted_rows
 from blurnoise.rolling_shutter import (
     Readout,
     blurred_and_warped,
     blurred_rows,
     of_rows,
     row_responses,
-    shifted_rows,
     stretch,
     warped,
 )

@@ -1,0 +1,204 @@
+"""Rows moved by numbers of pixels of their own, along and across, in pictures (B, C, H, W) of linear light.
+
+Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
+twelve taps, or by taps that are given.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import fourier
+from blurnoise._core.borders import Border, continued, extended, index_of
+from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import WORTH_IT, side_by_side
+
+Floats = NDArray[np.float64]
+LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
+MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distance
+CLOSING_PX = 32  # of the margin, at its end
+STRIP = 1 << 16  # values of a strip of rows
+_BLOCK = 32  # rows whose phases are a product
+_TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
+
+
+def shifted_rows(
+    light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0, *, known_px: int = 0
+) -> Tensor:
+    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
+
+    along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
+    gradients. known_px: of either end that is not asked for.
+    """
+    far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
+    margin = max(CLOSING_PX, MARGIN_PX - known_px) + far
+    length = fourier.fast_length(light.shape[-1] + 2 * margin)
+    if light.device.type != "cpu" or (
+        torch.is_grad_enabled() and (light.requires_grad or shift_px.requires_grad)
+    ):
+        phase = (
+            -2
+            * math.pi
+            * shift_px[:, None]
+            * torch.fft.rfftfreq(length, dtype=torch.float64).to(shift_px.device)
+        )
+        factors = torch.polar(torch.ones_like(phase), phase)
+        return times(light, factors, margin, length, border)
+    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype, along_px)
+    return times_packed(light, packed, margin, border)
+
+
+def lanczos(x: Any) -> Any:
+    """Lanczos's window of six lobes, of an array or a tensor."""
+    if isinstance(x, Tensor):
+        return torch.where(x.abs() < LOBES, torch.sinc(x) * torch.sinc(x / LOBES), torch.zeros_like(x))
+    return np.where(np.abs(x) < LOBES, np.sinc(x) * np.sinc(x / LOBES), 0.0)
+
+
+def times(light: Tensor, factors: Tensor, margin: int, length: int, border: Border) -> Tensor:
+    """Rows (H) times factors (H, L / 2 + 1) of a row of ``length``."""
+    height, width = light.shape[-2:]
+    kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
+    plane = extended(light, (0, margin), (height, length), border)
+    plane = torch.cat([plane[..., :-CLOSING_PX], closing(plane)], -1)
+    rows: Tensor = torch.fft.irfft(torch.fft.rfft(plane) * factors.to(kind), n=length)
+    return rows[..., margin : margin + width].contiguous()
+
+
+def closing(plane: Any) -> Any:
+    """The last px of rows, led to the first: a step where a row wraps round would ring into the picture."""
+    share = (1 - np.cos(np.pi * (np.arange(CLOSING_PX) + 0.5) / CLOSING_PX)) / 2
+    last, first = plane[..., -CLOSING_PX:], plane[..., :1]
+    if isinstance(plane, Tensor):
+        return last + (first - last) * torch.from_numpy(share).to(plane)
+    return last + (first - last) * share.astype(plane.dtype)
+
+
+def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Border) -> Tensor:
+    """The same by OpenCV's transform, strip by strip; factors (H, L), packed and divided by L."""
+    out = torch.empty_like(light, memory_format=torch.contiguous_format)
+    sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
+    (height, width), length = light.shape[-2:], factors.shape[1]
+    strip = max(1, STRIP // length)
+
+    def move(at: tuple[int, int]) -> None:
+        place, top = at
+        source, target = sources[place, top : top + strip], targets[place, top : top + strip]
+        with borrowed([(len(source), length)] * 2, factors.dtype) as (plane, spectrum):
+            continued(source, plane, (0, margin), border)
+            plane[:, -CLOSING_PX:] = closing(plane)
+            cv2.dft(plane, spectrum, cv2.DFT_ROWS)
+            cv2.mulSpectrums(spectrum, factors[top : top + strip], cv2.DFT_ROWS, spectrum)
+            cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
+            target[:] = plane[:, margin : margin + width]
+
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+    side_by_side(
+        move, [(place, top) for place in range(len(sources)) for top in range(0, height, strip)], threads
+    )
+    return out
+
+
+@lru_cache(maxsize=4)
+def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along_px: float) -> NDArray[Any]:
+    """Packed phases of rows' displacements, times a blur along them: products of a few, where these grow evenly; not
+    to be written to."""
+    shifts = np.array(shift_px)
+    turn = -2j * np.pi * np.arange(length // 2 + 1) / length
+    step = (shifts[-1] - shifts[0]) / max(1, len(shifts) - 1)
+    if np.abs(shifts - shifts[0] - step * np.arange(len(shifts))).max() > 1e-9:
+        return _spread(packed_factors(np.exp(np.outer(shifts, turn)), length, kind), along_px)
+    within = np.exp(np.outer(np.arange(min(_BLOCK, len(shifts))) * step, turn))
+    blocks = np.exp(np.outer(shifts[::_BLOCK], turn))
+    phases = (blocks[:, None] * within).reshape(-1, len(turn))[: len(shifts)]
+    return _spread(packed_factors(phases, length, kind), along_px)
+
+
+def _spread(packed: NDArray[Any], along_px: float) -> NDArray[Any]:
+    """Packed factors (H, L) times the transfer function of motion along rows, in their place."""
+    if along_px:
+        packed *= fourier.row_factors(along_px, packed.shape[1], packed.dtype) * packed.shape[1]
+    return packed
+
+
+def packed_factors(factors: NDArray[np.complex128], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Rows of factors at the frequencies of ``rfft``, as OpenCV packs them; length even."""
+    packed = np.empty((len(factors), length), kind)
+    packed[:, 0], packed[:, -1] = factors[:, 0].real, factors[:, -1].real
+    packed[:, 1:-1:2], packed[:, 2:-1:2] = factors[:, 1:-1].real, factors[:, 1:-1].imag
+    packed /= length
+    return packed
+
+
+def resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
+    """Row i as seen at i + shift_px (H,), between rows by Lanczos's taps."""
+    whole = torch.floor(shift_px.detach())
+    taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=light.device)
+    weights = lanczos((shift_px - whole)[:, None] - taps)
+    weights = weights / weights.sum(1, keepdim=True)
+    first = whole.long() + 1 - LOBES
+    follows = torch.is_grad_enabled() and (light.requires_grad or weights.requires_grad)
+    if follows or light.device.type != "cpu":
+        return _gathered(light, first, weights, border)
+    return rows_mixed(light, first.numpy(), weights.numpy(), border)
+
+
+def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
+    """Row i: the sum over k of weights[i, k] times row i + first[i] + k."""
+    height, width = light.shape[-2:]
+    before, after = ends(
+        first.numpy() if first.device.type == "cpu" else first.cpu().numpy(), weights.shape[1]
+    )
+    plane = extended(light, (before, 0), (before + height + after, width), border)
+    rows = torch.arange(height, device=light.device) + first + before
+    total = torch.zeros_like(light)
+    for tap, weight in enumerate(weights.to(light).unbind(1)):
+        total = total + plane.index_select(-2, rows + tap) * weight[:, None]
+    return total
+
+
+def rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border: Border) -> Tensor:
+    """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
+    if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
+        return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
+    height, taps = light.shape[-2], weights.shape[1]
+    sources = light.detach().contiguous().flatten(0, 1).numpy()
+    out = torch.empty_like(light, memory_format=torch.contiguous_format)
+    targets = out.flatten(0, 1).numpy()
+    before, after = ends(first, taps)
+    inside = index_of(height, before, before + height + after, border).numpy()
+    bands = []
+    for top in range(0, height, _TOGETHER):
+        rows = slice(top, top + _TOGETHER)
+        places = before + first[rows] + np.arange(height)[rows]
+        begin, end = int(places.min()), int(places.max()) + taps
+        band = np.zeros((len(places), end - begin))
+        np.put_along_axis(band, places[:, None] - begin + np.arange(taps), weights[rows], 1)
+        shown = inside[begin:end]  # rows that the border shows count where they are
+        if border == "constant":
+            band[:, (np.arange(begin, end) < before) | (np.arange(begin, end) >= before + height)] = 0
+        needed = slice(int(shown.min()), int(shown.max()) + 1)
+        folded = np.zeros((needed.stop - needed.start, len(places)), sources.dtype)
+        np.add.at(folded, shown - needed.start, band.T)
+        bands.append((rows, needed, np.ascontiguousarray(folded.T)))
+
+    def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
+        place, (rows, needed, band) = at
+        np.matmul(band, sources[place, needed], out=targets[place, rows])
+
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
+    return out
+
+
+def ends(first: NDArray[Any], taps: int) -> tuple[int, int]:
+    """Rows needed above and below a picture."""
+    return max(0, -int(first.min())), max(0, int(first.max()) + taps - 1)
