@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE, GAIN, speed_px_s
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EXPOSURE, GAIN, speed_px_s
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, exposure_for_all, gain_at
 from blurnoise_eval.report.measured import finite, spread
@@ -52,7 +52,8 @@ def questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
         elif (GAIN, AUTOMATIC) in data.settings.held:
             told += " (set by the camera, mean over pictures)"
         yield "Which gain?", told
-    yield "How fast?", _how_fast(data, answers, rows)
+    if not any(answer[EGO.name] for answer in answers):  # whose camera's speed stands with each answer
+        yield "How fast?", _how_fast(data, answers, rows)
     yield "How sure?", _how_sure(answers)
 
 
