@@ -9,9 +9,10 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from typer import Option
+from typer import Argument, Option
 
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, Axis
+from blurnoise_eval.system.storage import Location, location
 
 Grid = dict[str, tuple[float, ...]]
 """Values by the name of their axis, in its column's unit."""
@@ -171,6 +172,24 @@ Boxes = Annotated[
     Option(
         help="what a detection is held to: the object's box at mid-exposure, where it is for half of the exposure, "
         "or all that it passes"
+    ),
+]
+RunWritten = Annotated[
+    Location, Option("-o", "--output", parser=location, metavar="RUN", help="folder or URL for everything")
+]
+RunRead = Annotated[
+    Location, Argument(parser=location, metavar="RUN", help="the folder or URL of a sweep or a decision")
+]
+Folder = Annotated[
+    Location, Option("-o", "--output", parser=location, metavar="DIR", help="folder or URL for everything")
+]
+CacheGb = Annotated[
+    float | None,
+    Option(
+        "--cache-gb",
+        metavar="GB",
+        help="of pictures and models read by URL, how much this machine keeps (default: BLURNOISE_CACHE_GB, else 5; "
+        "in BLURNOISE_CACHE, else ~/.cache/blurnoise)",
     ),
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]

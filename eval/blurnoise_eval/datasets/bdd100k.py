@@ -12,15 +12,15 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Place
+from blurnoise_eval.system.storage import Location
 
 _CORNERS = ("x1", "y1", "x2", "y2")
 
 
 def bdd(
-    file: Place,
+    file: Location,
     *,
-    images: Place | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS,

@@ -24,7 +24,7 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Place
+from blurnoise_eval.system.storage import Location
 
 _KIND = "a COCO instances file"
 _READ = ("id", "image_id", "category_id", "bbox")  # the rest stays with the target
@@ -38,9 +38,9 @@ class _Image(NamedTuple):
 
 
 def coco(
-    file: Place,
+    file: Location,
     *,
-    images: Place | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS,

@@ -11,13 +11,13 @@ from pathlib import Path
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
-from blurnoise_eval.system.storage import Place, Url, listing, stamps
+from blurnoise_eval.system.storage import Location, Url, listing, stamps
 
 MOST_TARGETS = 20_000
 """Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
 
 
-def image_folder(folder: Place, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
+def image_folder(folder: Location, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
     """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
 
     max_megapixels: larger pictures cannot be loaded, whose memory would be wanted by the others.
@@ -33,7 +33,7 @@ def image_folder(folder: Place, *, max_megapixels: float = MAX_MEGAPIXELS) -> Pi
     return PictureSet("folder", str(folder), pictures)
 
 
-def picture_names(folder: Place) -> list[str]:
+def picture_names(folder: Location) -> list[str]:
     """Names of the pictures in ``folder`` and below, sorted, as sub/picture.png; links to folders stay shut.
 
     What a sweep has written is left out: the folders of runs below, and of a run in ``folder`` itself its own
@@ -90,7 +90,7 @@ def _listed(folder: Url) -> dict[str, str]:
 Entry = tuple[str, tuple[Target, ...] | None, int, tuple[float, float] | None]
 
 
-def from_files(folder: Place, entries: Iterable[Entry], max_megapixels: float) -> tuple[Picture, ...]:
+def from_files(folder: Location, entries: Iterable[Entry], max_megapixels: float) -> tuple[Picture, ...]:
     """The pictures of several (name, targets, id, size), as :func:`from_file` makes each.
 
     Raises ``OSError`` where the folder is a URL that nothing can be read from.
@@ -104,7 +104,7 @@ def from_files(folder: Place, entries: Iterable[Entry], max_megapixels: float) -
 
 
 def from_file(
-    folder: Place,
+    folder: Location,
     name: str,
     targets: tuple[Target, ...] | None,
     image_id: int,
@@ -141,7 +141,7 @@ def _stamp(folder: Path, name: str) -> str:
 
 
 def _load(
-    folder: Place, name: str, size_px: tuple[float, float] | None, max_megapixels: float, stamp: str | None
+    folder: Location, name: str, size_px: tuple[float, float] | None, max_megapixels: float, stamp: str | None
 ) -> Image:
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
     if isinstance(path, Url):

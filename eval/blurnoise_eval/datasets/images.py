@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.datasets import openexr
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
-from blurnoise_eval.system.storage import Place, Url
+from blurnoise_eval.system.storage import Location, Url
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 MAX_MEGAPIXELS = 100.0
@@ -38,7 +38,7 @@ class _Header(NamedTuple):
     alpha: str | None  # how a TIFF's colours hold it: "straight" or "multiplied"
 
 
-def decode(path: Place, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """Read a picture, (H, W) grey or (H, W, 3) RGB, 8 or 16 bit, turned as its EXIF orientation says.
 
     Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
@@ -68,7 +68,7 @@ def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArra
     return light
 
 
-def _check_size(path: Place, size_px: tuple[int, int], max_megapixels: float) -> None:
+def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float) -> None:
     width, height = size_px
     if width * height > 1e6 * max_megapixels:
         raise UnreadablePicture(
@@ -91,7 +91,7 @@ def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
         raise UnreadablePicture(f"{path}: {error}") from None
 
 
-def _stored(path: Place, max_megapixels: float) -> NDArray[Any] | None:
+def _stored(path: Location, max_megapixels: float) -> NDArray[Any] | None:
     """What the file holds, of any type; None where OpenCV cannot decode it."""
     try:
         source = _source(path)
@@ -112,7 +112,7 @@ def _stored(path: Place, max_megapixels: float) -> NDArray[Any] | None:
     return _decoded(_unmultiplied(data) if header and header.alpha else data)
 
 
-def _source(path: Place) -> Path | io.BytesIO:
+def _source(path: Location) -> Path | io.BytesIO:
     """The file itself, or the bytes of an object. Raises ``OSError``."""
     if isinstance(path, Url):
         return io.BytesIO(path.read_bytes())
@@ -163,7 +163,7 @@ def _header(path: Path | io.BytesIO) -> _Header | None:
         return None
 
 
-def size_px(path: Place) -> tuple[int, int]:
+def size_px(path: Location) -> tuple[int, int]:
     """(width, height) of the picture as :func:`decode` gives it, from the file's header where that says it.
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
@@ -177,7 +177,7 @@ def size_px(path: Place) -> tuple[int, int]:
     return width, height
 
 
-def _readable(path: Place) -> Path | io.BytesIO | None:
+def _readable(path: Location) -> Path | io.BytesIO | None:
     try:
         return _source(path)
     except OSError:  # told by decode
@@ -191,7 +191,7 @@ def content(picture: Image) -> str:
     return digest.hexdigest()
 
 
-def read_picture(path: Place, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def read_picture(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
     picture = decode(path, max_megapixels)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))

@@ -23,14 +23,16 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Place
+from blurnoise_eval.system.storage import Location
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
 _HEIGHTS_PX = (16, 32, 64)
 
 
-def texts(file: Place, *, images: Place | None = None, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
+def texts(
+    file: Location, *, images: Location | None = None, max_megapixels: float = MAX_MEGAPIXELS
+) -> PictureSet:
     """The pictures of a PP-OCR label file, with their texts as targets; unreadable ones are marked as crowds.
 
     The file has a line per picture: its name, a tab, and either its text, when the whole picture is the box,
@@ -42,7 +44,7 @@ def texts(file: Place, *, images: Place | None = None, max_megapixels: float = M
     selection = Selection((), keep_empty=True)
     with faults_of("text", file):
         content = read_text(file)
-        targets: Callable[[Place, str], list[Target]]
+        targets: Callable[[Location, str], list[Target]]
         targets = partial(_places, selection=selection) if "\t[{" in content else _whole
         lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
         selection.check((), lines)
@@ -52,7 +54,7 @@ def texts(file: Place, *, images: Place | None = None, max_megapixels: float = M
 
 
 def _line(
-    line: str, *, folder: Place, targets: Callable[[Place, str], list[Target]]
+    line: str, *, folder: Location, targets: Callable[[Location, str], list[Target]]
 ) -> tuple[str, list[Target]]:
     name, tab, rest = line.partition("\t")
     if not tab:
@@ -61,7 +63,7 @@ def _line(
     return name, targets(folder / name, rest)
 
 
-def _whole(picture: Place, written: str) -> list[Target]:
+def _whole(picture: Location, written: str) -> list[Target]:
     """The whole picture as the text's place; nothing where it cannot be read, which is told on loading."""
     try:
         width, height = size_px(picture)
@@ -70,7 +72,7 @@ def _whole(picture: Place, written: str) -> list[Target]:
     return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]
 
 
-def _places(picture: Place, written: str, *, selection: Selection) -> list[Target]:
+def _places(picture: Location, written: str, *, selection: Selection) -> list[Target]:
     found = each(
         as_json(written, "a list of texts and points"), "texts", partial(_place, selection=selection)
     )

@@ -24,16 +24,16 @@ from blurnoise_eval.datasets.folder import from_files, picture_names
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Place, Url
+from blurnoise_eval.system.storage import Location, Url
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
 
 
 def yolo(
-    path: Place,
+    path: Location,
     *,
-    images: Place | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     split: str | None = None,
     keep_empty: bool = False,
@@ -72,7 +72,7 @@ def yolo(
     return PictureSet("yolo", str(path), pictures, categories, notes)
 
 
-def _description(path: Place) -> tuple[Place, dict[Any, Any]]:
+def _description(path: Location) -> tuple[Location, dict[Any, Any]]:
     """The set's folder, and what its data.yaml or, without one, its classes.txt says."""
     if not path.is_dir():
         described = read_yaml(path)
@@ -98,7 +98,7 @@ def _class_names(names: object) -> dict[int, str]:
     return {class_id: str(name) for class_id, name in by_id.items()}
 
 
-def _sources(root: Place, described: Mapping[Any, Any], split: str | None) -> list[Place]:
+def _sources(root: Location, described: Mapping[Any, Any], split: str | None) -> list[Location]:
     """Folders of pictures, and lists of them (.txt)."""
     if split is None:
         split = next((key for key in _SPLITS if described.get(key)), None)
@@ -114,7 +114,7 @@ def _sources(root: Place, described: Mapping[Any, Any], split: str | None) -> li
     return [_existing(root / base, entry) for entry in entries]
 
 
-def _existing(base: Place, entry: str) -> Place:
+def _existing(base: Location, entry: str) -> Location:
     """The folder or list; Roboflow's exports write '../' where they mean './'."""
     for name in (entry, entry.removeprefix("../")):
         if (base / name).exists():
@@ -122,7 +122,7 @@ def _existing(base: Place, entry: str) -> Place:
     raise ValueError(f"{str(base / entry)!r}: no such folder or list of pictures")
 
 
-def _pictures(sources: Iterable[Place]) -> tuple[Place, list[str]]:
+def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
     """The folder that holds all sources, and the names of their pictures in it."""
     listed = []
     for source in sources:
@@ -140,7 +140,7 @@ def _pictures(sources: Iterable[Place]) -> tuple[Place, list[str]]:
     return folder, names
 
 
-def _common(folders: list[Place]) -> Place:
+def _common(folders: list[Location]) -> Location:
     """The folder that holds them all."""
     found = folders[0]
     if not isinstance(found, Url):
@@ -150,7 +150,7 @@ def _common(folders: list[Place]) -> Place:
     return found
 
 
-def _label_folder(folder: Place) -> Place:
+def _label_folder(folder: Location) -> Location:
     """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
     parts = folder.parts
     if "images" in parts:
@@ -166,11 +166,11 @@ def _label_folder(folder: Place) -> Place:
 
 
 def _targets(
-    picture: Place,
+    picture: Location,
     *,
     classes: Mapping[int, str],
     selection: Selection,
-    label_folder: Callable[[Place], Place],
+    label_folder: Callable[[Location], Location],
 ) -> list[Target] | None:
     """The picture's objects; None without a label file."""
     file = label_folder(picture.parent) / f"{picture.stem}.txt"

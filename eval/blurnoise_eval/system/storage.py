@@ -1,6 +1,6 @@
 """Storage by URL: objects of S3, Google Cloud Storage and Hugging Face as files, through fsspec.
 
-A :class:`Url` has what data sets, models and run folders need of a ``Path``, so that they take either: a ``Place``.
+A :class:`Url` has what data sets, models and run folders need of a ``Path``; a ``Location`` is either.
 What is read goes through this machine's :mod:`~blurnoise_eval.system.node_cache`; a ``stamp`` says which version is
 meant. Endpoints and credentials come from the environment, as botocore (AWS_ENDPOINT_URL, AWS_PROFILE,
 AWS_ACCESS_KEY_ID) and fsspec (FSSPEC_S3_ANON) read it; none is printed or kept.
@@ -12,6 +12,7 @@ for what is denied. What may pass (no answer, a connection cut off, a server tha
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import posixpath
 import re
@@ -34,7 +35,7 @@ _VERSION = ("ETag", "etag", "generation", "md5Hash", "blob_id", "LastModified", 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 
 
-class Place(Protocol):
+class Location(Protocol):
     """A file or a folder, on this machine (a ``Path``) or by :class:`Url`."""
 
     @property
@@ -54,10 +55,10 @@ class Place(Protocol):
         """From the root on."""
 
     @property
-    def parent(self) -> Place:
+    def parent(self) -> Location:
         """The folder that it is in."""
 
-    def __truediv__(self, name: str, /) -> Place:
+    def __truediv__(self, name: str, /) -> Location:
         """What has that name in this folder."""
 
     def __hash__(self) -> int:
@@ -151,6 +152,10 @@ class Url:
             version.key, partial(_download, version), int(size) if size.isdecimal() else None
         )
 
+    def read_fresh(self) -> bytes:
+        """All of the object as it is there now. Raises ``OSError``."""
+        return _download(replace(self, stamp=_stamp(_info(self))))
+
     def read_text(self, encoding: str = "utf-8") -> str:
         """All of the object as text. Raises ``OSError``, ``UnicodeDecodeError``."""
         return self.read_bytes().decode(encoding)
@@ -184,7 +189,7 @@ def is_url(text: object) -> bool:
     return isinstance(text, str) and _URL.match(text) is not None
 
 
-def place(text: str | Path | Url) -> Any:
+def location(text: str | Location) -> Any:
     """The ``Path`` or :class:`Url` that is named; ``file://`` is a path.
 
     Raises ``ValueError`` for a scheme that is not known, an address without a bucket, one that leaves it, and one
@@ -290,12 +295,12 @@ def fetch_ahead(urls: Sequence[Url]) -> None:
         list(pool.map(fetch, urls))
 
 
-def local_file(given: Place | str, beside: Sequence[str] = ()) -> Path:
+def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:
     """The file on this machine, together with others of its folder; it stays as long as this process runs.
 
     Of a ``Path`` that is what it is. beside: names that are left out where they are missing. Raises ``OSError``.
     """
-    found = place(given)  # type: ignore[arg-type]  # a place of any kind
+    found = location(given)
     if isinstance(found, Path):
         return found
     file: Url = found.stamped()
@@ -310,6 +315,24 @@ def local_file(given: Place | str, beside: Sequence[str] = ()) -> Path:
             (folder / name).write_bytes(version.read_bytes())
 
     return node_cache().folder("\n".join(version.key for version in versions), fill) / file.name
+
+
+def get_file(url: Url, file: Path) -> None:
+    """Write an object to a file, whole or not at all. Raises ``OSError``."""
+    unfinished = file.with_name(f".{file.name}.partial")
+    try:
+        tried(str(url), lambda: system_of(url.scheme).get_file(_address(url), str(unfinished)))
+        size = _stamp(_info(url)).partition(" ")[0]
+        if size != str(unfinished.stat().st_size):
+            raise OSError(errno.EIO, "was cut off, or has changed, while it was read", str(url))
+        unfinished.replace(file)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def put_file(file: Path, url: Url) -> None:
+    """Make an object of a file, whole or not at all. Raises ``OSError``."""
+    tried(str(url), lambda: system_of(url.scheme).put_file(str(file), _address(url)))
 
 
 def _address(url: Url) -> str:
