@@ -14,11 +14,14 @@ import os
 import shutil
 import threading
 import time
+import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp, mkstemp
+from tempfile import mkdtemp
+
+from blurnoise_eval.system.files import write_whole
 
 FOLDER, LIMIT_GB = "BLURNOISE_CACHE", "BLURNOISE_CACHE_GB"
 USUAL_GB = 5.0
@@ -56,14 +59,12 @@ class NodeCache:
         if len(data) > self.most_bytes:
             return
         self._home.mkdir(parents=True, exist_ok=True)
-        handle, unfinished = mkstemp(prefix=".", dir=self._home)
+        unfinished = self._home / f".{uuid.uuid4().hex}"
         try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(data)
-            Path(unfinished).replace(path)
+            write_whole(unfinished, data)
+            unfinished.replace(path)
         finally:
-            with suppress(OSError):
-                Path(unfinished).unlink()
+            unfinished.unlink(missing_ok=True)
         self._wrote(len(data))
 
     def folder(self, key: str, fill: Callable[[Path], None]) -> Path:

@@ -14,18 +14,19 @@ from __future__ import annotations
 
 import errno
 import hashlib
-import posixpath
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
+from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.node_cache import node_cache
 from blurnoise_eval.system.transport import OBJECT_S, SCHEMES, Changed, system_of, tried, without_secrets
 
@@ -96,17 +97,17 @@ class Url:
     @property
     def name(self) -> str:
         """The last part."""
-        return self.path.rpartition("/")[2]
+        return PurePosixPath(self.path).name
 
     @property
     def stem(self) -> str:
         """The name without its suffix."""
-        return self.name.removesuffix(self.suffix)
+        return PurePosixPath(self.path).stem
 
     @property
     def suffix(self) -> str:
-        """From the name's last dot on; of a name that begins with its only dot, nothing."""
-        return posixpath.splitext(self.name)[1]
+        """From the name's last dot on."""
+        return PurePosixPath(self.path).suffix
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -160,11 +161,11 @@ class Url:
         """All of the object as text. Raises ``OSError``, ``UnicodeDecodeError``."""
         return self.read_bytes().decode(encoding)
 
-    def write_bytes(self, data: bytes) -> None:
+    def put(self, data: bytes) -> None:
         """Make the object, whole or not at all. Raises ``OSError``."""
         tried(str(self), lambda: system_of(self.scheme).pipe_file(_address(self), data))
 
-    def write_new(self, data: bytes) -> bool:
+    def put_new(self, data: bytes) -> bool:
         """Make the object unless there is one, and say whether it was made. Raises ``OSError``."""
         system = system_of(self.scheme)
         try:
@@ -246,11 +247,7 @@ def listing(folder: Url) -> dict[str, str]:
     found = tried(str(folder), lambda: system.find(address, detail=True))
     start = len(system._strip_protocol(f"{folder.scheme}://{address}").rstrip("/")) + 1
     names = ((name[start:], info) for name, info in found.items() if info["type"] == "file")
-    return {
-        name: _stamp(info)
-        for name, info in names
-        if name and not any(part in ("", ".", "..") for part in name.split("/"))
-    }
+    return {name: _stamp(info) for name, info in names if _is_below(name)}
 
 
 def stamps(folder: Url, names: Sequence[str]) -> dict[str, str]:
@@ -298,21 +295,22 @@ def fetch_ahead(urls: Sequence[Url]) -> None:
 def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:
     """The file on this machine, together with others of its folder; it stays as long as this process runs.
 
-    Of a ``Path`` that is what it is. beside: names that are left out where they are missing. Raises ``OSError``.
+    Of a ``Path`` that is what it is. beside: names that are left out where they are missing, or lead elsewhere. Raises ``OSError``.
     """
     found = location(given)
     if isinstance(found, Path):
         return found
     file: Url = found.stamped()
+    names = [name for name in beside if _is_below(name)]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
-        looked = pool.map(lambda name: (name, _stamp_or_error(file.parent / name)), beside)
+        looked = pool.map(lambda name: (name, _stamp_or_error(file.parent / name)), names)
         company = {name: stamp for name, stamp in looked if isinstance(stamp, str)}
     versions = [file, *(replace(file.parent / name, stamp=stamp) for name, stamp in company.items())]
 
     def fill(folder: Path) -> None:
         for name, version in zip([file.name, *company], versions, strict=True):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(version.read_bytes())
+            write_whole(folder / name, version.read_bytes())
 
     return node_cache().folder("\n".join(version.key for version in versions), fill) / file.name
 
@@ -335,14 +333,19 @@ def put_file(file: Path, url: Url) -> None:
     tried(str(url), lambda: system_of(url.scheme).put_file(str(file), _address(url)))
 
 
+def _is_below(name: str) -> bool:
+    return not any(part in ("", ".", "..") for part in name.split("/"))
+
+
 def _address(url: Url) -> str:
     """As fsspec takes it."""
     return f"{url.path}?{url.query}" if url.query else url.path
 
 
 def _stamp(info: dict[str, Any]) -> str:
-    version = next((str(info[name]) for name in _VERSION if info.get(name)), "")
-    return f"{info.get('size')} {version.strip(chr(34))}"
+    version = next((info[name] for name in _VERSION if info.get(name)), "")
+    version = version.timestamp() if isinstance(version, datetime) else version  # listings tell it so or so
+    return f"{info.get('size')} {str(version).strip(chr(34))}"
 
 
 def _info(url: Url) -> dict[str, Any]:

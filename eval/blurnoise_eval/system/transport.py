@@ -24,6 +24,13 @@ SCHEMES = (
 """Scheme, the extra of this package that brings what it needs, and the module by which that shows."""
 WAITS_S = (0.5, 1.0, 2.0, 4.0)
 CONNECT_S, READ_S, OBJECT_S = 10, 30, 600
+_CUT = (
+    "IncompleteRead",
+    "ClientPayloadError",
+    "ResponseStreamingError",
+    "ConnectionClosedError",
+    "ServerDisconnectedError",
+)
 T = TypeVar("T")
 
 
@@ -54,6 +61,8 @@ def _explained(error: Exception, shown: str) -> tuple[bool, OSError]:
     """Whether it may pass, and what failed in one line."""
     told, kind = _one_line(error), type(error).__name__
     status = getattr(error, "status", getattr(error, "code", None))
+    if isinstance(error, OSError) and error.errno == errno.ENOPKG:
+        return False, OSError(error.errno, error.strerror, shown)
     if isinstance(error, Changed):
         return False, OSError(errno.ESTALE, "has changed since it was looked up", shown)
     if isinstance(error, (FileNotFoundError, IsADirectoryError)) or status == 404:
@@ -69,16 +78,12 @@ def _explained(error: Exception, shown: str) -> tuple[bool, OSError]:
         return False, PermissionError(
             errno.EACCES, why if shown.startswith("s3:") else "no credentials", shown
         )
+    if isinstance(error, EOFError) or kind in _CUT:
+        return True, OSError(errno.EIO, f"cut off while it was read ({told})", shown)
     if isinstance(error, socket.gaierror) or "Connect" in kind:
         return True, OSError(errno.EHOSTUNREACH, f"no such host, or it does not answer ({told})", shown)
     if isinstance(error, TimeoutError) or "Timeout" in kind:
         return True, TimeoutError(errno.ETIMEDOUT, f"no answer within {READ_S} s", shown)
-    if isinstance(error, EOFError) or kind in (
-        "IncompleteRead",
-        "ClientPayloadError",
-        "ResponseStreamingError",
-    ):
-        return True, OSError(errno.EIO, f"cut off while it was read ({told})", shown)
     if isinstance(error, OSError) and error.errno == errno.EINVAL:
         return False, OSError(errno.EINVAL, f"refused ({told})", shown)
     if isinstance(error, OSError) and getattr(error, "filename", None) == shown:
@@ -99,7 +104,7 @@ def system_of(scheme: str) -> Any:
         import fsspec
 
         import_module(module)
-        options: dict[str, Any] = {"use_listings_cache": False}
+        options: dict[str, Any] = {"use_listings_cache": False, "skip_instance_cache": True}
         if scheme == "s3":
             stated = fsspec.config.conf.get("s3", {}).get("config_kwargs", {})
             waits = {"connect_timeout": CONNECT_S, "read_timeout": READ_S, "retries": {"max_attempts": 0}}

@@ -1,9 +1,10 @@
 """Working folder of a command: a folder of this machine that stands for one at a URL.
 
 SQLite needs a local disk. So the files of a run at a URL are fetched when it is opened, worked on here, and put back
-whole: what has changed at the end, and meanwhile, every five minutes, new pictures and then a copy of the results. A run
-that is written has a lock beside it, which is renewed every minute: another machine's is respected for five minutes after
-it was last renewed, and then taken over. What could not be put stays here, in the cache's ``runs``, for the next time.
+whole: what has changed at the end, and meanwhile, every five minutes, new pictures and then a copy of the results.
+A run that is written has a lock beside it, renewed every minute: another machine's is respected for five minutes
+after it was last renewed, and then taken over. What could not be put stays here, in the cache's ``runs``, for the
+next time.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.node_cache import cache_folder
 from blurnoise_eval.system.storage import Location, Url, get_file, is_url, listing, put_file
 from blurnoise_eval.system.transport import without_secrets
@@ -99,7 +100,10 @@ class WorkingFolder:
     def _put_results(self, file: Path) -> None:
         if self.url is not None:
             put_file(file, self.url / RUN_FILE)
-            (self.path / _REMOTE).write_text((self.url / RUN_FILE).stamped().stamp or "")
+            self._goes_on_from((self.url / RUN_FILE).stamped().stamp or "")
+
+    def _goes_on_from(self, stamp: str) -> None:
+        write_whole(self.path / _REMOTE, stamp.encode())
 
     def look(self) -> None:
         """What is here now is there, too."""
@@ -120,7 +124,7 @@ class WorkingFolder:
         with ThreadPoolExecutor(_AT_ONCE) as pool:
             list(pool.map(get, [name for name in found if name.startswith(tuple(names))]))
         if RUN_FILE in found:
-            (self.path / _REMOTE).write_text(found[RUN_FILE])
+            self._goes_on_from(found[RUN_FILE])
 
 
 def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
@@ -147,7 +151,6 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
         held.enter_context(_alone_anywhere(where))
         folder = WorkingFolder(path, where, owned=True)
         _bring_up(folder)
-        folder.look()
         try:
             with _explained(folder):
                 yield folder
@@ -202,6 +205,7 @@ def _bring_up(folder: WorkingFolder) -> None:
         path.mkdir(parents=True, exist_ok=True)  # begun here and never put, or not begun
     elif there != known:
         folder.fetch(_READ if there is not None else ())
+        folder.look()
 
 
 @contextmanager
@@ -218,19 +222,26 @@ def _explained(folder: WorkingFolder) -> Iterator[None]:
 @contextmanager
 def _alone_here(lock: Path, url: Url) -> Iterator[None]:
     lock.parent.mkdir(parents=True, exist_ok=True)
-    with lock.open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise ValueError(f"run = {str(url)!r}: another process is using it") from None
+    handle = os.open(lock, os.O_RDWR | os.O_CREAT)
+    try:
+        _only_holder(handle, url)
         yield
+    finally:
+        os.close(handle)
+
+
+def _only_holder(handle: int, url: Url) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ValueError(f"run = {str(url)!r}: another process is using it") from None
 
 
 @contextmanager
 def _alone_anywhere(url: Url) -> Iterator[None]:
     """Nobody else's lock is at the URL meanwhile, as far as that can be seen."""
     lock, token = url / LOCK, uuid.uuid4().hex
-    if not lock.write_new(_lock(token)):
+    if not lock.put_new(_lock(token)):
         held = _held(lock)
         age_s = time.time() - held["time_s"]
         if held["host"] != socket.gethostname() and age_s < RESPECTED_S:
@@ -238,13 +249,13 @@ def _alone_anywhere(url: Url) -> Iterator[None]:
                 f"run = {str(url)!r}: {held['host']} is writing it, as of {max(age_s, 0):.0f} s ago; "
                 f"{RESPECTED_S:.0f} s after it stopped it can be taken over"
             )
-        lock.write_bytes(_lock(token))
+        lock.put(_lock(token))
     stop = threading.Event()
 
     def renew() -> None:
         while not stop.wait(RENEW_S):
             with suppress(OSError):
-                lock.write_bytes(_lock(token))
+                lock.put(_lock(token))
 
     renewer = threading.Thread(target=renew, daemon=True)
     renewer.start()
