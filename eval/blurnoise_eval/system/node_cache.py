@@ -72,7 +72,7 @@ class NodeCache:
 
         Raises ``OSError`` where it cannot be written, and what ``fill`` raises.
         """
-        path = self._home / _name(key)
+        path = self._home / _name(f"folder of {key}")
         with self._lock:
             if path in self._held and path.is_dir():
                 return path
@@ -103,8 +103,11 @@ class NodeCache:
             raise OSError(error.errno, why, str(self._home.parent)) from None
         try:
             fill(unfinished)
-            with suppress(OSError):  # another process was faster
+            try:
                 unfinished.rename(path)
+            except OSError:
+                if not path.is_dir():  # else another process was faster
+                    raise
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
         self._wrote(_size(path))

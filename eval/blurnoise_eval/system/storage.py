@@ -143,7 +143,12 @@ class Url:
 
     def stamped(self) -> Url:
         """This with the stamp of the version that is there now. Raises ``FileNotFoundError``, ``OSError``."""
-        return self if self.stamp is not None else replace(self, stamp=_stamp(_info(self)))
+        if self.stamp is not None:
+            return self
+        found = _info(self)
+        if found["type"] != "file":
+            raise FileNotFoundError(errno.ENOENT, "is a folder, no object", str(self))
+        return replace(self, stamp=_stamp(found))
 
     def read_bytes(self) -> bytes:
         """All of the object, from the cache if it is there. Raises ``OSError``, also for another version."""
@@ -155,7 +160,7 @@ class Url:
 
     def read_fresh(self) -> bytes:
         """All of the object as it is there now. Raises ``OSError``."""
-        return _download(replace(self, stamp=_stamp(_info(self))))
+        return _download(replace(self, stamp=None).stamped())
 
     def read_text(self, encoding: str = "utf-8") -> str:
         """All of the object as text. Raises ``OSError``, ``UnicodeDecodeError``."""
@@ -295,7 +300,8 @@ def fetch_ahead(urls: Sequence[Url]) -> None:
 def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:
     """The file on this machine, together with others of its folder; it stays as long as this process runs.
 
-    Of a ``Path`` that is what it is. beside: names that are left out where they are missing, or lead elsewhere. Raises ``OSError``.
+    Of a ``Path`` that is what it is. beside: names that are left out where they are missing, or lead elsewhere.
+    Raises ``OSError``.
     """
     found = location(given)
     if isinstance(found, Path):
@@ -361,16 +367,14 @@ def _download(version: Url) -> bytes:
     def whole() -> bytes:
         data: bytes = system.cat_file(_address(version), **waits)
         size, _, tag = (version.stamp or "").partition(" ")
-        plain = (
-            not re.fullmatch("[0-9a-f]{32}", tag)
-            or tag == hashlib.md5(data, usedforsecurity=False).hexdigest()
-        )
-        if plain and size in (str(len(data)), "None"):
+        if tag == hashlib.md5(data, usedforsecurity=False).hexdigest():
             return data
-        if _stamp(system.info(_address(version))) != version.stamp:
+        if (
+            _stamp(system.info(_address(version))) != version.stamp
+        ):  # S3's tag need not be the sum of the bytes
             raise Changed
-        if size != str(len(data)):
+        if size not in (str(len(data)), "None"):
             raise EOFError(f"{len(data)} of {size} bytes")
-        return data  # its tag is no sum of its bytes
+        return data
 
     return tried(str(version), whole)

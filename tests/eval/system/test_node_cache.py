@@ -120,6 +120,13 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
     assert not list((tmp_path / "objects").iterdir())
 
 
+def test_an_object_alone_and_in_a_folder(tmp_path: Path) -> None:
+    cache = NodeCache(tmp_path, 1000)
+    assert cache.read("a", lambda: b"data") == b"data"
+    assert cache.folder("a", lambda folder: None).is_dir()
+    assert cache.read("a", no_fetch) == b"data"
+
+
 def test_many_at_once(tmp_path: Path) -> None:
     """Threads over two caches of one folder, far too small for all: every answer is right."""
     caches = [NodeCache(tmp_path, 5_000) for _ in range(2)]
