@@ -356,8 +356,8 @@ def cache(limit_gb: float | None) -> None:
     from blurnoise_eval.system import node_cache
 
     if limit_gb is not None:
+        node_cache.most_bytes(str(limit_gb))
         os.environ[node_cache.LIMIT_GB] = str(limit_gb)
-        node_cache.node_cache()
 
 
 def threads(count: int | None) -> int:

@@ -11,6 +11,8 @@ import onnx
 from blurnoise_eval.detectors.contract import ModelError, contract_file, read_mapping
 from blurnoise_eval.system.storage import Location, Url, local_file, location
 
+_FETCHED: dict[Path, Url] = {}
+
 
 def fetched(path: str | Location) -> Path:
     """The model's file on this machine, beside it its contract, external weights and dictionary, if it has them.
@@ -20,8 +22,19 @@ def fetched(path: str | Location) -> Path:
     found = location(path)
     if isinstance(found, Path):
         return found
+    local = _with_company(found)
+    _FETCHED[local] = found
+    return local
+
+
+def shown(file: Path) -> str:
+    """The model's file as it was named: the URL where this process has fetched it from one."""
+    return str(_FETCHED.get(file, file))
+
+
+def _with_company(url: Url) -> Path:
     try:
-        model: Url = found.stamped()
+        model = url.stamped()
         contracts = [f"{model.stem}.contract.{end}" for end in ("json", "yaml", "yml")]
         with_contract = local_file(model, contracts)
         beside = [*contracts, *_external(with_contract), *_dictionary(with_contract)]

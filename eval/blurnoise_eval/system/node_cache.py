@@ -184,12 +184,17 @@ def cache_folder() -> Path:
     return Path(os.environ.get(FOLDER) or usual)
 
 
-@cache
-def _node_cache(folder: Path, limit_gb: str) -> NodeCache:
+def most_bytes(limit_gb: str) -> int:
+    """The limit in bytes. Raises ``ValueError`` for what is no number above 0."""
     try:
         limit = float(limit_gb)
     except ValueError:
         limit = 0.0
     if not 0 < limit < 1e6:
         raise ValueError(f"cache-gb = {limit_gb!r}: must be a number > 0 and < 1e6")
-    return NodeCache(folder, round(limit * 1e9))
+    return round(limit * 1e9)
+
+
+@cache
+def _node_cache(folder: Path, limit_gb: str) -> NodeCache:
+    return NodeCache(folder, most_bytes(limit_gb))

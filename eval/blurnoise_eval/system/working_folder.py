@@ -34,7 +34,7 @@ from blurnoise_eval.system.transport import without_secrets
 
 LOCK = ".lock.json"
 MIRROR_S, RENEW_S, RESPECTED_S = 300.0, 60.0, 300.0
-_READ = (RUN_FILE, "examples/")  # what of a run is read again
+_READ = (RUN_FILE, "examples/", "coco/instances.json")  # what of a run is read again
 _REMOTE = ".remote"  # which version of the results at the URL these go on from
 _AT_ONCE = 8
 

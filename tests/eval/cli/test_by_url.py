@@ -11,7 +11,10 @@ from typing import Any
 
 import cv2
 import pytest
+from blurnoise_eval import datasets
 from blurnoise_eval.cli import main
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.system import transport
 from blurnoise_eval.system.storage import listing, location
 from blurnoise_models import matched_filter
@@ -21,8 +24,8 @@ from signs_in_memory import BOX, sign
 pytestmark = pytest.mark.slow
 ROOT = f"s3://{BUCKET}"
 NAMES = ("a.png", "sub/b c.png", "größe.png")
-CONDITIONS = ("--exposure-ms", "2,10", "--lux", "30", "--dx", "0,300", "--threads", "2")
-TIMED = ("simulate_ms", "prepare_ms", "infer_ms", "decode_ms")
+CONDITIONS = ("--exposure-ms", "2,10", "--lux", "30", "--dx", "0", "--threads", "2")
+PLAN = SweepPlan({"exposure_s": (0.002, 0.01), "illuminance_lux": (30.0,), "velocity_x_px_s": (0.0, 300.0)})
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +65,7 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Wire]
 @pytest.fixture
 def folder(held: tuple[Path, Wire], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("BLURNOISE_CACHE_GB", "1")
     held[1].mend()
     return held[0]
 
@@ -76,6 +80,16 @@ def sweep(root: object, run: object, *further: str) -> int:
     return main(["sweep", "--model", model, "--coco", labels, *CONDITIONS, "-o", str(run), *further])
 
 
+def evaluated(root: object, run: Path, **further: Any) -> Evaluation:
+    """The same without a page."""
+    pictures = datasets.coco(location(f"{root}/instances.json"))
+    return evaluate(f"{root}/small.onnx", pictures, plan=PLAN, output=run, threads=2, **further)
+
+
+def untimed(done: Evaluation) -> list[dict[str, Any]]:
+    return [{name: value for name, value in row.items() if not name.endswith("_ms")} for row in done.cells]
+
+
 def rows(results: str) -> list[dict[str, str]]:
     return [
         {name: value for name, value in row.items() if not name.endswith("_ms") or name == "exposure_ms"}
@@ -87,21 +101,26 @@ def at_url(name: str) -> str:
     return str(location(f"{ROOT}/{name}").read_fresh().decode())
 
 
-@pytest.mark.parametrize("engine", ["threads", "processes"])
-def test_a_sweep_is_that_of_folders(engine: str, folder: Path, tmp_path: Path, capsys: Any) -> None:
+def test_a_sweep_is_that_of_folders(folder: Path, tmp_path: Path, capsys: Any) -> None:
     assert sweep(folder, tmp_path / "run") == 0
-    assert sweep(ROOT, f"{ROOT}/run-{engine}", "--engine", engine, "--cache-gb", "0.1") == 0
-    told = capsys.readouterr()
-    assert told.out.splitlines()[-1] == f"open {ROOT}/run-{engine}/report.html"
+    assert sweep(ROOT, f"{ROOT}/run", "--cache-gb", "0.1") == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"open {ROOT}/run/report.html"
     for table in ("results.csv", "targets.csv"):
-        assert rows(at_url(f"run-{engine}/{table}")) == rows((tmp_path / "run" / table).read_text())
+        assert rows(at_url(f"run/{table}")) == rows((tmp_path / "run" / table).read_text())
     here = {
         file.relative_to(tmp_path / "run").as_posix()
         for file in (tmp_path / "run").rglob("*")
         if file.is_file()
     }
-    assert set(listing(location(f"{ROOT}/run-{engine}"))) == here
-    assert str(tmp_path) not in at_url(f"run-{engine}/summary.json") + at_url(f"run-{engine}/report.html")
+    assert set(listing(location(f"{ROOT}/run"))) == here
+    assert str(tmp_path) not in at_url("run/summary.json") + at_url("run/report.html")
+
+
+@pytest.mark.parametrize("engine", ["threads", "processes"])
+def test_workers_fetch_what_they_need(engine: str, folder: Path, tmp_path: Path) -> None:
+    there = evaluated(ROOT, tmp_path / "run", engine=engine)
+    assert untimed(there) == untimed(evaluated(folder, tmp_path / "plain"))
+    assert len(there.cells) == 15
 
 
 def test_goes_on_elsewhere_and_is_read(folder: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
@@ -121,27 +140,28 @@ def test_goes_on_elsewhere_and_is_read(folder: Path, tmp_path: Path, monkeypatch
     assert any(name.startswith("coco/small/") for name in listing(location(run)))
 
 
-def test_pictures_that_cannot_be_read_are_skipped(
-    folder: Path, wire: Wire, tmp_path: Path, capsys: Any
-) -> None:
+def test_pictures_that_cannot_be_read_are_skipped(folder: Path, wire: Wire, tmp_path: Path) -> None:
     """One is always cut off, one is denied; the others are seen."""
-    wire.named, wire.cuts = "GET /pictures/a.png", 99
-    assert sweep(ROOT, tmp_path / "run") == 0
-    told = capsys.readouterr().err
-    assert f"skipped: {ROOT}/a.png: cut off" in told
+    wire.named, wire.cuts, wire.cut_at = "GET /pictures/a.png", 99, 100
+    done = evaluated(ROOT, tmp_path / "run")
+    assert [each["reason"].partition(" (")[0] for each in done.skipped] == [
+        f"{ROOT}/a.png: cut off while it was read"
+    ]
     wire.mend()
     wire.named, wire.refusals, wire.status = "GET /pictures/sub", 99, "403 Forbidden"
-    assert sweep(ROOT, tmp_path / "run2") == 0
-    assert f"skipped: {ROOT}/sub/b c.png: denied" in capsys.readouterr().err
+    done = evaluated(ROOT, tmp_path / "run")
+    assert not done.skipped, "the cut one is read now, the others are done"
+    done = evaluated(ROOT, tmp_path / "run2")
+    assert not done.skipped, "nor is it asked for: this machine has it"
+    shutil.rmtree(tmp_path / "cache")
+    done = evaluated(ROOT, tmp_path / "run3")
+    assert [each["reason"].partition(" (")[0] for each in done.skipped] == [f"{ROOT}/sub/b c.png: denied"]
 
 
 def test_a_slow_server_with_faults_that_pass(folder: Path, wire: Wire, tmp_path: Path) -> None:
-    wire.delay_s, wire.cuts, wire.refusals = 0.05, 4, 4
-    assert sweep(ROOT, tmp_path / "run") == 0
-    wire.mend()
-    assert sweep(folder, tmp_path / "plain") == 0
-    plain = (tmp_path / "plain/results.csv").read_text()
-    assert rows((tmp_path / "run/results.csv").read_text()) == rows(plain)
+    wire.delay_s, wire.cuts, wire.cut_at, wire.refusals = 0.05, 4, 100, 4
+    assert untimed(evaluated(ROOT, tmp_path / "run")) == untimed(evaluated(folder, tmp_path / "plain"))
+    assert not wire.cuts + wire.refusals
 
 
 @pytest.mark.parametrize(
@@ -196,19 +216,21 @@ def test_a_query_is_not_kept(folder: Path, tmp_path: Path, monkeypatch: Any) -> 
     ]
     monkeypatch.setattr("sys.argv", ["blurnoise", *words])
     assert main(words) == 0
+    assert any(b"small.onnx" in file.read_bytes() for file in (tmp_path / "run").rglob("*.html"))
     assert all(
         b"versionId" not in file.read_bytes() for file in (tmp_path / "run").rglob("*") if file.is_file()
     )
 
 
-def test_a_cache_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+def test_a_cache_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatch: Any) -> None:
     """Pictures are read without it; a model has to be a file."""
     (tmp_path / "file").touch()
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "file"))
-    own = ["--model", str(folder / "small.onnx"), "--coco", f"{ROOT}/instances.json"]
-    assert main(["sweep", *own, *CONDITIONS, "-o", str(tmp_path / "run")]) == 0
-    assert sweep(ROOT, tmp_path / "run2") == 2
-    assert "the cache cannot be written" in capsys.readouterr().err
+    pictures = datasets.coco(location(f"{ROOT}/instances.json"))
+    done = evaluate(folder / "small.onnx", pictures, plan=PLAN, output=tmp_path / "run")
+    assert (len(done.cells), done.skipped) == (15, [])
+    with pytest.raises(ValueError, match="the cache cannot be written"):
+        evaluated(ROOT, tmp_path / "run2")
 
 
 def test_a_model_with_company(folder: Path, tmp_path: Path) -> None:
@@ -218,7 +240,7 @@ def test_a_model_with_company(folder: Path, tmp_path: Path) -> None:
 
     model = onnx.load(folder / "small.onnx")
     onnx.save_model(
-        model, tmp_path / "m.onnx", save_as_external_data=True, location="m.onnx.data", size_threshold=0
+        model, tmp_path / "m.onnx", save_as_external_data=True, location="m.onnx.data", size_threshold=1024
     )
     for file in ("m.onnx", "m.onnx.data"):
         (location(f"{ROOT}/models") / file).put((tmp_path / file).read_bytes())
