@@ -23,7 +23,7 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.system.storage import Finder, Location
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
@@ -45,7 +45,10 @@ def texts(
     with faults_of("text", file):
         content = read_text(file)
         targets: Callable[[Location, str], list[Target]]
-        targets = partial(_places, selection=selection) if "\t[{" in content else _whole
+        whole, find = "\t[{" not in content, Finder()
+        targets = partial(_whole, find=find) if whole else partial(_places, selection=selection)
+        if whole:
+            find.fetch_ahead(folder / line.partition("\t")[0] for line in content.split("\n") if line.strip())
         lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
         selection.check((), lines)
         taken = ((name, tuple(found), place, None) for place, (name, found) in enumerate(lines, start=1))
@@ -63,10 +66,10 @@ def _line(
     return name, targets(folder / name, rest)
 
 
-def _whole(picture: Location, written: str) -> list[Target]:
+def _whole(picture: Location, written: str, *, find: Finder) -> list[Target]:
     """The whole picture as the text's place; nothing where it cannot be read, which is told on loading."""
     try:
-        width, height = size_px(picture)
+        width, height = size_px(find(picture) or picture)
     except UnreadablePicture:
         return []
     return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]

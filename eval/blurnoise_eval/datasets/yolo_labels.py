@@ -24,7 +24,7 @@ from blurnoise_eval.datasets.folder import from_files, picture_names
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.storage import Location, Url
+from blurnoise_eval.system.storage import Finder, Location, Url
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
@@ -54,7 +54,10 @@ def yolo(
         if images and split:
             raise ValueError(f"split {split!r}: must not go with images, which are all taken")
         folder, names = _pictures([images] if images else _sources(root, described, split))
-        read = partial(_targets, classes=classes, selection=selection, label_folder=cache(_label_folder))
+        find, label_folder = Finder(), cache(_label_folder)
+        find.fetch_ahead(_label_file(folder / name, label_folder) for name in names)
+        find.fetch_ahead(folder / name for name in names)
+        read = partial(_targets, classes=classes, selection=selection, label_folder=label_folder, find=find)
         found = [(name, read(folder / name)) for name in names]
         unlabelled = sum(targets is None for _, targets in found)
         if unlabelled == len(found):
@@ -165,23 +168,28 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
+def _label_file(picture: Location, label_folder: Callable[[Location], Location]) -> Location:
+    return label_folder(picture.parent) / f"{picture.stem}.txt"
+
+
 def _targets(
     picture: Location,
     *,
     classes: Mapping[int, str],
     selection: Selection,
     label_folder: Callable[[Location], Location],
+    find: Finder,
 ) -> list[Target] | None:
     """The picture's objects; None without a label file."""
-    file = label_folder(picture.parent) / f"{picture.stem}.txt"
-    if not file.exists():
+    file = find(_label_file(picture, label_folder))
+    if file is None:
         return None
     with faults_of("labels", file):
         objects = list(each_line(read_text(file), partial(_object, classes=classes)))
     if not objects:
         return []
     try:
-        width, height = size_px(picture)
+        width, height = size_px(find(picture) or picture)
     except UnreadablePicture:  # told when it is loaded
         return []
     sides = np.array([width, height, width, height])

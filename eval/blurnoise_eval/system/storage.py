@@ -15,12 +15,12 @@ from __future__ import annotations
 import errno
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import partial
+from functools import cache, partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -284,6 +284,31 @@ def _stamp_or_error(url: Url) -> str | OSError:
         return url.stamped().stamp or ""
     except (FileNotFoundError, PermissionError) as error:
         return error
+
+
+class Finder:
+    """Finds files by their names, those of a folder at a URL by one listing of it."""
+
+    def __init__(self) -> None:
+        self._listed = cache(listing)
+
+    def __call__(self, file: Location) -> Location | None:
+        """The file, an object with its stamp; None where there is none. Raises ``OSError``."""
+        if not isinstance(file, Url):
+            return file if file.exists() else None
+        try:
+            stamp = self._listed(file.parent).get(file.name)
+            return None if stamp is None else replace(file, stamp=stamp)
+        except FileNotFoundError:
+            return None
+        except PermissionError:  # of the listing, perhaps not of the object
+            return file.stamped() if file.is_file() else None
+
+    def fetch_ahead(self, files: Iterable[Location]) -> None:
+        """Have those of them that are objects in the cache before they are read one by one."""
+        urls = [file for file in files if isinstance(file, Url)]
+        if urls:
+            fetch_ahead([found for found in map(self, urls) if isinstance(found, Url)])
 
 
 def fetch_ahead(urls: Sequence[Url]) -> None:
