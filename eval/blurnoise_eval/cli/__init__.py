@@ -35,6 +35,7 @@ from blurnoise_eval.cli import (
 from blurnoise_eval.cli._help import Command, Program
 from blurnoise_eval.system.machine import is_out_of_memory
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
+from blurnoise_eval.system.transport import without_secrets
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
@@ -88,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         told = str(error)
         if isinstance(error, OSError) and error.strerror and error.filename is not None:
             told = f"{error.filename}: {error.strerror}"
-        say(f"blurnoise: error: {shortened(told)}", error=True)
+        say(f"blurnoise: error: {shortened(without_secrets(told))}", error=True)
         return 2
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
@@ -138,7 +139,7 @@ def _told(error: typer.TyperException) -> str:
             told += f", got {fault['input']!r}"
     context = getattr(error, "ctx", None)
     hint = f"; see '{context.command_path} --help'" if context else ""
-    return f"blurnoise: error: {' '.join(told.split())}{hint}"
+    return f"blurnoise: error: {' '.join(without_secrets(told).split())}{hint}"
 
 
 def _with_ocr_method(arguments: Sequence[str]) -> list[str]:

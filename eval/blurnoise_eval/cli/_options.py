@@ -9,9 +9,10 @@ from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from typer import Context, Option
+from typer import Argument, Context, Option
 
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, Axis
+from blurnoise_eval.system.storage import Location, location
 
 Grid = dict[str, tuple[float, ...]]
 """Values by the name of their axis, in its column's unit."""
@@ -170,6 +171,24 @@ Boxes = Annotated[
         metavar="WHICH",
         help="truth: object, at mid-exposure; half, there for half of it; swept, all it passes",
         autocompletion=one_of(BOXES),
+    ),
+]
+RunWritten = Annotated[
+    Location, Option("-o", "--output", parser=location, metavar="RUN", help="folder or URL for everything")
+]
+RunRead = Annotated[
+    Location, Argument(parser=location, metavar="RUN", help="the folder or URL of a sweep or a decision")
+]
+Folder = Annotated[
+    Location, Option("-o", "--output", parser=location, metavar="DIR", help="folder or URL for everything")
+]
+CacheGb = Annotated[
+    float | None,
+    Option(
+        "--cache-gb",
+        metavar="GB",
+        help="of pictures and models read by URL, how much this machine keeps (default: BLURNOISE_CACHE_GB, else 5; "
+        "in BLURNOISE_CACHE, else ~/.cache/blurnoise)",
     ),
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]

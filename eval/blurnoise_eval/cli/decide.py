@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from typer import Context, Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
+    CacheGb,
     CameraName,
     GreyAnchor,
     Json,
     Range,
+    RunWritten,
     StatedPath,
     bounds,
     left_out,
@@ -104,7 +104,8 @@ def decide(
         str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
     ] = "threads",
     threads: Annotated[int | None, Option(metavar="N", help="how many of them (default: every core)")] = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
+    cache_gb: CacheGb = None,
+    output: RunWritten,
     as_json: Json = False,
 ) -> None:
     """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
@@ -120,9 +121,11 @@ def decide(
     Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
     there.
     """
+    given.cache(cache_gb)
     seen_by = given.camera(camera)
     from blurnoise_eval.deciding.deciding import Precision, decided
     from blurnoise_eval.deciding.question import Question
+    from blurnoise_eval.system.working_folder import written_run
 
     further = {
         "temperature_c": temperature_c,
@@ -144,25 +147,26 @@ def decide(
     models, pictures = given.subject(**shared)
     for each in models if shared["model"] or shared["ocr"] else ():
         print_assumed(each.contract, each.path)
-    done = decided(
-        models,
-        pictures,
-        seen_by,
-        question,
-        output,
-        threshold=threshold,
-        keep=keep,
-        score=score,
-        cluster=cluster,
-        precision=Precision(regret, edge_stops, most_nodes),
-        repeats=repeats,
-        seed=seed,
-        grey_anchor=grey_anchor,
-        trajectory=trajectory,
-        ego=ego,
-        engine=engine,
-        threads=workers,
-        progress=True,
-        command=" ".join(["blurnoise", *sys.argv[1:]]),
-    )
-    tell(done, as_json=as_json, first=done.how())
+    with written_run(output) as folder:
+        done = decided(
+            models,
+            pictures,
+            seen_by,
+            question,
+            folder,
+            threshold=threshold,
+            keep=keep,
+            score=score,
+            cluster=cluster,
+            precision=Precision(regret, edge_stops, most_nodes),
+            repeats=repeats,
+            seed=seed,
+            grey_anchor=grey_anchor,
+            trajectory=trajectory,
+            ego=ego,
+            engine=engine,
+            threads=workers,
+            progress=True,
+            command=given.command(),
+        )
+        tell(done, as_json=as_json, first=done.how())

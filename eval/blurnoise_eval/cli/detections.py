@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
-from blurnoise_eval.cli._options import Json
+from blurnoise_eval.cli._options import Json, RunRead
 from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.storage import Location, location
 from blurnoise_eval.system.terminal import say, say_json
 
 
 def detections(
-    run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep")],
+    run: RunRead,
     *,
     output: Annotated[
-        Path | None,
+        Location | None,
         Option(
             "-o",
             "--output",
+            parser=location,
             metavar="DIR",
             help="a folder per model: instances.json and a file per condition and repeat (default: RUN/coco)",
         ),
@@ -35,12 +36,14 @@ def detections(
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
+    from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    with Store(run) as store:
-        folder = output or run / "coco"
-        with ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance:
-            written = write_detections(store, folder, advance)
+    target = run / "coco" if output is None else output
+    with read_run(run) as read, Store(read.path) as store, output_folder(target) as folder:
+        steps = store.count_different(*CONDITIONS, "model", "repeat")
+        with ProgressBar("write", steps) as advance:
+            written = write_detections(store, folder.path, advance)
     if as_json:
-        say_json([str(path) for path in written])
+        say_json([folder.told(path) for path in written])
     else:
-        say(f"{len(written)} files in {folder}, each to compare with the instances.json beside it")
+        say(f"{len(written)} files in {target}, each to compare with the instances.json beside it")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.objects import Objects
     from blurnoise_eval.scoring.on_picture import Model
+    from blurnoise_eval.system.storage import Location
 
 
 def camera(name: str, f_number: float | None = None, cfa: Cfa | None = None) -> Camera:
@@ -207,12 +210,12 @@ def detector(model: Path | None, contract: str | None) -> Detector:
 
 
 def models(
-    paths: Sequence[Path] = (),
+    paths: Sequence[Location] = (),
     contracts: Sequence[str] = (),
     *,
     ocr: Literal["crop", "find"] | None = None,
-    dictionary: Path | None = None,
-    text_detector: Path | None = None,
+    dictionary: Location | None = None,
+    text_detector: Location | None = None,
 ) -> list[Model]:
     """The user's detectors and text recognisers, or the built-in detector. Equal names get a number.
 
@@ -252,12 +255,12 @@ def read(models: Sequence[Model]) -> bool:
 
 def pictures(
     *,
-    images: Path | None = None,
-    coco: Path | None = None,
-    yolo: Path | None = None,
+    images: Location | None = None,
+    coco: Location | None = None,
+    yolo: Location | None = None,
     split: str | None = None,
-    bdd: Path | None = None,
-    text: Path | None = None,
+    bdd: Location | None = None,
+    text: Location | None = None,
     targets: Sequence[str] = (),
     keep_empty: bool = False,
     limit: int | None = None,
@@ -312,11 +315,11 @@ def pictures(
 
 def subject(
     *,
-    model: Sequence[Path] | None,
+    model: Sequence[Location] | None,
     contract: Sequence[str] | None,
     ocr: Literal["crop", "find"] | None,
-    dictionary: Path | None,
-    text_detector: Path | None,
+    dictionary: Location | None,
+    text_detector: Location | None,
     target: Sequence[str] | None,
     **sets: Any,
 ) -> tuple[list[Model], PictureSet]:
@@ -339,6 +342,22 @@ def objects(mattes: str, plates: Path | None, speeds: Sequence[str], boxes: str)
         if not label:
             raise ValueError(f"object-speed = {text!r}: must be CLASS=FACTOR, such as car=0.5")
     return Objects(mattes, told, None if plates is None else str(plates), boxes)
+
+
+def command() -> str:
+    """What was typed, without what URLs hold of passwords."""
+    from blurnoise_eval.system.transport import without_secrets
+
+    return without_secrets(" ".join(["blurnoise", *sys.argv[1:]]))
+
+
+def cache(limit_gb: float | None) -> None:
+    """Bound this machine's cache, for the processes that are begun, too. Raises ``ValueError`` as that does."""
+    from blurnoise_eval.system import node_cache
+
+    if limit_gb is not None:
+        node_cache.most_bytes(str(limit_gb))
+        os.environ[node_cache.LIMIT_GB] = str(limit_gb)
 
 
 def threads(count: int | None) -> int:

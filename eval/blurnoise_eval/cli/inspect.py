@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import FAMILIES, Json, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
+from blurnoise_eval.system.storage import Location, location
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -23,7 +24,9 @@ _VALUE_LENGTH = 60  # of metadata, in characters
 
 
 def inspect(
-    model: Annotated[Path, Argument(metavar="M.onnx", help="a detector or a text recogniser")],
+    model: Annotated[
+        Location, Argument(parser=location, metavar="M.onnx", help="a detector or a text recogniser")
+    ],
     *,
     contract: Annotated[
         str | None,
@@ -60,9 +63,11 @@ def inspect(
         raise ValueError("output: goes with --probe, whose picture it shows")
     from blurnoise_eval.datasets import eight_bit, read_picture
     from blurnoise_eval.detectors.detector import open_session
+    from blurnoise_eval.detectors.model_files import fetched
     from blurnoise_eval.detectors.ocr import is_recogniser
 
     picture = eight_bit(read_picture(probe)) if probe else None
+    named, model = model, fetched(model)
     session = open_session(model)
     reads = contract == "ppocr" or is_recogniser(model)
     if reads and output:
@@ -72,7 +77,7 @@ def inspect(
     read_by = network.contract
     metadata = dict(sorted(session.get_modelmeta().custom_metadata_map.items()))
     facts = {
-        "model": str(model),
+        "model": str(named),
         "sha256": network.sha256,
         "inputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_inputs()],
         "outputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_outputs()],

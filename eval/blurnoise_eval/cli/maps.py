@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from textwrap import wrap
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import Json
+from blurnoise_eval.cli._options import Folder, Json, RunRead
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
@@ -18,7 +17,7 @@ _COLUMNS = 80
 
 
 def maps(
-    run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep or a decision")],
+    run: RunRead,
     *,
     keep: Keep = None,
     threshold: Threshold = None,
@@ -28,7 +27,7 @@ def maps(
     threads: Annotated[
         int | None, Option(metavar="N", help="charts' conditions at a time (default: every core)")
     ] = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="for everything")],
+    output: Folder,
     as_json: Json = False,
 ) -> None:
     """Which image-quality metric ranks a run's conditions as its detectors do, over light and motion blur together,
@@ -50,10 +49,11 @@ def maps(
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.run_surfaces import criterion_of
+    from blurnoise_eval.system.working_folder import output_folder, read_run
 
     integer("repeats", repeats, 1, MOST_REPEATS)
     cluster_of("", cluster)
-    with Store(run) as store:
+    with read_run(run) as read, Store(read.path) as store:
         criterion = criterion_of(store, threshold, keep, score)
         nodes = mapping.nodes_of(store)
         steps = len(nodes.plane.nodes) + store.count_different(*CONDITIONS, "model")
@@ -61,11 +61,12 @@ def maps(
             found = mapping.maps_of(
                 store, nodes, criterion, cluster=cluster, repeats=repeats, threads=workers, progress=advance
             )
-    output.mkdir(parents=True, exist_ok=True)
-    files = told.write(found, output)
-    drawn = figures.write(found, criterion.score, output / "figures")
+    with output_folder(output) as folder:
+        folder.path.mkdir(parents=True, exist_ok=True)
+        files = list(map(folder.told, told.write(found, folder.path)))
+        drawn = list(map(folder.told, figures.write(found, criterion.score, folder.path / "figures")))
     if as_json:
-        written = {"files": [str(path) for path in files], "figures": [str(path) for path in drawn]}
+        written = {"files": files, "figures": drawn}
         say_json({"output": str(output), **told.summary(found, criterion.score), **written})
         return
     for sentence in told.sentences(found, criterion.score):

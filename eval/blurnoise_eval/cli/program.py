@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Option
 
-from blurnoise_eval.cli._options import Json, Range, bounds
+from blurnoise_eval.cli._options import Folder, Json, Range, RunRead, bounds
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -21,9 +20,7 @@ _limit = partial(Option, rich_help_panel="Limits")
 
 
 def program(
-    run: Annotated[
-        Path, Argument(metavar="RUN", help="the folder of 'blurnoise decide' or 'blurnoise sweep'")
-    ],
+    run: RunRead,
     *,
     model: Annotated[
         str | None, _what(metavar="NAME", help="of the run's models (default: its only one)")
@@ -85,7 +82,7 @@ def program(
     stages: Annotated[
         int | None, Option(metavar="N", help="how many, 1 to 7 (default: as few as lose less than 0.002)")
     ] = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="for everything")],
+    output: Folder,
     as_json: Json = False,
 ) -> None:
     """Make an exposure program from a finished run, without new calls: for every light the exposure and gain that
@@ -111,6 +108,7 @@ def program(
     from blurnoise_eval.program.stages import MOST
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.run_surfaces import criterion_of
+    from blurnoise_eval.system.working_folder import output_folder, read_run
 
     if stages is not None and not 1 <= stages <= MOST:
         raise ValueError(
@@ -125,7 +123,7 @@ def program(
         most_gain_db=120.0 if most_gain_db is None else most_gain_db,
         line_time_s=line_time_us / 1e6,
     )
-    with Store(run) as store:
+    with read_run(run) as read, Store(read.path) as store:
         criterion = criterion_of(store, threshold, keep, score)
         found = reading.read(store, criterion, cluster, model)
     camera = found.metering.camera
@@ -137,7 +135,6 @@ def program(
         tail=tail,
     )
     made = make(Response(scenario, found.planes, found.exposures_s), found.metering, limits, stages)
-    output.mkdir(parents=True, exist_ok=True)
     about: dict[str, Any] = {
         "run": str(run),
         "model": found.model,
@@ -155,12 +152,16 @@ def program(
         "limits": limits.words,
         "notes": list(found.notes),
     }
-    written = export.write(made, scenario.lights_lux, about, output)
     title = f"{found.model}, {camera.name}: {criterion.title}"
-    written.append(figure.write(made, scenario, limits, found.metering, title, output / "program.png"))
+    with output_folder(output) as folder:
+        folder.path.mkdir(parents=True, exist_ok=True)
+        written = export.write(made, scenario.lights_lux, about, folder.path)
+        written.append(
+            figure.write(made, scenario, limits, found.metering, title, folder.path / "program.png")
+        )
     if as_json:
         document = export.document(made, scenario.lights_lux, about)
-        say_json({"output": str(output), "files": [str(path) for path in written], **document})
+        say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
         return
     say(*text.lines(made, scenario, limits, found.metering, criterion, found.model))
     say(*found.notes, error=True)

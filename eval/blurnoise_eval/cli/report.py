@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
-from blurnoise_eval.cli._options import SCORES, Json, one_of
+from blurnoise_eval.cli._options import SCORES, Json, RunRead, one_of
 from blurnoise_eval.cli.console import print_models, print_opening, say_wrapped
+from blurnoise_eval.system.storage import Location, location
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -48,15 +49,15 @@ Cluster = Annotated[
 
 
 def report(
-    run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep or a decision")],
+    run: RunRead,
     *,
     keep: Keep = None,
     threshold: Threshold = None,
     score: Score = None,
     cluster: Cluster = None,
     output: Annotated[
-        Path | None,
-        Option("-o", "--output", metavar="DIR", help="where to write them (default: RUN)"),
+        Location | None,
+        Option("-o", "--output", parser=location, metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -69,17 +70,19 @@ def report(
     The sweep itself is not repeated.
     """
     from blurnoise_eval.deciding.decision import Decision
+    from blurnoise_eval.system.working_folder import output_folder, read_run
 
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
-    done = Decision(run, **enough, cluster=cluster, output=output, progress=True)
-    tell(done, as_json=as_json, first=done.how())
+    with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
+        done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
+        tell(done, as_json=as_json, first=done.how())
 
 
 def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
     """Write a run's tables, figures and page; the answer in the terminal, after what is to be said ``first``."""
     from blurnoise_eval.report.findings import invented, missing_text
 
-    page = done.report()
+    done.report()
     for entry in done.skipped:
         say(f"skipped: {entry['reason']}", error=True)
     if as_json:
@@ -98,4 +101,4 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
         say_wrapped(behind)
     if meant := done.summary["reflectance"]:
         say_wrapped(f"lux: {meant}")
-    say(f"open {page}")
+    say(f"open {done.summary['report']}")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from typer import Option
@@ -13,6 +11,7 @@ from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
     FAMILIES,
     Boxes,
+    CacheGb,
     CameraName,
     Cfa,
     FrameRate,
@@ -23,12 +22,14 @@ from blurnoise_eval.cli._options import (
     Mattes,
     ObjectSpeed,
     Plates,
+    RunWritten,
     StatedPath,
     axis_options,
     one_of,
 )
 from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
+from blurnoise_eval.system.storage import Location, location
 
 _EGO = "With --ego-kmh: the camera on the vehicle"
 _what = partial(Option, rich_help_panel="What to run")
@@ -38,8 +39,9 @@ _what = partial(Option, rich_help_panel="What to run")
 def sweep(
     *,
     model: Annotated[
-        list[Path] | None,
+        list[Location] | None,
         _what(
+            parser=location,
             metavar="M.onnx",
             help="a detector or a text recogniser; 'blurnoise inspect M.onnx' says what it is taken for; several "
             "may be named, each with its own --model, to see them side by side (default: the built-in detector)",
@@ -64,33 +66,39 @@ def sweep(
         ),
     ] = None,
     dictionary: Annotated[
-        Path | None,
-        _what(metavar="FILE", help="a recogniser's characters, a line each"),
+        Location | None,
+        _what(parser=location, metavar="FILE", help="a recogniser's characters, a line each"),
     ] = None,
     text_detector: Annotated[
-        Path | None,
+        Location | None,
         _what(
+            parser=location,
             metavar="D.onnx",
             help="find text with this (PP-OCR's) before it is read; without it the known boxes are read",
         ),
     ] = None,
     images: Annotated[
-        Path | None,
+        Location | None,
         _what(
+            parser=location,
             metavar="DIR",
             help="a folder; targets: what is found when clean. With one of the files below: their folder",
         ),
     ] = None,
-    coco: Annotated[Path | None, _what(metavar="FILE", help="COCO instances")] = None,
-    yolo: Annotated[Path | None, _what(metavar="DATA.yaml|DIR", help="YOLO's text labels")] = None,
+    coco: Annotated[Location | None, _what(parser=location, metavar="FILE", help="COCO instances")] = None,
+    yolo: Annotated[
+        Location | None, _what(parser=location, metavar="DATA.yaml|DIR", help="YOLO's text labels")
+    ] = None,
     split: Annotated[
         str | None,
         _what(metavar="NAME", help="of DATA.yaml (default val, else train)"),
     ] = None,
-    bdd: Annotated[Path | None, _what(metavar="FILE", help="BDD100K detection labels")] = None,
+    bdd: Annotated[
+        Location | None, _what(parser=location, metavar="FILE", help="BDD100K detection labels")
+    ] = None,
     text: Annotated[
-        Path | None,
-        _what(metavar="FILE", help="PP-OCR labels: texts, or texts and places"),
+        Location | None,
+        _what(parser=location, metavar="FILE", help="PP-OCR labels: texts, or texts and places"),
     ] = None,
     target: Annotated[
         list[str] | None,
@@ -143,7 +151,8 @@ def sweep(
     threads: Annotated[
         int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")
     ] = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
+    cache_gb: CacheGb = None,
+    output: RunWritten,
     as_json: Json = False,
 ) -> None:
     """Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures,
@@ -159,11 +168,13 @@ def sweep(
     Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds. A sweep that was stopped
     goes on where it was when the same command is given again.
     """
+    given.cache(cache_gb)
     exposed_by = given.camera(camera, cfa=cfa)
     from blurnoise import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.scoring.clusters import cluster_of
     from blurnoise_eval.sweep.evaluation import evaluate
+    from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", cluster)
     workers = given.threads(threads)
@@ -198,19 +209,20 @@ def sweep(
     plan = SweepPlan(grid, **stated, auto_exposure=auto, objects=objects)
     for each in models if model or ocr else ():
         print_assumed(each.contract, each.path)
-    done = evaluate(
-        models,
-        pictures,
-        exposed_by,
-        plan,
-        output,
-        threshold=threshold,
-        keep=keep,
-        score=score,
-        cluster=cluster,
-        engine=engine,
-        threads=workers,
-        progress=True,
-        command=" ".join(["blurnoise", *sys.argv[1:]]),
-    )
-    tell(done, as_json=as_json)
+    with written_run(output) as folder:
+        done = evaluate(
+            models,
+            pictures,
+            exposed_by,
+            plan,
+            folder,
+            threshold=threshold,
+            keep=keep,
+            score=score,
+            cluster=cluster,
+            engine=engine,
+            threads=workers,
+            progress=True,
+            command=given.command(),
+        )
+        tell(done, as_json=as_json)

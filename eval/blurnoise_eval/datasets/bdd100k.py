@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, text
-from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.storage import Location
 
 _CORNERS = ("x1", "y1", "x2", "y2")
 
 
 def bdd(
-    file: Path,
+    file: Location,
     *,
-    images: Path | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS,
@@ -33,17 +33,17 @@ def bdd(
     in alphabetical order.
     """
     selection = Selection(labels, keep_empty)
-    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("bdd", file):
         document = read_json(file, "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
         known: set[str] = set()
         read = partial(_frame, known=known, selection=selection)
         listed = [frame for frame in each(frames, "frames", read) if selection.takes(frame[1])]
-        pictures = tuple(
-            load(images or file.parent, name, tuple(found), place, size_px)
+        taken = (
+            (name, tuple(found), place, size_px)
             for place, (name, found, size_px) in enumerate(listed, start=1)
         )
+        pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(known, pictures)
     categories = {label: place for place, label in enumerate(sorted(known), start=1)}
     return PictureSet("bdd", str(file), pictures, categories, selection.notes())

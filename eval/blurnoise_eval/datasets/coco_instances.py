@@ -6,7 +6,6 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from blurnoise._core.checks import shown
@@ -21,10 +20,11 @@ from blurnoise_eval.datasets.fields import (
     text,
     whole,
 )
-from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.storage import Location
 
 _KIND = "a COCO instances file"
 _READ = ("id", "image_id", "category_id", "bbox")  # the rest stays with the target
@@ -38,9 +38,9 @@ class _Image(NamedTuple):
 
 
 def coco(
-    file: Path,
+    file: Location,
     *,
-    images: Path | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS,
@@ -54,7 +54,6 @@ def coco(
     ``ValueError`` that names the file for anything that is not COCO, and for a file name that leaves the folder.
     """
     selection = Selection(labels, keep_empty)
-    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("coco", file):
         document = read_json(file, _KIND)
         if not isinstance(document, dict) or not document.keys() >= _PARTS:
@@ -65,11 +64,12 @@ def coco(
         read = partial(_annotation, categories=categories, listed=listed, selection=selection, used=set())
         for image_id, found in each(document["annotations"], "annotations", read):
             targets[image_id] += found
-        pictures = tuple(
-            load(images or file.parent, image.name, tuple(targets[image_id]), image_id, image.size_px)
+        taken = (
+            (image.name, tuple(targets[image_id]), image_id, image.size_px)
             for image_id, image in listed.items()
             if selection.takes(targets[image_id])
         )
+        pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(categories.values(), pictures)
     ids = {label: category_id for category_id, label in categories.items()}
     return PictureSet("coco", str(file), pictures, ids, selection.notes())

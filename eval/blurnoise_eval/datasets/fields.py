@@ -11,13 +11,14 @@ from typing import Any, TypeVar
 from blurnoise._core.checks import shown
 from blurnoise._core.documents import json_of, yaml_of
 from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.storage import Location
 
 T = TypeVar("T")
 LARGEST_ID = 2**63  # COCO's tools hold ids in 64 bits
 
 
 @contextmanager
-def faults_of(kind: str, file: Path) -> Iterator[None]:
+def faults_of(kind: str, file: Location) -> Iterator[None]:
     """What is wrong inside becomes one ``ValueError`` that begins with the kind and the file."""
     try:
         yield
@@ -27,16 +28,17 @@ def faults_of(kind: str, file: Path) -> Iterator[None]:
         raise ValueError(f"{kind} = {str(file)!r}: {' '.join(str(error).split())}") from None
 
 
-def read_text(file: Path) -> str:
+def read_text(file: Location) -> str:
     """The file as UTF-8, with or without a byte-order mark. Raises ``OSError``, ``ValueError``."""
-    check_regular(file)
+    if isinstance(file, Path):
+        check_regular(file)
     try:
         return file.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"not UTF-8 text (byte {error.start})") from None
 
 
-def read_json(file: Path, what: str) -> Any:
+def read_json(file: Location, what: str) -> Any:
     """The file as JSON. Raises ``OSError``, and ``ValueError`` that it is not ``what``."""
     return as_json(read_text(file), what)
 
@@ -49,7 +51,7 @@ def as_json(content: str, what: str) -> Any:
         raise ValueError(f"not {what}: {error}") from None
 
 
-def read_yaml(file: Path) -> dict[Any, Any]:
+def read_yaml(file: Location) -> dict[Any, Any]:
     """The file as a YAML mapping. Raises ``OSError``, and ``ValueError`` for anything else."""
     content = read_text(file)
     try:

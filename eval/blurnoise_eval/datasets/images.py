@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import struct
 import warnings
 from contextlib import suppress
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.datasets import openexr
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
+from blurnoise_eval.system.storage import Location, Url
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 MAX_MEGAPIXELS = 100.0
@@ -36,7 +38,7 @@ class _Header(NamedTuple):
     alpha: str | None  # how a TIFF's colours hold it: "straight" or "multiplied"
 
 
-def decode(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """Read a picture, (H, W) grey or (H, W, 3) RGB, 8 or 16 bit, turned as its EXIF orientation says.
 
     Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
@@ -66,7 +68,7 @@ def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArra
     return light
 
 
-def _check_size(path: Path, size_px: tuple[int, int], max_megapixels: float) -> None:
+def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float) -> None:
     width, height = size_px
     if width * height > 1e6 * max_megapixels:
         raise UnreadablePicture(
@@ -89,14 +91,18 @@ def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
         raise UnreadablePicture(f"{path}: {error}") from None
 
 
-def _stored(path: Path, max_megapixels: float) -> NDArray[Any] | None:
+def _stored(path: Location, max_megapixels: float) -> NDArray[Any] | None:
     """What the file holds, of any type; None where OpenCV cannot decode it."""
     try:
-        check_regular(path)
-        header = _header(path)
+        source = _source(path)
+        header = _header(source)
         if header:
             _check_size(path, header.size_px, max_megapixels)
-        data = np.fromfile(path, np.uint8)
+        data = (
+            np.fromfile(source, np.uint8)
+            if isinstance(source, Path)
+            else np.frombuffer(source.getbuffer(), np.uint8)
+        )
     except OSError as error:
         raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
     if not data.size:
@@ -104,6 +110,15 @@ def _stored(path: Path, max_megapixels: float) -> NDArray[Any] | None:
     if header and header.alpha == "multiplied":
         raise UnreadablePicture(f"{path}: its colours are multiplied by its transparency, which hides some")
     return _decoded(_unmultiplied(data) if header and header.alpha else data)
+
+
+def _source(path: Location) -> Path | io.BytesIO:
+    """The file itself, or the bytes of an object. Raises ``OSError``."""
+    if isinstance(path, Url):
+        return io.BytesIO(path.read_bytes())
+    found = Path(str(path))
+    check_regular(found)
+    return found
 
 
 def _decoded(data: NDArray[np.uint8]) -> NDArray[Any] | None:
@@ -130,7 +145,7 @@ def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return found
 
 
-def _header(path: Path) -> _Header | None:
+def _header(path: Path | io.BytesIO) -> _Header | None:
     """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than it takes."""
     try:
         with warnings.catch_warnings():
@@ -148,18 +163,25 @@ def _header(path: Path) -> _Header | None:
         return None
 
 
-def size_px(path: Path) -> tuple[int, int]:
+def size_px(path: Location) -> tuple[int, int]:
     """(width, height) of the picture as :func:`decode` gives it, from the file's header where that says it.
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    if (
-        path.is_file() and (header := _header(path)) and header.format != "TIFF"
-    ):  # some releases turn a TIFF's
+    source = _readable(path)
+    header = None if source is None else _header(source)
+    if header and header.format != "TIFF":  # some releases turn a TIFF's
         width, height = header.size_px
         return (height, width) if header.orientation in (5, 6, 7, 8) else (width, height)
     height, width = decode(path).shape[:2]
     return width, height
+
+
+def _readable(path: Location) -> Path | io.BytesIO | None:
+    try:
+        return _source(path)
+    except OSError:  # told by decode
+        return None
 
 
 def content(picture: Image) -> str:
@@ -169,7 +191,7 @@ def content(picture: Image) -> str:
     return digest.hexdigest()
 
 
-def read_picture(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def read_picture(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
     """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
     picture = decode(path, max_megapixels)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))

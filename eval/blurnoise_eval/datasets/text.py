@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,17 +19,20 @@ from blurnoise_eval.datasets.fields import (
     read_text,
     text,
 )
-from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.storage import Finder, Location
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
 _HEIGHTS_PX = (16, 32, 64)
 
 
-def texts(file: Path, *, images: Path | None = None, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
+def texts(
+    file: Location, *, images: Location | None = None, max_megapixels: float = MAX_MEGAPIXELS
+) -> PictureSet:
     """The pictures of a PP-OCR label file, with their texts as targets; unreadable ones are marked as crowds.
 
     The file has a line per picture: its name, a tab, and either its text, when the whole picture is the box,
@@ -40,21 +42,22 @@ def texts(file: Path, *, images: Path | None = None, max_megapixels: float = MAX
     """
     folder = images or file.parent
     selection = Selection((), keep_empty=True)
-    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("text", file):
         content = read_text(file)
-        targets: Callable[[Path, str], list[Target]]
-        targets = partial(_places, selection=selection) if "\t[{" in content else _whole
+        targets: Callable[[Location, str], list[Target]]
+        whole, find = "\t[{" not in content, Finder()
+        targets = partial(_whole, find=find) if whole else partial(_places, selection=selection)
+        if whole:
+            find.fetch_ahead(folder / line.partition("\t")[0] for line in content.split("\n") if line.strip())
         lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
         selection.check((), lines)
-        pictures = tuple(
-            load(folder, name, tuple(found), place) for place, (name, found) in enumerate(lines, start=1)
-        )
+        taken = ((name, tuple(found), place, None) for place, (name, found) in enumerate(lines, start=1))
+        pictures = from_files(folder, taken, max_megapixels)
     return PictureSet("text", str(file), pictures, {LABEL: 1}, selection.notes())
 
 
 def _line(
-    line: str, *, folder: Path, targets: Callable[[Path, str], list[Target]]
+    line: str, *, folder: Location, targets: Callable[[Location, str], list[Target]]
 ) -> tuple[str, list[Target]]:
     name, tab, rest = line.partition("\t")
     if not tab:
@@ -63,16 +66,16 @@ def _line(
     return name, targets(folder / name, rest)
 
 
-def _whole(picture: Path, written: str) -> list[Target]:
+def _whole(picture: Location, written: str, *, find: Finder) -> list[Target]:
     """The whole picture as the text's place; nothing where it cannot be read, which is told on loading."""
     try:
-        width, height = size_px(picture)
+        width, height = size_px(find(picture) or picture)
     except UnreadablePicture:
         return []
     return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]
 
 
-def _places(picture: Path, written: str, *, selection: Selection) -> list[Target]:
+def _places(picture: Location, written: str, *, selection: Selection) -> list[Target]:
     found = each(
         as_json(written, "a list of texts and points"), "texts", partial(_place, selection=selection)
     )

@@ -20,19 +20,20 @@ from blurnoise_eval.datasets.fields import (
     read_text,
     read_yaml,
 )
-from blurnoise_eval.datasets.folder import from_file, picture_names
+from blurnoise_eval.datasets.folder import from_files, picture_names
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.storage import Finder, Location, Url
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
 
 
 def yolo(
-    path: Path,
+    path: Location,
     *,
-    images: Path | None = None,
+    images: Location | None = None,
     labels: Sequence[str] = (),
     split: str | None = None,
     keep_empty: bool = False,
@@ -47,22 +48,25 @@ def yolo(
     line names it. Source: https://docs.ultralytics.com/datasets/detect.
     """
     selection = Selection(labels, keep_empty)
-    load = partial(from_file, max_megapixels=max_megapixels)
     with faults_of("yolo", path):
         root, described = _description(path)
         classes = _class_names(described.get("names"))
         if images and split:
             raise ValueError(f"split {split!r}: must not go with images, which are all taken")
         folder, names = _pictures([images] if images else _sources(root, described, split))
-        read = partial(_targets, classes=classes, selection=selection, label_folder=cache(_label_folder))
+        find, label_folder = Finder(), cache(_label_folder)
+        find.fetch_ahead(_label_file(folder / name, label_folder) for name in names)
+        find.fetch_ahead(folder / name for name in names)
+        read = partial(_targets, classes=classes, selection=selection, label_folder=label_folder, find=find)
         found = [(name, read(folder / name)) for name in names]
         unlabelled = sum(targets is None for _, targets in found)
         if unlabelled == len(found):
             raise ValueError(f"no label file for any of {len(found)} pictures in {str(folder)!r}")
         taken = [(name, targets or []) for name, targets in found if selection.takes(targets or [])]
-        pictures = tuple(
-            load(folder, name, tuple(targets), place) for place, (name, targets) in enumerate(taken, start=1)
+        entries = (
+            (name, tuple(targets), place, None) for place, (name, targets) in enumerate(taken, start=1)
         )
+        pictures = from_files(folder, entries, max_megapixels)
         selection.check(classes.values(), pictures)
     categories = {name: class_id + 1 for class_id, name in classes.items()}
     notes = selection.notes()
@@ -71,7 +75,7 @@ def yolo(
     return PictureSet("yolo", str(path), pictures, categories, notes)
 
 
-def _description(path: Path) -> tuple[Path, dict[Any, Any]]:
+def _description(path: Location) -> tuple[Location, dict[Any, Any]]:
     """The set's folder, and what its data.yaml or, without one, its classes.txt says."""
     if not path.is_dir():
         described = read_yaml(path)
@@ -97,7 +101,7 @@ def _class_names(names: object) -> dict[int, str]:
     return {class_id: str(name) for class_id, name in by_id.items()}
 
 
-def _sources(root: Path, described: Mapping[Any, Any], split: str | None) -> list[Path]:
+def _sources(root: Location, described: Mapping[Any, Any], split: str | None) -> list[Location]:
     """Folders of pictures, and lists of them (.txt)."""
     if split is None:
         split = next((key for key in _SPLITS if described.get(key)), None)
@@ -113,7 +117,7 @@ def _sources(root: Path, described: Mapping[Any, Any], split: str | None) -> lis
     return [_existing(root / base, entry) for entry in entries]
 
 
-def _existing(base: Path, entry: str) -> Path:
+def _existing(base: Location, entry: str) -> Location:
     """The folder or list; Roboflow's exports write '../' where they mean './'."""
     for name in (entry, entry.removeprefix("../")):
         if (base / name).exists():
@@ -121,7 +125,7 @@ def _existing(base: Path, entry: str) -> Path:
     raise ValueError(f"{str(base / entry)!r}: no such folder or list of pictures")
 
 
-def _pictures(sources: Iterable[Path]) -> tuple[Path, list[str]]:
+def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
     """The folder that holds all sources, and the names of their pictures in it."""
     listed = []
     for source in sources:
@@ -131,39 +135,61 @@ def _pictures(sources: Iterable[Path]) -> tuple[Path, list[str]]:
                 listed.append((source.parent, list(lines)))
         else:
             listed.append((source, picture_names(source)))
-    folder = Path(os.path.commonpath([source for source, _ in listed]))
-    names = [
-        (source.relative_to(folder) / name).as_posix() for source, each_name in listed for name in each_name
-    ]
+    folder = _common([source for source, _ in listed])
+    below = len(folder.parts)
+    names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
     if not names:
         raise ValueError("lists no pictures")
     return folder, names
 
 
-def _label_folder(folder: Path) -> Path:
+def _common(folders: list[Location]) -> Location:
+    """The folder that holds them all."""
+    found = folders[0]
+    if not isinstance(found, Url):
+        return Path(os.path.commonpath([str(folder) for folder in folders]))
+    while any(folder.parts[: len(found.parts)] != found.parts for folder in folders):
+        found = found.parent
+    return found
+
+
+def _label_folder(folder: Location) -> Location:
     """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
     parts = folder.parts
     if "images" in parts:
         last = len(parts) - 1 - parts[::-1].index("images")
-        beside = Path(*parts[:last], "labels", *parts[last + 1 :])
+        beside = folder
+        for _ in parts[last:]:
+            beside = beside.parent
+        for part in ("labels", *parts[last + 1 :]):
+            beside /= part
         if beside.is_dir():
             return beside
     return folder
 
 
+def _label_file(picture: Location, label_folder: Callable[[Location], Location]) -> Location:
+    return label_folder(picture.parent) / f"{picture.stem}.txt"
+
+
 def _targets(
-    picture: Path, *, classes: Mapping[int, str], selection: Selection, label_folder: Callable[[Path], Path]
+    picture: Location,
+    *,
+    classes: Mapping[int, str],
+    selection: Selection,
+    label_folder: Callable[[Location], Location],
+    find: Finder,
 ) -> list[Target] | None:
     """The picture's objects; None without a label file."""
-    file = label_folder(picture.parent) / f"{picture.stem}.txt"
-    if not file.exists():
+    file = find(_label_file(picture, label_folder))
+    if file is None:
         return None
     with faults_of("labels", file):
         objects = list(each_line(read_text(file), partial(_object, classes=classes)))
     if not objects:
         return []
     try:
-        width, height = size_px(picture)
+        width, height = size_px(find(picture) or picture)
     except UnreadablePicture:  # told when it is loaded
         return []
     sides = np.array([width, height, width, height])

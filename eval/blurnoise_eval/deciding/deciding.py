@@ -46,6 +46,7 @@ from blurnoise_eval.sweep.engines import Engine, engine_of
 from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
+from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 FIRST_PICTURES = 20
 """With which a decision begins that takes no more than it needs; from then on it doubles them."""
@@ -93,7 +94,7 @@ def decided(
     pictures: PictureSet,
     camera: Camera,
     question: Question,
-    output: str | Path,
+    output: str | Path | WorkingFolder,
     *,
     threshold: float | None = None,
     keep: float | None = None,
@@ -116,6 +117,7 @@ def decided(
     The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid
     where the plane does not hold. Raises what that raises.
     """
+    folder = working_folder(output)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score, "cluster": cluster}
     shared: dict[str, Any] = {
         "repeats": repeats,
@@ -141,13 +143,13 @@ def decided(
     because = what_breaks(camera, question.exposures_s, question.lines, temperature, path, drives)
     if because:
         evaluate(
-            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path, ego=ego), output,
+            list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path, ego=ego), folder,
             **enough, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
-        with Store(Path(output)) as store:
+        with Store(folder.path) as store:
             store.set_about(BECAUSE, because)
             store.set_about(QUESTION, question.to_dict())
-        return Decision(output, **enough, progress=progress)
+        return Decision(folder, **enough, progress=progress)
     direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
     plan = NodePlan((), question.further, direction, **shared)
     if plan.cuts:
@@ -159,15 +161,15 @@ def decided(
         "engine": engine if isinstance(engine, str) else repr(engine),
     }
     facts |= {"threads": threads} if isinstance(engine, str) else {}
-    with Store(Path(output), create=True) as store:
+    with Store(folder.path, create=True) as store:
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
         drawn = _drawn(pictures, seed, cluster)
-        computing = _Computing(store, models, camera, drawn, plan, computed_by, progress)
+        computing = _Computing(store, folder, models, camera, drawn, plan, computed_by, progress)
         _search(computing, question, criterion, cluster, precision)
         note_models(store, models, pictures)
-    return Decision(output, **enough, outcome=computing.outcome, progress=progress)
+    return Decision(folder, **enough, outcome=computing.outcome, progress=progress)
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,7 @@ class _Computing:
     """What a run's batches are computed with, into its store."""
 
     store: Store
+    folder: WorkingFolder
     models: Sequence[Model]
     camera: Camera
     pictures: PictureSet
@@ -190,8 +193,9 @@ class _Computing:
         some = replace(self.pictures, pictures=self.pictures.pictures[: batches[-1].n_pictures])
         plan = replace(self.plan, nodes=nodes, examples=last == 0)
         with progress_bar(f"{len(nodes)} nodes", count_cells(some, plan), self.progress) as advance:
+            minded = self.folder.minded(advance, self.store.copy_to)
             done = sweep.run(
-                self.models, self.camera, some, plan, self.store, engine=self.engine, progress=advance
+                self.models, self.camera, some, plan, self.store, engine=self.engine, progress=minded
             )
         _add(self.outcome, done)
         skipped = self.store.skipped()

@@ -20,8 +20,10 @@ from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray, 
 from blurnoise_eval.detectors.formats.graph import read_signature
 from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
 from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
+from blurnoise_eval.detectors.model_files import external_files, fetched, fetched_file
 from blurnoise_eval.detectors.non_finite import NonFinite
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.system.storage import Location, is_url
 
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
 MOST_OF_CLASS, OWN_SCORE = 100, 0.01
@@ -46,10 +48,11 @@ class Detector:
     """
 
     def __init__(
-        self, path: str | Path, *, contract: Contract | str | Path | None = None, threads: int = 1
+        self, path: str | Location, *, contract: Contract | str | Path | None = None, threads: int = 1
     ) -> None:
         self._opened_again = partial(Detector, path, contract=contract, threads=threads)
-        self.path = Path(path)
+        self.path = fetched(path)
+        contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
         self.name = self.path.stem
         self.session = open_session(self.path, threads)
         self.sha256 = model_sha256(self.path)
@@ -263,22 +266,6 @@ def _load_problem(path: Path, error: Exception) -> str:
     if missing := [name for name in external_files(model) if not (path.parent / name).is_file()]:
         return f"its weights are in {', '.join(missing)}, which must lie beside it and does not"
     return f"onnxruntime cannot load it: {reason[:300]}"
-
-
-def external_files(model: onnx.ModelProto) -> list[str]:
-    """Names of the files, beside the model's own, that hold tensors of it, in branches and functions, too."""
-    found: set[str] = set()
-    nodes = [*model.graph.node, *(node for function in model.functions for node in function.node)]
-    tensors = list(model.graph.initializer)
-    for node in nodes:  # grows while it is read
-        for attribute in node.attribute:
-            tensors += [attribute.t, *attribute.tensors]
-            for graph in (attribute.g, *attribute.graphs):
-                nodes += graph.node
-                tensors += graph.initializer
-    for tensor in tensors:
-        found |= {entry.value for entry in tensor.external_data if entry.key == "location"}
-    return sorted(found)
 
 
 def model_sha256(path: Path) -> str:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.model_files import fetched, named_as
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
+from blurnoise_eval.system.storage import Location
 
 Opened = Detector | Recogniser | TextSpotter
 
 
 def open_models(
-    paths: Sequence[str | Path],
+    paths: Sequence[str | Location],
     contracts: Sequence[str | None] = (None,),
     *,
-    dictionary: Path | None = None,
-    text_detector: Path | None = None,
+    dictionary: Location | None = None,
+    text_detector: Location | None = None,
 ) -> list[Opened]:
     """The models of the files, in their order. Equal names get a number.
 
@@ -31,7 +32,7 @@ def open_models(
         )
     contracts = [*contracts] * len(paths) if len(contracts) == 1 else contracts
     told = "ppocr" in contracts or dictionary is not None  # the graph alone may not show it
-    kinds = [told or is_recogniser(path) for path in paths]
+    kinds = [told or is_recogniser(fetched(path)) for path in paths]
     if len(set(kinds)) > 1:
         raise ValueError(
             "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
@@ -40,10 +41,11 @@ def open_models(
         raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
     found: list[Opened] = []
     for path, contract in zip(paths, contracts, strict=True):
-        if not kinds[0]:
-            found.append(Detector(path, contract=contract))
-            continue
-        recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
+        with named_as(path, fetched(path)):
+            if not kinds[0]:
+                found.append(Detector(path, contract=contract))
+                continue
+            recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
         found.append(TextSpotter(text_detector, recogniser) if text_detector else recogniser)
     _tell_apart(found)
     return found

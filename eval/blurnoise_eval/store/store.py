@@ -237,6 +237,11 @@ class Store:
             write_whole(folder / name, (line.encode("utf-8") for line in lines))
         return [folder / name for name in tables]
 
+    def copy_to(self, file: Path) -> None:
+        """Write what is committed to a file of its own, which this store does not use."""
+        with self._explained(), closing(sqlite3.connect(file)) as copy:
+            self._db.backup(copy)
+
     def _columns(self, table: str) -> list[str]:
         """Names of the columns that people read."""
         with self._explained():

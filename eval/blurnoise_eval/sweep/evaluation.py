@@ -43,6 +43,7 @@ from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import plain
+from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 _SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 Rows = list[dict[str, Any]]
@@ -54,7 +55,7 @@ def evaluate(
     pictures: PictureSet | None = None,
     camera: str | Camera = "imx250",
     plan: SweepPlan | None = None,
-    output: str | Path = "run",
+    output: str | Path | WorkingFolder = "run",
     *,
     threshold: float | None = None,
     keep: float | None = None,
@@ -69,7 +70,8 @@ def evaluate(
 
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
     :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera.
-    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on. keep: the share
+    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
+    URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
     of what a model reaches on the untouched pictures that is enough, by default 0.9; threshold: in place of it, the
     score that is enough, by default 0.6 for rendered pictures. score: of what, see
     :mod:`blurnoise_eval.scoring.criterion`. cluster: pictures in whose names this
@@ -82,6 +84,7 @@ def evaluate(
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
+    folder = working_folder(output)
     workers = usable_cores() if threads is None else threads
     computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
     seen_by = _camera(camera)
@@ -111,15 +114,23 @@ def evaluate(
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             exposed = replace(taken, exposure_s=plan.longest_s if at.automatic else taken.exposure_s)
             limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
-    with Store(Path(output), create=True) as store:
+    with Store(folder.path, create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
-            outcome = sweep.run(opened, seen_by, shown, plan, store, engine=computed_by, progress=advance)
+            outcome = sweep.run(
+                opened,
+                seen_by,
+                shown,
+                plan,
+                store,
+                engine=computed_by,
+                progress=folder.minded(advance, store.copy_to),
+            )
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         note_models(store, opened, shown)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
-    return Evaluation(output, **enough, cluster=cluster, outcome=outcome, progress=progress)
+    return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
 
 
 def _as_measured(store: Store, measured: Grouped) -> Grouped:
@@ -144,18 +155,19 @@ class Evaluation:
 
     def __init__(
         self,
-        folder: str | Path,
+        folder: str | Path | WorkingFolder,
         threshold: float | None = None,
         *,
         keep: float | None = None,
         score: str | None = None,
         cluster: str | None = None,
-        output: str | Path | None = None,
+        output: str | Path | WorkingFolder | None = None,
         outcome: Outcome | None = None,
         progress: bool | None = None,
     ) -> None:
-        self.folder = Path(folder)
-        self.output = self.folder if output is None else Path(output)
+        self._run = working_folder(folder)
+        self._written = self._run if output is None else working_folder(output)
+        self.folder, self.output = self._run.path, self._written.path
         self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
@@ -212,8 +224,8 @@ class Evaluation:
     def summary(self) -> dict[str, Any]:
         """What summary.json holds."""
         summary: dict[str, Any] = {
-            "run": str(self.folder),
-            "report": str(self.output / "report.html"),
+            "run": self._run.told(self.folder),
+            "report": self._written.told(self.output / "report.html"),
             "cells": self.data.manifest["n_cells"],
             "missing_cells": self.data.manifest["missing_cells"],
             "skipped": self.skipped,

@@ -12,6 +12,7 @@ from typing import Any
 from blurnoise.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.model_files import shown
 from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
@@ -158,7 +159,7 @@ def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
         "name": model.name,
         "kind": "detector" if isinstance(model, Detector) else "reader",
         "unknown_labels": unknown,
-        "file": str(model.path),
+        "file": shown(model.path),
         "sha256": model.sha256,
         "contract": contract,
     }

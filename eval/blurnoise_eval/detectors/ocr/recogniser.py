@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.detectors.contract import ModelError, contract_file, metadata_mapping, read_mapping
 from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.placement import lay_in
+from blurnoise_eval.detectors.model_files import fetched, fetched_file
 from blurnoise_eval.detectors.ocr.contract import (
     Given,
     TextContract,
@@ -26,6 +27,7 @@ from blurnoise_eval.detectors.ocr.contract import (
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
 from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
 from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.storage import Location, is_url
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 
@@ -47,16 +49,18 @@ class Recogniser:
 
     def __init__(
         self,
-        path: str | Path,
+        path: str | Location,
         *,
         contract: TextContract | Given | None = None,
-        dictionary: Path | None = None,
+        dictionary: Location | None = None,
         threads: int = 1,
     ) -> None:
         self._opened_again = partial(
             Recogniser, path, contract=contract, dictionary=dictionary, threads=threads
         )
-        self.path = Path(path)
+        self.path = fetched(path)
+        contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
+        dictionary = None if dictionary is None else fetched_file(dictionary)
         self.name = self.path.stem
         self._network = Network(self.path, threads)
         self.contract = _sized(self._network, contract)

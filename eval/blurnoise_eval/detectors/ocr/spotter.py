@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.placement import lay_in
+from blurnoise_eval.detectors.model_files import fetched
 from blurnoise_eval.detectors.ocr.contract import Given, RegionContract, TextContract, stated_contract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
 from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
 from blurnoise_eval.detectors.ocr.recogniser import Recogniser
 from blurnoise_eval.detectors.ocr.regions import Region, find_regions, straighten
+from blurnoise_eval.system.storage import Location
 
 _STRIDE_PX = 32  # the network halves the picture five times
 
@@ -79,7 +80,7 @@ class TextSpotter:
 
     def __init__(
         self,
-        detection_path: str | Path,
+        detection_path: str | Location,
         recogniser: Recogniser,
         *,
         contract: RegionContract | Given | None = None,
@@ -88,7 +89,7 @@ class TextSpotter:
         self._opened_again = partial(
             TextSpotter, detection_path, recogniser, contract=contract, threads=threads
         )
-        self._network = Network(detection_path, threads)
+        self._network = Network(fetched(detection_path), threads)
         self.recogniser = recogniser
         self.path = self._network.path
         self.name = f"{self.path.stem}+{recogniser.name}"

@@ -1,0 +1,154 @@
+"""Data sets by URL are those of a folder: pictures, targets, notes; what is missing, empty or new is told."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval import datasets
+from blurnoise_eval.datasets import PictureSet, UnreadablePicture
+from blurnoise_eval.system.storage import location
+
+fsspec = pytest.importorskip("fsspec")
+URL = "memory://bucket/set"
+NAMES = ("a.png", "sub/b c.png", "größe.jpg")
+BOX = [3.0, 4.0, 10.0, 12.0]
+Reader = Callable[[Any], PictureSet]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A set of every kind, here; :func:`put` makes it one at ``URL``."""
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "set"
+    for seed, name in enumerate(NAMES):
+        for root in ("images", "."):
+            (folder / root / name).parent.mkdir(parents=True, exist_ok=True)
+            pixels = np.random.default_rng(seed).integers(0, 256, (31, 42, 3), np.uint8)
+            cv2.imwrite(str(folder / root / name), pixels)
+    write_labels(folder)
+    yield folder
+    fsspec.filesystem("memory").store.clear()
+
+
+def write_labels(folder: Path) -> None:
+    def write(name: str, text: str) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+    coco = {
+        "images": [{"id": n, "file_name": name, "width": 42, "height": 31} for n, name in enumerate(NAMES)],
+        "categories": [{"id": 1, "name": "sign"}],
+        "annotations": [{"id": n + 1, "image_id": n, "category_id": 1, "bbox": BOX} for n in range(3)],
+    }
+    write("coco.json", json.dumps(coco))
+    box2d = {"x1": 3, "y1": 4, "x2": 13, "y2": 16}
+    frames = [{"name": name, "labels": [{"category": "sign", "box2d": box2d}]} for name in NAMES]
+    write("bdd.json", json.dumps(frames))
+    write("data.yaml", "names: [sign]\nval: images\n")
+    write("labels/a.txt", "0 0.5 0.5 0.2 0.2\n")
+    write("labels/sub/b c.txt", "0 0.4 0.4 0.2 0.2\n0 0.5 0.5 0 0\n")
+    points = json.dumps([{"transcription": "STOP", "points": [[3, 4], [13, 16]]}])
+    write("places.txt", "".join(f"{name}\t{points}\n" for name in NAMES))
+    write("whole.txt", "".join(f"{name}\tSTOP\n" for name in NAMES))
+
+
+def put(folder: Path) -> None:
+    for file in folder.rglob("*"):
+        if file.is_file():
+            (location(URL) / file.relative_to(folder).as_posix()).put(file.read_bytes())
+
+
+READERS: dict[str, Reader] = {
+    "folder": lambda root: datasets.image_folder(root / "images"),
+    "coco": lambda root: datasets.coco(root / "coco.json"),
+    "coco, images": lambda root: datasets.coco(root / "coco.json", images=root / "images"),
+    "bdd": lambda root: datasets.bdd(root / "bdd.json"),
+    "yolo": lambda root: datasets.yolo(root / "data.yaml"),
+    "yolo, folder": lambda root: datasets.yolo(root),
+    "yolo, images": lambda root: datasets.yolo(root, images=root / "images" / "sub"),
+    "text, places": lambda root: datasets.texts(root / "places.txt"),
+    "text, whole": lambda root: datasets.texts(root / "whole.txt"),
+}
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=list(READERS))
+def test_as_of_a_folder(read: Reader, folder: Path) -> None:
+    put(folder)
+    here, there = read(folder), read(location(URL))
+    assert (there.kind, there.categories, there.notes) == (here.kind, here.categories, here.notes)
+    assert there.source == here.source.replace(str(folder), URL)
+    assert len(there) >= 1
+    for own, other in zip(here, there, strict=True):
+        assert (other.name, other.targets, other.image_id) == (own.name, own.targets, own.image_id)
+        travelled = pickle.loads(pickle.dumps(other))
+        assert np.array_equal(travelled.load(), own.load())
+        assert travelled.identity == other.identity
+
+
+@pytest.mark.parametrize("read", READERS.values(), ids=list(READERS))
+def test_identity_is_the_version(read: Reader, folder: Path) -> None:
+    put(folder)
+    before = [picture.identity for picture in read(location(URL))]
+    assert [picture.identity for picture in read(location(URL))] == before
+    put(folder)
+    assert not {picture.identity for picture in read(location(URL))} & set(before)
+
+
+def test_pictures_pickle_small(folder: Path) -> None:
+    """A folder's listing does not travel with each picture."""
+    put(folder)
+    assert len(pickle.dumps(datasets.image_folder(location(URL)).pictures[0])) < 1000
+
+
+def test_pictures_that_cannot_be_read(folder: Path) -> None:
+    put(folder)
+    root = location(URL)
+    (root / "a.png").unlink()
+    (root / "größe.jpg").put(b"")
+    found = datasets.coco(root / "coco.json")
+    told = []
+    for picture in found:
+        try:
+            picture.load()
+        except UnreadablePicture as error:
+            told.append(str(error))
+    assert told == [f"{URL}/a.png: no such object, folder or bucket", f"{URL}/größe.jpg: is empty (0 bytes)"]
+
+
+def test_changed_since_it_was_listed(folder: Path) -> None:
+    put(folder)
+    found = datasets.image_folder(location(URL) / "images")
+    put(folder)
+    with pytest.raises(UnreadablePicture, match="has changed since it was looked up"):
+        found.pictures[0].load()
+
+
+def test_a_folder_without_pictures(folder: Path) -> None:
+    with pytest.raises(ValueError, match=f"images = '{URL}': holds no picture"):
+        datasets.image_folder(location(URL))
+    with pytest.raises(ValueError, match=f"coco = '{URL}/coco.json': no such object"):
+        datasets.coco(location(URL) / "coco.json")
+
+
+def test_what_runs_have_written_is_left_out(folder: Path) -> None:
+    put(folder)
+    root = location(URL)
+    png = (folder / "a.png").read_bytes()
+    for name in ("images/run/results.sqlite", "images/run/examples/x.png", "images/runner.png"):
+        (root / name).put(png)
+    assert [picture.name for picture in datasets.image_folder(root / "images")] == [
+        "a.png",
+        *NAMES[2:],
+        "runner.png",
+        NAMES[1],
+    ]
+    (root / "images/results.sqlite").put(b"")
+    (root / "images/examples/x.png").put(png)
+    assert "examples/x.png" not in [picture.name for picture in datasets.image_folder(root / "images")]

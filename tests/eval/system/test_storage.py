@@ -1,0 +1,105 @@
+"""Locations: what a URL means, what is shown of it, and that it behaves as a path does."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path, PurePosixPath
+
+import pytest
+from blurnoise_eval.system import storage, transport
+from blurnoise_eval.system.storage import Url, location
+from blurnoise_eval.system.transport import without_secrets
+
+
+@pytest.mark.parametrize("text", ["a/b", "/a", "s3:/a", "~/a", "C:/a"])
+def test_paths_stay_paths(text: str) -> None:
+    assert location(text) == Path(text)
+    assert location(Path(text)) == Path(text)
+
+
+def test_files_by_url_are_paths(tmp_path: Path) -> None:
+    strange = tmp_path / "with space %20 größe"
+    assert location(strange.as_uri()) == strange
+    assert location(f"file://localhost{tmp_path}") == tmp_path
+    with pytest.raises(ValueError, match="must be of this machine"):
+        location("file://server/a")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("s3://bucket/a/b.png", "s3://bucket/a/b.png"),
+        ("S3://bucket/a/", "s3://bucket/a"),
+        ("gcs://bucket//a/./b", "gs://bucket/a/b"),
+        ("s3://bucket/a/../b", "s3://bucket/b"),
+        ("s3://bucket/with space/größe", "s3://bucket/with space/größe"),
+        ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
+        ("s3://bucket/a?versionId=123", "s3://bucket/a"),
+    ],
+)
+def test_urls(text: str, shown: str) -> None:
+    assert str(location(text)) == shown
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("ftp://host/a", "must begin with s3://, gs://, hf:// or file://"),
+        ("s3://", "must name a bucket"),
+        ("s3:///a", "must name a bucket"),
+        ("s3://../a", "must name a bucket"),
+        ("s3://bucket/../a", "leaves the bucket"),
+        ("s3://key:secret@bucket/a?token=secret", "must hold no user or password"),
+        ("https://user:secret@host/a?token=secret", "must begin with"),
+    ],
+)
+def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
+    with pytest.raises(ValueError, match=told) as error:
+        location(text)
+    assert "secret" not in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_secrets_are_not_shown() -> None:
+    command = "sweep --images s3://k:secret@b/a?token=secret -o 'https://b/c?x=secret' --lux 1,2"
+    assert without_secrets(command) == "sweep --images s3://b/a -o 'https://b/c' --lux 1,2"
+    version = location("s3://bucket/a?versionId=secret")
+    assert "secret" not in f"{version} {version!r} {version.parent} {version / 'b'}"
+
+
+@pytest.mark.parametrize(
+    "path", ["bucket/a.b/c.png", "bucket/a", "bucket/.hidden", "bucket/a.tar.gz", "bucket/a."]
+)
+def test_parts_are_those_of_a_path(path: str) -> None:
+    url, expected = Url("s3", path), PurePosixPath(path)
+    for part in ("name", "stem", "suffix", "parts"):
+        assert getattr(url, part) == getattr(expected, part), part
+    assert str(url.parent) == f"s3://{expected.parent}"
+    assert str(url / "x/y") == f"s3://{expected / 'x/y'}"
+
+
+def test_travels_with_its_version() -> None:
+    version = Url("s3", "bucket/a", stamp="3 abc")
+    arrived = pickle.loads(pickle.dumps(version))
+    assert (arrived, arrived.stamp) == (version, "3 abc")
+
+
+def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transport, "SCHEMES", (("s3", "s3", "no_such_package"),))
+    transport.system_of.cache_clear()
+    with pytest.raises(OSError, match=r"needs no_such_package: pip install 'blurnoise\[s3\]'"):
+        location("s3://bucket/a").read_bytes()
+
+
+def test_a_listing_leaves_out_names_that_lead_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["b/a.png", "b/../x.png", "b/./y.png", "b//z.png", "b/folder/", "b/c/d.png"]
+
+    class System:
+        def _strip_protocol(self, address: str) -> str:
+            return address.partition("://")[2]
+
+        def find(self, address: str, detail: bool) -> dict[str, dict[str, object]]:
+            return {name: {"type": "file", "size": 1, "ETag": '"e"'} for name in names}
+
+    monkeypatch.setattr(storage, "system_of", lambda scheme: System())
+    assert storage.listing(location("s3://b")) == {"a.png": "1 e", "c/d.png": "1 e"}
