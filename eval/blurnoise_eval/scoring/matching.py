@@ -24,8 +24,12 @@ RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 def iou(boxes_xyxy: ArrayLike, targets_xyxy: ArrayLike) -> NDArray[np.float32]:
     """Intersection over union of boxes (N, 4) with targets (M, 4), (N, M), in single precision."""
-    a, b = (np.asarray(each, np.float32).reshape(-1, 4).T[:, None] for each in (boxes_xyxy, targets_xyxy))
-    a = a.transpose(0, 2, 1)  # four columns (N, 1) against four rows (1, M)
+    a, b = (np.asarray(each, np.float32).reshape(-1, 4).T for each in (boxes_xyxy, targets_xyxy))
+    return _iou(a[:, :, None], b[:, None])
+
+
+def _iou(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Of boxes (4, ...)."""
     width = np.minimum(a[2], b[2]) - np.maximum(a[0], b[0])
     height = np.minimum(a[3], b[3]) - np.maximum(a[1], b[1])
     shared = np.maximum(width, 0) * np.maximum(height, 0)
@@ -42,9 +46,12 @@ def target_confidences(
     detections: Detections, boxes_xyxy: Sequence[Sequence[float]], class_ids: Sequence[int]
 ) -> NDArray[np.float32]:
     """:func:`target_confidence` of each of N targets, (N,)."""
-    right = detections.class_ids[:, None] == np.asarray(class_ids, np.int64)
-    right &= iou(detections.boxes_xyxy, boxes_xyxy) >= MATCH_IOU
-    return np.asarray(np.where(right, detections.scores[:, None], 0).max(axis=0, initial=0), np.float32)
+    found, whose = np.nonzero(detections.class_ids[:, None] == np.asarray(class_ids, np.int64))
+    targets = np.asarray(boxes_xyxy, np.float32).reshape(-1, 4)
+    met = _iou(detections.boxes_xyxy[found].T, targets[whose].T) >= MATCH_IOU
+    confidences = np.zeros(len(targets), np.float32)
+    np.maximum.at(confidences, whose[met], detections.scores[found[met]])
+    return confidences
 
 
 def swept_within(swept_xyxy: ArrayLike, moved_xyxy: ArrayLike, size_px: ArrayLike) -> NDArray[np.float64]:
