@@ -119,7 +119,9 @@ class Exposure:
 
     def of_targets(self, speed: float = 1.0) -> Exposure:
         """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
-        share = {"all": 1.0, "targets": speed, "background": 1.0 - speed}[self.moves]
+        if self.moves == "all":
+            return self
+        share = {"targets": speed, "background": 1.0 - speed}[self.moves]
         x, y = self.velocity_px_s
         return replace(self, velocity_px_s=(share * x, share * y), moves="all")
 

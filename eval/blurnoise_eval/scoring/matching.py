@@ -19,13 +19,14 @@ MOST_DETECTIONS = 100
 MoveBoxes = Callable[[NDArray[np.float64], NDArray[np.float64], Sequence[str]], NDArray[np.float64]]
 """From boxes (N, 4) of objects of N classes, in scenes of sizes (N, 2), width and height (NaN: the sensor's), to
 others in pictures of these: at mid-exposure, or swept by the motion."""
+_PAIRS = 1 << 14  # of boxes and targets held against each other at a time: few enough for a core's cache
 RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 
 
 def iou(boxes_xyxy: ArrayLike, targets_xyxy: ArrayLike) -> NDArray[np.float32]:
     """Intersection over union of boxes (N, 4) with targets (M, 4), (N, M), in single precision."""
-    a, b = (np.asarray(each, np.float32).reshape(-1, 4).T[:, None] for each in (boxes_xyxy, targets_xyxy))
-    a = a.transpose(0, 2, 1)  # four columns (N, 1) against four rows (1, M)
+    a, b = (np.asarray(each, np.float32).reshape(-1, 4).T.copy() for each in (boxes_xyxy, targets_xyxy))
+    a, b = a[:, :, None], b[:, None]  # four columns (N, 1) against four rows (1, M)
     width = np.minimum(a[2], b[2]) - np.maximum(a[0], b[0])
     height = np.minimum(a[3], b[3]) - np.maximum(a[1], b[1])
     shared = np.maximum(width, 0) * np.maximum(height, 0)
@@ -42,9 +43,15 @@ def target_confidences(
     detections: Detections, boxes_xyxy: Sequence[Sequence[float]], class_ids: Sequence[int]
 ) -> NDArray[np.float32]:
     """:func:`target_confidence` of each of N targets, (N,)."""
-    right = detections.class_ids[:, None] == np.asarray(class_ids, np.int64)
-    right &= iou(detections.boxes_xyxy, boxes_xyxy) >= MATCH_IOU
-    return np.asarray(np.where(right, detections.scores[:, None], 0).max(axis=0, initial=0), np.float32)
+    ids, targets = np.asarray(class_ids, np.int64), np.asarray(boxes_xyxy, np.float32).reshape(-1, 4)
+    confidences = np.zeros(len(targets), np.float32)
+    step = max(1, _PAIRS // max(1, len(targets)))
+    for some in (slice(first, first + step) for first in range(0, len(detections), step)):
+        right = detections.class_ids[some, None] == ids
+        right &= iou(detections.boxes_xyxy[some], targets) >= MATCH_IOU
+        found, whose = np.nonzero(right)
+        np.maximum.at(confidences, whose, detections.scores[some][found])
+    return confidences
 
 
 def swept_within(swept_xyxy: ArrayLike, moved_xyxy: ArrayLike, size_px: ArrayLike) -> NDArray[np.float64]:

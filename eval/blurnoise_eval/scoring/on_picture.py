@@ -18,6 +18,7 @@ from blurnoise_eval.datasets import Picture, Target, size_group
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading, character_error_rate
+from blurnoise_eval.detectors.own_scores import OwnScores
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, swept_within, target_confidences
 
@@ -115,19 +116,19 @@ class DetectorView(View):
     def _answer(
         self, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[dict[str, Any]]]:
+        found, own = self._look(image)
         if self._asked is None:
-            found, own = self._look(image, range(len(self._classes)))
             self._asked = self._own_targets(found.leading)
-        else:
-            found, own = self._look(image, [number for *_, number in self._asked])
         targets, ids = [target for _, target, _ in self._asked], [number for *_, number in self._asked]
         boxes = _boxes(targets, move_boxes, image)
-        confidences = swept = _confidences(found, own, boxes, ids)
+        places = [boxes]
         if sweep_boxes is not None and boxes:
             size_px = image.shape[1], image.shape[0]
             covered = swept_within(_boxes(targets, sweep_boxes, image), boxes, size_px)
             if not np.array_equal(covered, boxes):
-                swept = _confidences(found, own, covered.tolist(), ids)
+                places.append(covered.tolist())
+        of_places = _confidences(found, own, places, ids)
+        confidences, swept = of_places[0], of_places[-1]
         rows = zip(self._asked, boxes, confidences, swept, strict=True)
         return found, [
             _row(index, target, box, confidence) | {"confidence_swept": of_swept}
@@ -189,13 +190,21 @@ def view(model: Model, picture: Picture, image8: Picture8) -> View:
 
 
 def _confidences(
-    found: Detections, own: Detections, boxes: Sequence[Sequence[float]], class_ids: Sequence[int]
-) -> list[float]:
-    """In each target: of what was found, or of the classes' own scores where others lead."""
-    confidences = target_confidences(found, boxes, class_ids)
-    if own is not found:
-        confidences = np.maximum(confidences, target_confidences(own, boxes, class_ids))
-    return list(confidences.tolist())
+    found: Detections,
+    own: OwnScores | None,
+    places: Sequence[Sequence[Sequence[float]]],
+    class_ids: Sequence[int],
+) -> list[list[float]]:
+    """In each target at each of its places: of what was found, or of the classes' own scores where others lead."""
+    boxes, ids = [box for boxes in places for box in boxes], [*class_ids] * len(places)
+    confidences = target_confidences(found, boxes, ids)
+    if own is None or not ids:
+        return list(confidences.reshape(len(places), -1).tolist())
+    higher = np.flatnonzero(target_confidences(own.every(ids, confidences), boxes, ids) > confidences)
+    if len(higher):
+        others = own.kept([ids[place] for place in higher], confidences[higher])
+        confidences = np.maximum(confidences, target_confidences(others, boxes, ids))
+    return list(confidences.reshape(len(places), -1).tolist())
 
 
 def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Picture8) -> list[Box]:

@@ -249,11 +249,12 @@ def _mover(
         boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str] = ()
     ) -> NDArray[np.float64]:
         moved = np.empty_like(boxes_xyxy)
-        speeds = [objects.speed_of(label) for label in labels] or [1.0] * len(boxes_xyxy)
-        alike = np.concatenate([sizes_px, np.array(speeds)[:, None]], axis=1)
-        for width, height, speed in np.unique(alike, axis=0):
-            of = np.array([np.array_equal(each, (width, height, speed), equal_nan=True) for each in alike])
-            size = None if np.isnan(width) else (int(height), int(width))
+        alike: dict[tuple[float, float, float], list[int]] = {}
+        for place, (width, height) in enumerate(np.nan_to_num(sizes_px).tolist()):
+            speed = objects.speed_of(labels[place]) if labels else 1.0
+            alike.setdefault((width, height, speed), []).append(place)
+        for (width, height, speed), of in alike.items():
+            size = (int(height), int(width)) if width else None
             moved[of] = how(taken.of_targets(speed))(torch.from_numpy(boxes_xyxy[of]), size).numpy()
         if within:
             return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))

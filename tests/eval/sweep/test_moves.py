@@ -224,7 +224,7 @@ def test_a_street_seen_through_the_smear_is_harder_than_one_that_is_blurred_with
         for moves, confidences in found.items():
             at = Exposure(CAMERA, 0.01, 400.0, (right, down), seed=number, moves=moves)
             seen = next(iter((whole if moves == "all" else apart).frames([at]))).picture
-            confidences.append(target_confidence(detector.look(seen, [0])[0], box, 0))
+            confidences.append(target_confidence(detector.detect(seen), box, 0))
     rates = {moves: np.mean(np.array(each) >= 0.25) for moves, each in found.items()}
     means = {moves: np.mean(each) for moves, each in found.items()}
     assert rates["targets"] < rates["all"] <= rates["background"] == 1.0

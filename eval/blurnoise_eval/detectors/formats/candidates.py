@@ -37,15 +37,21 @@ class Candidates:
         leads = None if self.leads is None else self.leads[index]
         return Candidates(self.boxes_xyxy[index], self.scores[index], self.class_ids[index], each, leads)
 
-    def with_classes(self, min_score: float, class_ids: NDArray[np.int64] | None = None) -> Candidates:
+    def with_classes(
+        self, min_score: float, class_ids: NDArray[np.int64] | None = None, above: FloatArray | None = None
+    ) -> Candidates:
         """Every box once with each class whose own score reaches ``min_score``, of ``class_ids`` or of all.
 
-        As they are where the graph tells one class a box.
+        above: for each of these classes, what its scores must exceed. As they are where the graph tells one class a
+        box.
         """
         if self.class_scores is None:
             return self
         scores = self.class_scores if class_ids is None else self.class_scores[:, class_ids]
-        box, column = np.nonzero(scores >= min_score)
+        enough = scores >= min_score
+        if above is not None:
+            enough &= scores > above
+        box, column = np.nonzero(enough)
         own = column if class_ids is None else class_ids[column]
         return Candidates(self.boxes_xyxy[box], scores[box, column], own, leads=own == self.class_ids[box])
 

@@ -30,7 +30,8 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     """
     rows = outputs[0][0]
     kept = np.flatnonzero(rows[:, 4] >= min_score)
-    class_scores = rows[kept, 5:] * rows[kept, 4:5]
+    class_scores = rows[kept, 5:]
+    class_scores *= rows[kept, 4:5]
     scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
     kept = kept[strong]
