@@ -15,79 +15,30 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from band_readers import constant_reader
 from blurnoise_eval import cli, datasets
-from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
-from blurnoise_eval.sweep.engines import Engine, ProcessEngine, ThreadEngine, engine_of
-from blurnoise_eval.sweep.run import Outcome, run
+from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.work import Work
-from blurnoise_models import matched_filter
 from plans import plan as swept
-
-from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
-
-CAMERA = Camera.preset("imx250")
-PLAN = swept((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)
-SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
-BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
+from small_sweeps import CAMERA, PLAN, computed, everything, small_detector, some_pictures, timeless
 
 
 @pytest.fixture(scope="module")
 def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    path = tmp_path_factory.mktemp("model") / "small.onnx"
-    return Detector(matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64))
+    return small_detector(tmp_path_factory.mktemp("model"))
 
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
-    """A sign whose text is known, the same moved, and a file of 0 bytes."""
-    folder = tmp_path_factory.mktemp("pictures")
-    linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
-    sign = srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
-    datasets.write_picture(folder / "a.png", sign)
-    datasets.write_picture(folder / "b.png", np.roll(sign, 5, axis=1))
-    (folder / "empty.png").write_bytes(b"")
-    targets = (Target("stop sign", "signs", BOX), Target("text", "texts", BOX, text="STOP"))
-    shown = datasets.image_folder(folder)
-    return replace(shown, pictures=tuple(replace(each, targets=targets) for each in shown), categories={})
-
-
-def everything(folder: Path) -> list[Any]:
-    """All that a run found, but not how long it took; and the pictures it kept."""
-    with Store(folder) as store:
-        cells = [
-            {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms")}
-            for cell in store.cells()
-        ]
-        found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
-        boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes()) for each in found]
-        kept = {path.name: path.read_bytes() for path in (folder / "examples").iterdir()}
-        return [cells, list(store.targets()), boxes, store.skipped(), kept]
-
-
-def computed(
-    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan = PLAN
-) -> Outcome:
-    with Store(folder, create=True) as store:
-        return run(models, CAMERA, shown, plan, store, engine=engine)
-
-
-def timeless(results: list[CellResult]) -> list[Any]:
-    return [
-        [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
-        + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
-        for result in results
-    ]
+    return some_pictures(tmp_path_factory.mktemp("pictures"))
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])

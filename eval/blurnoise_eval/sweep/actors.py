@@ -1,0 +1,170 @@
+"""Actors of Ray, one for each core of a cluster: cells travel to them, and rows back; pictures do not.
+
+Ray starts and watches them; it repeats nothing, see :mod:`blurnoise_eval.sweep.flight`.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import util
+from typing import Any
+
+from blurnoise_eval.sweep import worker_process
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.flight import Answers, fly, pickled
+from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.worker_process import Told
+
+_NAME = "ray"
+_STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
+
+
+@dataclass(frozen=True)
+class RayEngine:
+    """Actors of Ray, each with a core, sessions and prepared pictures of its own.
+
+    workers: how many; None: one for each core of the cluster. address: of a cluster that runs, as ``ray.init`` takes
+    it; None: the one that this process is connected to, else one on this machine, started and stopped again.
+    patience_s: how long to wait while there is no worker at all. Every node has this package in the same version, and
+    reads pictures by the same names. Raises ``ValueError`` for less than one worker, without the package ray, and for
+    what does not pickle; ``ChildProcessError`` where no worker can be had.
+    """
+
+    workers: int | None = None
+    address: str | None = None
+    patience_s: float = 300.0
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"ray = {self.workers}: must be >= 1")
+        if util.find_spec("ray") is None:
+            raise ValueError("engine = 'ray': needs the package ray: pip install 'blurnoise[ray]'")
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
+        crew = _Actors(self, pickled(_NAME, "models", work))
+        try:
+            yield from fly(crew, blocks)
+        finally:
+            crew.leave()
+
+
+class RayWorker:
+    """What stands in an actor's process."""
+
+    def open(self, work: bytes) -> None:
+        """Open the models of the pickled work."""
+        worker_process.open_pickled(work)
+
+    def compute(self, block: bytes) -> Told:
+        """As :func:`blurnoise_eval.sweep.worker_process.compute`."""
+        return worker_process.compute(block)
+
+
+class _Actors:
+    """Actors of the cluster, to which the first one connects."""
+
+    name = _NAME
+
+    def __init__(self, engine: RayEngine, work: bytes) -> None:
+        self.patience_s = engine.patience_s
+        self._engine, self._work = engine, work
+        self._connected = False  # by us
+
+    @property
+    def size(self) -> int:
+        return self._engine.workers or max(int(self._ray.cluster_resources().get("CPU", 1)), 1)
+
+    def hire(self) -> _Actor:
+        errors = self._ray.exceptions
+        try:
+            return _Actor(self._ray, self._kind.remote(), self._work)
+        except errors.RayError as error:
+            raise ChildProcessError(
+                f"engine = 'ray': the cluster is gone ({_line(error)}); what was finished is kept"
+            ) from None
+
+    def is_death(self, error: BaseException) -> bool:
+        errors = self._ray.exceptions
+        return isinstance(error, errors.RayError) and not isinstance(error, errors.RayTaskError)
+
+    def raised(self, error: BaseException) -> BaseException:
+        cause = getattr(error, "cause", None)  # of a RayTaskError, whose text is a traceback
+        return cause if isinstance(cause, BaseException) else error
+
+    def leave(self) -> None:
+        """Disconnect, and stop a cluster that was started here; nothing where the process was connected before."""
+        if self._connected:
+            self._ray.shutdown()
+
+    @cached_property
+    def _ray(self) -> Any:
+        """Ray, connected."""
+        os.environ.setdefault(
+            "RAY_DEDUP_LOGS_SKIP_REGEX", "."
+        )  # its news of deaths on standard output: told here
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        import ray
+
+        if ray.is_initialized():
+            return ray
+        logging.getLogger("ray").setLevel(logging.ERROR)
+        address = self._engine.address
+        here: dict[str, Any] = {
+            "address": "local",
+            "num_cpus": self._engine.workers,
+            "num_gpus": 0,
+            "include_dashboard": False,
+            "object_store_memory": _STORE_BYTES,
+            "_node_ip_address": "127.0.0.1",
+        }
+        self._connected = True
+        try:
+            ray.init(
+                **(here if address is None else {"address": address}),
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+            )
+        except Exception as error:  # of all sorts
+            ray.shutdown()
+            raise ChildProcessError(
+                f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)})"
+            ) from None
+        except BaseException:
+            ray.shutdown()
+            raise
+        return ray
+
+    @cached_property
+    def _kind(self) -> Any:
+        alone = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0, "scheduling_strategy": "SPREAD"}
+        return self._ray.remote(**alone)(RayWorker)
+
+
+class _Actor:
+    """One actor, which may have to wait for a core."""
+
+    def __init__(self, ray: Any, actor: Any, work: bytes) -> None:
+        self._ray, self._actor = ray, actor
+        self.opened: Future[None] = actor.open.remote(work).future()
+
+    def compute(self, block: Block) -> Future[Told]:
+        told: Future[Told] = self._actor.compute.remote(
+            pickled(_NAME, f"picture {block.picture.name!r}", block)
+        ).future()
+        return told
+
+    def dismiss(self) -> None:
+        with suppress(self._ray.exceptions.RayError):
+            self._ray.kill(self._actor)
+
+
+def _line(error: BaseException) -> str:
+    """The first line of what is wrong."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
