@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,10 +61,60 @@ def everything(folder: Path) -> list[Any]:
 
 
 def computed(
-    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan = PLAN
+    folder: Path,
+    models: list[Any],
+    shown: PictureSet,
+    engine: Engine,
+    plan: SweepPlan = PLAN,
+    progress: Callable[[int], None] = lambda cells: None,
 ) -> Outcome:
     with Store(folder, create=True) as store:
-        return run(models, CAMERA, shown, plan, store, engine=engine)
+        return run(models, CAMERA, shown, plan, store, engine=engine, progress=progress)
+
+
+def process_states() -> dict[int, tuple[str, int, int, str]]:
+    """State, parent, group and time of start of every process, by its number. Linux."""
+    found = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = stat.read_text()
+        except OSError:  # gone meanwhile
+            continue
+        fields = text[text.rindex(")") + 2 :].split()
+        found[int(stat.parent.name)] = fields[0], int(fields[1]), int(fields[2]), fields[19]
+    return found
+
+
+def descendants(process: int) -> set[tuple[int, str]]:
+    """Numbers and times of start of a process and all that it and its children began."""
+    states = process_states()
+    family = {process}
+    while more := {number for number, (_, parent, *_) in states.items() if parent in family} - family:
+        family |= more
+    return {(number, states[number][3]) for number in family if number in states}
+
+
+def alive(family: set[tuple[int, str]]) -> set[tuple[int, str]]:
+    """Those of the family that still run."""
+    return family & {
+        (number, began) for number, (state, _, _, began) in process_states().items() if state != "Z"
+    }
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise ``TimeoutError`` inside after so long. Main thread."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError(f"not done after {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def timeless(results: list[CellResult]) -> list[Any]:

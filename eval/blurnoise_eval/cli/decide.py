@@ -11,6 +11,7 @@ from typer import Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
+    Address,
     Boxes,
     CameraName,
     GreyAnchor,
@@ -20,6 +21,7 @@ from blurnoise_eval.cli._options import (
     Plates,
     Range,
     StatedPath,
+    Workers,
     bounds,
     options_of,
     or_auto,
@@ -101,9 +103,10 @@ def decide(
     trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     engine: Annotated[
-        str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
+        str, Option(metavar="threads|processes|ray", help="who computes, as of 'blurnoise sweep'")
     ] = "threads",
-    threads: Annotated[int | None, Option(metavar="N", help="how many of them (default: every core)")] = None,
+    threads: Workers = None,
+    address: Address = None,
     output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
     as_json: Json = False,
 ) -> None:
@@ -134,7 +137,7 @@ def decide(
     values |= {name: (value,) for name, value in further.items() if value is not None}
     objects = given.objects(mattes, plates, object_speed or (), boxes)
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
-    workers = given.threads(threads)
+    workers = threads if address else given.threads(threads)
     models, pictures = given.subject(**shared)
     for each in models if shared["model"] or shared["ocr"] else ():
         print_assumed(each.contract, each.path)
@@ -156,6 +159,7 @@ def decide(
         objects=objects,
         engine=engine,
         threads=workers,
+        address=address,
         progress=True,
         command=" ".join(["blurnoise", *sys.argv[1:]]),
     )

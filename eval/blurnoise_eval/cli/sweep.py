@@ -12,6 +12,7 @@ from typer import Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
     FAMILIES,
+    Address,
     Boxes,
     CameraName,
     Cfa,
@@ -24,6 +25,7 @@ from blurnoise_eval.cli._options import (
     ObjectSpeed,
     Plates,
     StatedPath,
+    Workers,
     axis_options,
     one_of,
 )
@@ -126,13 +128,13 @@ def sweep(
     engine: Annotated[
         str,
         Option(
-            metavar="threads|processes",
-            help="who computes: threads over one session of each model, or processes, each with its own",
+            metavar="threads|processes|ray",
+            help="who computes: threads over one session of each model; processes, each with its own; or actors of "
+            "Ray, on this machine or a cluster",
         ),
     ] = "threads",
-    threads: Annotated[
-        int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")
-    ] = None,
+    threads: Workers = None,
+    address: Address = None,
     output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
     as_json: Json = False,
 ) -> None:
@@ -155,7 +157,7 @@ def sweep(
     from blurnoise_eval.sweep.evaluation import evaluate
 
     cluster_of("", cluster)
-    workers = given.threads(threads)
+    workers = threads if address else given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
     )
@@ -190,6 +192,7 @@ def sweep(
         cluster=cluster,
         engine=engine,
         threads=workers,
+        address=address,
         progress=True,
         command=" ".join(["blurnoise", *sys.argv[1:]]),
     )

@@ -17,7 +17,8 @@ from typing import Any
 
 from blurnoise_eval.sweep import worker_process
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.flight import Answers, fly, pickled
+from blurnoise_eval.sweep.crews import Crew, Hand, pickled
+from blurnoise_eval.sweep.flight import Answers, fly_once
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.sweep.worker_process import Told
 
@@ -48,11 +49,11 @@ class RayEngine:
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        crew = _Actors(self, pickled(_NAME, "models", work))
-        try:
-            yield from fly(crew, blocks)
-        finally:
-            crew.leave()
+        return fly_once(self.crew(work), blocks)
+
+    def crew(self, work: Work) -> Crew:
+        """Actors for this work; the first connects to the cluster."""
+        return _Actors(self, pickled(_NAME, "models", work))
 
 
 class RayWorker:
@@ -67,12 +68,13 @@ class RayWorker:
         return worker_process.compute(block)
 
 
-class _Actors:
+class _Actors(Crew):
     """Actors of the cluster, to which the first one connects."""
 
     name = _NAME
 
     def __init__(self, engine: RayEngine, work: bytes) -> None:
+        super().__init__()
         self.patience_s = engine.patience_s
         self._engine, self._work = engine, work
         self._connected = False  # by us
@@ -81,7 +83,7 @@ class _Actors:
     def size(self) -> int:
         return self._engine.workers or max(int(self._ray.cluster_resources().get("CPU", 1)), 1)
 
-    def hire(self) -> _Actor:
+    def begin(self) -> Hand:
         errors = self._ray.exceptions
         try:
             return _Actor(self._ray, self._kind.remote(), self._work)
@@ -99,9 +101,12 @@ class _Actors:
         return cause if isinstance(cause, BaseException) else error
 
     def leave(self) -> None:
-        """Disconnect, and stop a cluster that was started here; nothing where the process was connected before."""
+        """All go; a cluster that was started here is stopped, and no connection stays that was not there before."""
+        super().leave()
         if self._connected:
+            self._connected = False
             self._ray.shutdown()
+            del self.__dict__["_ray"], self.__dict__["_kind"]
 
     @cached_property
     def _ray(self) -> Any:

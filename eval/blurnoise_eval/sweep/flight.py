@@ -9,7 +9,6 @@ memory here.
 
 from __future__ import annotations
 
-import pickle
 import time
 import warnings
 from collections import deque
@@ -18,11 +17,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from queue import Empty, SimpleQueue
-from typing import Protocol
 
 from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.crews import Crew, Hand
 from blurnoise_eval.sweep.worker_process import Told
 
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
@@ -32,54 +31,6 @@ _OPENINGS = 3  # workers that die one after the other before they are ready, unt
 
 class WorkerDied(Exception):
     """A worker died while it computed the block. No answer yet: the block comes again."""
-
-
-class Hand(Protocol):
-    """One worker. Its futures fail with what it raised, or with its death; they are done in their order."""
-
-    opened: Future[None]
-    """Done once models are open."""
-
-    def compute(self, block: Block) -> Future[Told]:
-        """Begin after what it was given before. Raises ``ValueError`` for a block that cannot be sent."""
-
-    def dismiss(self) -> None:
-        """End it, at once or when it has finished what it works on."""
-
-
-class Crew(Protocol):
-    """Where workers come from."""
-
-    @property
-    def name(self) -> str:
-        """Of the engine."""
-
-    @property
-    def size(self) -> int:
-        """How many workers are wanted."""
-
-    @property
-    def patience_s(self) -> float | None:
-        """How long to wait while there is none at all; None: for ever."""
-
-    def hire(self) -> Hand:
-        """One worker more, which may take its time. Raises ``ChildProcessError`` where none can be had any more."""
-
-    def is_death(self, error: BaseException) -> bool:
-        """Whether a future failed with its worker's death, and not with what it raised."""
-
-    def raised(self, error: BaseException) -> BaseException:
-        """What the worker itself raised."""
-
-
-def pickled(engine: str, what: str, value: object) -> bytes:
-    """The value pickled. Raises ``ValueError`` that names what cannot be sent."""
-    try:
-        return pickle.dumps(value)
-    except Exception as error:  # all sorts
-        raise ValueError(
-            f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
-        ) from None
 
 
 @dataclass(frozen=True)
@@ -102,6 +53,14 @@ def fly(crew: Crew, blocks: Iterable[Block]) -> Answers:
     any more, or all die before they are ready, and what opening the models raises. Without a block nobody is hired.
     """
     return _Flight(crew, blocks).answers()
+
+
+def fly_once(crew: Crew, blocks: Iterable[Block]) -> Answers:
+    """As :func:`fly`; then the crew leaves."""
+    try:
+        yield from fly(crew, blocks)
+    finally:
+        crew.leave()
 
 
 class _Flight:
@@ -128,7 +87,10 @@ class _Flight:
                 yield from self._land(self._next_event())
         finally:
             for slot in self._slots:
-                slot.hand.dismiss()
+                if slot.ready and not slot.flying:
+                    self._crew.done_with(slot.hand)
+                else:
+                    slot.hand.dismiss()
 
     def _left(self) -> bool:
         return self._more or bool(self._again or self._suspects)

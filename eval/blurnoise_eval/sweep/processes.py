@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from blurnoise._core.orphans import interrupts_held
 from blurnoise_eval.sweep import worker_process
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.flight import Answers, fly, pickled
+from blurnoise_eval.sweep.crews import Crew, Hand, pickled
+from blurnoise_eval.sweep.flight import Answers, fly_once
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.sweep.worker_process import Told
 
@@ -36,24 +37,29 @@ class ProcessEngine:
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        return fly(_Processes(pickled(_NAME, "models", work), self.processes), blocks)
+        return fly_once(self.crew(work), blocks)
+
+    def crew(self, work: Work) -> Crew:
+        """Processes for this work."""
+        return _Processes(pickled(_NAME, "models", work), self.processes)
 
 
-@dataclass(frozen=True)
-class _Processes:
-    work: bytes
-    size: int
-    name: str = _NAME
-    patience_s: float | None = None  # a process opens its models, or dies
+class _Processes(Crew):
+    name = _NAME
 
-    def hire(self) -> _Process:
-        return _Process(self.work)
+    def __init__(self, work: bytes, size: int) -> None:
+        super().__init__()
+        self._work, self._size = work, size
+
+    @property
+    def size(self) -> int:
+        return self._size
+
+    def begin(self) -> Hand:
+        return _Process(self._work)
 
     def is_death(self, error: BaseException) -> bool:
         return isinstance(error, BrokenProcessPool)
-
-    def raised(self, error: BaseException) -> BaseException:
-        return error
 
 
 class _Process:
