@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable
+import socket
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,10 +18,12 @@ from typing import Any
 
 from blurnoise_eval.sweep import worker_process
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.crews import Crew, Hand, pickled
+from blurnoise_eval.sweep.crews import Crew, Hand, pickled, sent
 from blurnoise_eval.sweep.flight import Answers, fly_once
+from blurnoise_eval.sweep.parcel import Parcel
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.sweep.worker_process import Told
+from blurnoise_eval.system.machine import versions
 
 _NAME = "ray"
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
@@ -53,15 +56,26 @@ class RayEngine:
 
     def crew(self, work: Work) -> Crew:
         """Actors for this work; the first connects to the cluster."""
-        return _Actors(self, pickled(_NAME, "models", work))
+        return _Actors(self, sent(_NAME, "models", lambda: Parcel.of(work)))
 
 
 class RayWorker:
     """What stands in an actor's process."""
 
-    def open(self, work: bytes) -> None:
-        """Open the models of the pickled work."""
-        worker_process.open_pickled(work)
+    def open(self, parcel: Parcel, contents: Sequence[Any], wanted: Mapping[str, str]) -> None:
+        """Open the work's models. contents: a reference to the files of these, which is followed only where they
+        differ here. Raises ``ValueError`` unless the packages are those ``wanted``: other bits may come of others."""
+        found = versions()
+        if different := [
+            f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
+        ]:
+            raise ValueError(
+                f"engine = 'ray': node {socket.gethostname()} has {', '.join(different)} as here"
+            )
+        import ray
+
+        with parcel.opened(lambda: ray.get(contents[0])) as work:
+            worker_process.open_work(lambda: work)
 
     def compute(self, block: bytes) -> Told:
         """As :func:`blurnoise_eval.sweep.worker_process.compute`."""
@@ -73,10 +87,10 @@ class _Actors(Crew):
 
     name = _NAME
 
-    def __init__(self, engine: RayEngine, work: bytes) -> None:
+    def __init__(self, engine: RayEngine, parcel: Parcel) -> None:
         super().__init__()
         self.patience_s = engine.patience_s
-        self._engine, self._work = engine, work
+        self._engine, self._parcel = engine, parcel
         self._connected = False  # by us
 
     @property
@@ -86,7 +100,8 @@ class _Actors(Crew):
     def begin(self) -> Hand:
         errors = self._ray.exceptions
         try:
-            return _Actor(self._ray, self._kind.remote(), self._work)
+            opening = self._parcel, [self._contents], versions()
+            return _Actor(self._ray, self._kind.remote(), opening)
         except errors.RayError as error:
             raise ChildProcessError(
                 f"engine = 'ray': the cluster is gone ({_line(error)}); what was finished is kept"
@@ -106,7 +121,8 @@ class _Actors(Crew):
         if self._connected:
             self._connected = False
             self._ray.shutdown()
-            del self.__dict__["_ray"], self.__dict__["_kind"]
+            for name in ("_ray", "_kind", "_contents"):  # those of the next cluster are others
+                self.__dict__.pop(name, None)
 
     @cached_property
     def _ray(self) -> Any:
@@ -147,6 +163,11 @@ class _Actors(Crew):
         return ray
 
     @cached_property
+    def _contents(self) -> Any:
+        """Reference to the models' files: a node fetches them once, and only if it has to."""
+        return self._ray.put(self._parcel.contents())
+
+    @cached_property
     def _kind(self) -> Any:
         alone = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0, "scheduling_strategy": "SPREAD"}
         return self._ray.remote(**alone)(RayWorker)
@@ -155,9 +176,9 @@ class _Actors(Crew):
 class _Actor:
     """One actor, which may have to wait for a core."""
 
-    def __init__(self, ray: Any, actor: Any, work: bytes) -> None:
+    def __init__(self, ray: Any, actor: Any, opening: tuple[Any, ...]) -> None:
         self._ray, self._actor = ray, actor
-        self.opened: Future[None] = actor.open.remote(work).future()
+        self.opened: Future[None] = actor.open.remote(*opening).future()
 
     def compute(self, block: Block) -> Future[Told]:
         told: Future[Told] = self._actor.compute.remote(

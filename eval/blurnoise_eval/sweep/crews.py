@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import pickle
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.worker_process import Told
+
+T = TypeVar("T")
 
 
 class Hand(Protocol):
@@ -68,9 +71,14 @@ class Crew(ABC):
 
 
 def pickled(engine: str, what: str, value: object) -> bytes:
-    """The value pickled. Raises ``ValueError`` that names what cannot be sent."""
+    """The value pickled, as :func:`sent`."""
+    return sent(engine, what, lambda: pickle.dumps(value))
+
+
+def sent(engine: str, what: str, pack: Callable[[], T]) -> T:
+    """What ``pack`` makes for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
-        return pickle.dumps(value)
+        return pack()
     except Exception as error:  # all sorts
         raise ValueError(
             f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"

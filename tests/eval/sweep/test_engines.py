@@ -28,7 +28,18 @@ from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.work import Work
 from plans import plan as swept
-from small_sweeps import CAMERA, PLAN, computed, everything, small_detector, some_pictures, timeless
+from small_sweeps import (
+    CAMERA,
+    PLAN,
+    alive,
+    computed,
+    descendants,
+    everything,
+    limited,
+    small_detector,
+    some_pictures,
+    timeless,
+)
 
 
 @pytest.fixture(scope="module")

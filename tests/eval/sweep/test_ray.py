@@ -1,4 +1,4 @@
-"""Ray's actors: the rows of the threads, whatever dies. Two nodes of one core each, and one that only the driver uses."""
+"""Ray's actors: the rows of the threads, whatever dies. Two nodes of one core each, and one for the driver alone."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def cluster() -> Iterator[Any]:
 
 
 @pytest.fixture
-def nodes(cluster: Any) -> Iterator[list[Any]]:
+def nodes(cluster: Any) -> list[Any]:
     """Two nodes of a core each, put back where a test has lost one."""
     with limited(300):
         while len(cluster.worker_nodes) < 2:
             cluster.add_node(num_cpus=1, object_store_memory=MEMORY)
         cluster.wait_for_nodes()
-    yield list(cluster.worker_nodes)
+    return list(cluster.worker_nodes)
 
 
 @pytest.fixture(scope="module")
