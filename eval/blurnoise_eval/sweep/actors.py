@@ -66,12 +66,11 @@ class RayWorker:
         """Open the work's models. contents: a reference to the files of these, which is followed only where they
         differ here. Raises ``ValueError`` unless the packages are those ``wanted``: other bits may come of others."""
         found = versions()
-        if different := [
-            f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
-        ]:
-            raise ValueError(
-                f"engine = 'ray': node {socket.gethostname()} has {', '.join(different)} as here"
-            )
+        if found != wanted:
+            others = [
+                f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
+            ]
+            raise ValueError(f"engine = 'ray': node {socket.gethostname()} has {', '.join(others)} as here")
         import ray
 
         with parcel.opened(lambda: ray.get(contents[0])) as work:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -67,8 +68,6 @@ def test_a_contract_travels_with_its_model(tmp_path: Path) -> None:
     beside = path.with_name(f"{path.stem}.contract.json")
     plain = Parcel.of(Work((Detector(path),), CAMERA))
     usual = Detector(path).contract
-    import json
-
     stated = replace(usual, classes=("sign",)).to_dict()
     beside.write_text(json.dumps({key: value for key, value in stated.items() if key != "sources"}))
     parcel = Parcel.of(Work((Detector(path),), CAMERA))
@@ -83,7 +82,7 @@ def test_a_contract_travels_with_its_model(tmp_path: Path) -> None:
 def test_weights_beside_a_model_travel(tmp_path: Path) -> None:
     path = small_detector(tmp_path).path
     model = onnx.load(str(path))
-    onnx.save(model, str(path), save_as_external_data=True, location="small.weights", size_threshold=0)
+    onnx.save(model, str(path), save_as_external_data=True, location="small.weights", size_threshold=256)
     detector = Detector(path)
     parcel = Parcel.of(Work((detector,), CAMERA))
     contents = parcel.contents()
