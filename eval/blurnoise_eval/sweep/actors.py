@@ -8,9 +8,9 @@ from __future__ import annotations
 import logging
 import os
 import socket
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import util
@@ -81,6 +81,49 @@ class RayWorker:
         return worker_process.compute(block)
 
 
+@contextmanager
+def local_cluster(cores: int) -> Iterator[None]:
+    """A cluster of so many cores on this machine inside, for every :class:`RayEngine` without an address."""
+    _connect(cores, None)
+    try:
+        yield
+    finally:
+        _imported().shutdown()
+
+
+def _imported() -> Any:
+    """The package; what it would say of deaths on standard output is told by the engine."""
+    os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+
+    return ray
+
+
+def _connect(cores: int | None, address: str | None) -> None:
+    """To the cluster at the address, or to one that is started here. Raises ``ChildProcessError``."""
+    ray = _imported()
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    here: dict[str, Any] = {
+        "address": "local",
+        "num_cpus": cores,
+        "num_gpus": 0,
+        "include_dashboard": False,
+        "object_store_memory": _STORE_BYTES,
+        "_node_ip_address": "127.0.0.1",
+    }
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    try:
+        ray.init(**(here if address is None else {"address": address}), **quiet)
+    except BaseException as error:
+        ray.shutdown()
+        if not isinstance(error, Exception):
+            raise
+        raise ChildProcessError(
+            f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)})"
+        ) from None
+
+
 class _Actors(Crew):
     """Actors of the cluster, to which the first one connects."""
 
@@ -126,39 +169,10 @@ class _Actors(Crew):
     @cached_property
     def _ray(self) -> Any:
         """Ray, connected."""
-        os.environ.setdefault(
-            "RAY_DEDUP_LOGS_SKIP_REGEX", "."
-        )  # its news of deaths on standard output: told here
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        import ray
-
-        if ray.is_initialized():
-            return ray
-        logging.getLogger("ray").setLevel(logging.ERROR)
-        address = self._engine.address
-        here: dict[str, Any] = {
-            "address": "local",
-            "num_cpus": self._engine.workers,
-            "num_gpus": 0,
-            "include_dashboard": False,
-            "object_store_memory": _STORE_BYTES,
-            "_node_ip_address": "127.0.0.1",
-        }
-        self._connected = True
-        try:
-            ray.init(
-                **(here if address is None else {"address": address}),
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-            )
-        except Exception as error:  # of all sorts
-            ray.shutdown()
-            raise ChildProcessError(
-                f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)})"
-            ) from None
-        except BaseException:
-            ray.shutdown()
-            raise
+        ray = _imported()
+        if not ray.is_initialized():
+            self._connected = True
+            _connect(self._engine.workers, self._engine.address)
         return ray
 
     @cached_property
