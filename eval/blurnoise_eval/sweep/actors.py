@@ -137,7 +137,8 @@ class _Actors(Crew):
 
     @property
     def size(self) -> int:
-        return self._engine.workers or max(int(self._ray.cluster_resources().get("CPU", 1)), 1)
+        cores = self._ray.cluster_resources().get("CPU", 1)  # connects
+        return self._engine.workers or max(int(cores), 1)
 
     def begin(self) -> Hand:
         errors = self._ray.exceptions

@@ -42,11 +42,12 @@ class Crew(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """How many workers are wanted."""
+        """How many workers are wanted; asked before the first is hired."""
 
     @abstractmethod
     def begin(self) -> Hand:
-        """One worker more, which may take its time. Raises ``ChildProcessError`` where none can be had any more."""
+        """One worker more, soon or later; itself at once, since no interrupt comes meanwhile. Raises
+        ``ChildProcessError`` where none can be had any more."""
 
     @abstractmethod
     def is_death(self, error: BaseException) -> bool:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from itertools import chain, islice
 from queue import Empty, SimpleQueue
 
+from blurnoise._core.orphans import interrupts_held
 from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
@@ -96,9 +97,10 @@ class _Flight:
         return self._more or bool(self._again or self._suspects)
 
     def _hire(self) -> None:
-        slot = _Slot(self._crew.hire())
-        self._slots.append(slot)
-        slot.hand.opened.add_done_callback(lambda _: self._events.put(slot))
+        with interrupts_held():  # or somebody would be left behind
+            slot = _Slot(self._crew.hire())
+            self._slots.append(slot)
+            slot.hand.opened.add_done_callback(lambda _: self._events.put(slot))
 
     def _next_event(self) -> _Slot:
         """A slot of which something is done; while nobody is ready, only for so long."""
@@ -188,9 +190,10 @@ class _Flight:
 
     def _fill(self, slot: _Slot) -> None:
         while slot in self._slots and (attempt := self._next_for(slot)) is not None:
-            future = slot.hand.compute(attempt.block)
-            slot.flying.append((attempt, future))
-            future.add_done_callback(lambda _: self._events.put(slot))
+            with interrupts_held():  # or a lock could stay taken
+                future = slot.hand.compute(attempt.block)
+                slot.flying.append((attempt, future))
+                future.add_done_callback(lambda _: self._events.put(slot))
 
     def _next_for(self, slot: _Slot) -> _Attempt | None:
         """What a slot does next, if it has room. A suspect waits for one with nothing to do, and then is alone."""

@@ -8,7 +8,6 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
-from blurnoise._core.orphans import interrupts_held
 from blurnoise_eval.sweep import worker_process
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.crews import Crew, Hand, pickled
@@ -68,8 +67,7 @@ class _Process:
     def __init__(self, work: bytes) -> None:
         spawn = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(1, spawn, worker_process.begin)
-        with interrupts_held():  # of a process that is not yet begun
-            self.opened: Future[None] = self._pool.submit(worker_process.open_pickled, work)
+        self.opened: Future[None] = self._pool.submit(worker_process.open_pickled, work)
 
     def compute(self, block: Block) -> Future[Told]:
         data = pickled(_NAME, f"picture {block.picture.name!r}", block)
