@@ -5,6 +5,7 @@ Ray starts and watches them; it repeats nothing, see :mod:`blurnoise_eval.sweep.
 
 from __future__ import annotations
 
+import importlib.util
 import logging
 import os
 import socket
@@ -13,7 +14,6 @@ from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import util
 from typing import Any
 
 from blurnoise_eval.sweep import worker_process
@@ -47,7 +47,7 @@ class RayEngine:
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"ray = {self.workers}: must be >= 1")
-        if util.find_spec("ray") is None:
+        if importlib.util.find_spec("ray") is None:
             raise ValueError("engine = 'ray': needs the package ray: pip install 'blurnoise[ray]'")
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import pickle
@@ -15,6 +16,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
-from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine, engine_of
+from blurnoise_eval.sweep.engines import ProcessEngine, RayEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.work import Work
 from plans import plan as swept
 from small_sweeps import (
@@ -236,6 +238,34 @@ def test_engines_by_name() -> None:
     for name in ("threads", "processes"):
         with pytest.raises(ValueError, match=f"{name} = 0: must be >= 1"):
             engine_of(name, 0)
+
+
+def test_ray_needs_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(
+        ValueError, match=r"engine = 'ray': needs the package ray: pip install 'blurnoise\[ray\]'"
+    ):
+        engine_of("ray", 2)
+
+
+def test_an_address_goes_with_ray_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["sweep", "--address", "here:6379", "-o", str(tmp_path / "run")]
+    assert cli.main(command) == 2
+    assert "address = 'here:6379': goes with engine 'ray', not 'threads'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("how", [{"workers": None, "address": "here:6379"}, {"workers": 3}])
+def test_ray_by_name(how: dict[str, Any]) -> None:
+    pytest.importorskip("ray")
+    assert engine_of("ray", **how) == RayEngine(**how)
+    with pytest.raises(ValueError, match=r"ray = 0: must be >= 1"):
+        engine_of("ray", 0)
+
+
+def test_ray_is_imported_late() -> None:
+    code = "import sys, blurnoise_eval.sweep.engines as e; e.engine_of('threads', 1); sys.exit('ray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
 
 
 KINDS = ("coco", "yolo", "bdd", "text", "folder", "rendered signs", "rendered texts")
