@@ -11,10 +11,11 @@ import os
 import pickle
 import resource
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass
 from importlib import util
+from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -24,6 +25,7 @@ from blurnoise_eval.bench.timing import machine
 from blurnoise_eval.bench.written import write_bench
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.actors import local_cluster
+from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import ENGINES, Engine, staying
 from blurnoise_eval.sweep.flight import IN_FLIGHT
 from blurnoise_eval.sweep.work import Work
@@ -184,34 +186,31 @@ def write(bench: Bench, folder: Path) -> None:
 
 
 def _row(name: str, engine: Engine, workers: int, cell_s: float, seconds: float) -> Row:
-    """Blocks until the time is over, from the answers on that come once every worker is at work."""
+    """Blocks until the time is over, counted once every worker is at work; the last ones are waited for."""
     began = time.perf_counter()
-    until, count, worker_mb = float("inf"), 0, None
-    first_s, started, spent = 0.0, 0.0, 0.0
+    until, first_s, worker_mb = float("inf"), 0.0, None
+    count, started, spent = 0, 0.0, 0.0
+    counted, wall_s, cpu_s = 0, 0.0, 0.0
     warm = 4 * workers
 
-    def blocks() -> Any:
-        for block in made_blocks(1 << 30, cell_s):
-            if time.perf_counter() > until:
-                return
-            yield block
+    def blocks() -> Iterator[Block]:
+        yield from takewhile(lambda _: time.perf_counter() < until, made_blocks(1 << 30, cell_s))
 
     with closing(engine.map(cast(Work, SleepingWork()), blocks())) as answers:
         for _, answer in answers:
             if isinstance(answer, Exception):
                 raise answer
-            count += 1
-            first_s = first_s or time.perf_counter() - began
+            now, count = time.perf_counter(), count + 1
+            first_s = first_s or now - began
             if count == warm:
                 started, spent = time.perf_counter(), time.process_time()
                 until = started + seconds
                 worker_mb = None if name == "threads" else _worker_mb(name)
-            if count > warm and time.perf_counter() > until:
-                break
-        wall_s, spent = time.perf_counter() - started, time.process_time() - spent
-    cells = (count - warm) * CELLS
+            elif count > warm and (now <= until or not counted):
+                counted, wall_s, cpu_s = count - warm, now - started, time.process_time() - spent
+    cells = counted * CELLS
     return Row(
-        name, workers, cell_s, cells, cells / wall_s, workers / cell_s if cell_s else None, 1e3 * spent / cells,
+        name, workers, cell_s, cells, cells / wall_s, workers / cell_s if cell_s else None, 1e3 * cpu_s / cells,
         first_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, worker_mb,
     )  # fmt: skip
 
