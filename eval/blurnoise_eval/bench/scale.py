@@ -42,13 +42,13 @@ class Extent:
     """How much is measured. workers: numbers of them. cell_s: seconds that a cell takes. seconds: of each point."""
 
     workers: tuple[int, ...] = (1, 2, 4)
-    cell_s: tuple[float, ...] = (0.0, 0.005, 0.08)
+    cell_s: tuple[float, ...] = (0.0, 0.015, 0.08)
     seconds: float = 8.0
     stored: int = 4000
 
 
 FULL = Extent()
-QUICK = Extent((1, 2), (0.0, 0.02), 2.0, 800)
+QUICK = Extent((1, 2), (0.0, 0.015), 2.0, 800)
 
 
 @dataclass(frozen=True)

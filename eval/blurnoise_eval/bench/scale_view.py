@@ -47,25 +47,18 @@ def write(bench: Bench, folder: Path) -> None:
 
 def tables(bench: Bench) -> list[Table]:
     """A row per engine, number of workers and cell."""
-    title = f"Engines; beside the driver's ms a cell {bench.store_ms:.2f} ms of the store"
+    title = (
+        "Engines over workers and ms that a cell sleeps: cells/s, % of what that allows, ms of the driver a cell (the "
+        f"store's {bench.store_ms:.2f} not among them), s to the first answer, MB of the driver, MB of a worker"
+    )
     table = Table(title=title, title_justify="left")
-    for name in (
-        "",
-        "workers",
-        "ms a cell",
-        "cells/s",
-        "of ideal",
-        "driver ms",
-        "start s",
-        "driver MB",
-        "worker MB",
-    ):
+    for name in ("", "workers", "ms", "cells/s", "%", "driver", "start", "MB", "each"):
         table.add_column(name, justify="right" if name else "left", no_wrap=True)
     for row in bench.rows:
-        of_ideal = "" if row.ideal is None else f"{100 * row.rate / row.ideal:.0f} %"
+        of_ideal = "" if row.ideal is None else f"{100 * row.rate / row.ideal:.0f}"
         worker_mb = "" if row.worker_mb is None else f"{row.worker_mb:.0f}"
         table.add_row(
-            row.engine, f"{row.workers}", f"{1e3 * row.cell_s:g}", f"{row.rate:.1f}", of_ideal,
+            row.engine, f"{row.workers}", f"{1e3 * row.cell_s:g}", f"{row.rate:.0f}", of_ideal,
             f"{row.driver_ms:.2f}", f"{row.start_s:.1f}", f"{row.driver_mb:.0f}", worker_mb,
         )  # fmt: skip
     return [table]
