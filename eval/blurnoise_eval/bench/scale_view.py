@@ -48,7 +48,7 @@ def write(bench: Bench, folder: Path) -> None:
 def tables(bench: Bench) -> list[Table]:
     """A row per engine, number of workers and cell."""
     title = (
-        "Engines over workers and ms that a cell sleeps: cells/s, % of what that allows, ms of the driver a cell (the "
+        "Engines over workers and ms that a cell sleeps: cells/s, % of what it allows, ms of the driver a cell (the "
         f"store's {bench.store_ms:.2f} not among them), s to the first answer, MB of the driver, MB of a worker"
     )
     table = Table(title=title, title_justify="left")
