@@ -27,7 +27,8 @@ from blurnoise_eval.sweep.worker_process import Told
 
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
 IN_FLIGHT = 2  # blocks for each worker: one that it works on, one that waits
-_OPENINGS = 3  # workers that die one after the other before they are ready, until no other takes their place
+_PAUSE_S = 1.0  # before another worker is asked for in place of one that died before it was ready
+_OPENINGS = 3  # where there is no patience: workers that die one after the other before they are ready, until no other takes their place
 
 
 class WorkerDied(Exception):
@@ -147,6 +148,10 @@ class _Flight:
             raise self._crew.raised(error)
         self._end(slot)
         self._died_opening += 1
+        if self._crew.patience_s is not None:  # a node that was lost is offered for some seconds
+            time.sleep(_PAUSE_S)
+            self._hire()
+            return
         if self._died_opening < _OPENINGS:
             self._hire()
             return

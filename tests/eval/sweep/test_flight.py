@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.sweep import flight
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.crews import Crew
 from blurnoise_eval.sweep.engines import staying
@@ -215,11 +216,11 @@ def test_without_any_worker_it_ends_with_an_error() -> None:
         list(fly(crew, [block("a")]))
     crew = MadeCrew(1, lambda worker, block: block.picture.name == "b")
     crew.never, crew.patience_s = {1}, 0.05
-    flight = fly_once(crew, [block("a"), block("b"), block("c")])
-    assert isinstance(next(flight)[1], list)
-    assert isinstance(next(flight)[1], WorkerDied)
+    flying = fly_once(crew, [block("a"), block("b"), block("c")])
+    assert isinstance(next(flying)[1], list)
+    assert isinstance(next(flying)[1], WorkerDied)
     with pytest.raises(ChildProcessError, match="no worker could be had"):
-        next(flight)
+        next(flying)
 
 
 def test_workers_that_never_open_end_it_or_are_done_without() -> None:
@@ -231,6 +232,19 @@ def test_workers_that_never_open_end_it_or_are_done_without() -> None:
     crew = MadeCrew(1)
     crew.stillborn = {0, 1}
     assert len(flown(crew, [block("a")])[0]) == 1
+
+
+def test_a_patient_crew_asks_again_until_its_patience_ends() -> None:
+    """More often than one without: a cluster may offer a node that it has lost."""
+    crew = MadeCrew(1)
+    crew.stillborn, crew.patience_s = set(range(4)), 60.0
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(flight, "_PAUSE_S", 0.01)
+        assert len(flown(crew, [block("a")])[0]) == 1
+        crew = MadeCrew(1)
+        crew.stillborn, crew.patience_s = set(range(999)), 0.1
+        with pytest.raises(ChildProcessError, match="no worker could be had"):
+            list(fly(crew, [block("a")]))
 
 
 def test_what_a_worker_raises_is_an_answer_and_what_opening_raises_is_raised() -> None:
@@ -259,9 +273,9 @@ def test_what_workers_warn_of_is_told_once() -> None:
 
 def test_closing_it_lets_everybody_go() -> None:
     crew = MadeCrew(3)
-    flight = fly_once(crew, (block("a", number) for number in range(1000)))
-    next(flight)
-    flight.close()
+    flying = fly_once(crew, (block("a", number) for number in range(1000)))
+    next(flying)
+    flying.close()
     assert sorted(crew.dismissed) == [0, 1, 2]
 
 
