@@ -125,6 +125,22 @@ CameraName = Annotated[
 ]
 FNumber = Annotated[float | None, Option(metavar="N", help="of the lens, in place of the camera's")]
 Threads = Annotated[int | None, Option(metavar="N", help="default: every core")]
+Workers = Annotated[
+    int | None,
+    Option(
+        "--threads",
+        "--workers",
+        metavar="N",
+        help="how many of them, pictures at a time (default: every core)",
+    ),
+]
+Address = Annotated[
+    str | None,
+    Option(
+        metavar="HOST:PORT|auto",
+        help="for ray: of a cluster that runs (default: one on this machine, for as long as it takes)",
+    ),
+]
 GreyAnchor = Annotated[
     str | None,
     Option(

@@ -17,6 +17,7 @@ from blurnoise_eval.system.terminal import say, say_json, show
 What = Literal[
     "simulate",
     "sweep",
+    "scale",
     "blur",
     "motion",
     "noise",
@@ -118,6 +119,7 @@ def bench(
       intervals  how often intervals hold the truth, in populations made for it
       decide     how many conditions a search for windows asks, beside grids and bisection, and how far off it is
       sweep      a sweep against bare onnxruntime
+      scale      cells/s, memory and overhead of every engine over workers, and on paper to 1000 cores
       augment    what the augmentations cost beside a training step
       training   whether training with the exposure augmentation helps
 
@@ -210,6 +212,8 @@ def _room(
         motion_view,
         noise,
         noise_view,
+        scale,
+        scale_view,
     )
 
     rooms = {
@@ -219,6 +223,7 @@ def _room(
         "metrics": (metrics, metrics_view),
         "motion": (motion, motion_view),
         "noise": (noise, noise_view),
+        "scale": (scale, scale_view),
         "simulate": (chain, chain_view),
     }
     room: Any

@@ -9,6 +9,7 @@ from typer import Context, Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
+    Address,
     CacheGb,
     CameraName,
     GreyAnchor,
@@ -16,6 +17,7 @@ from blurnoise_eval.cli._options import (
     Range,
     RunWritten,
     StatedPath,
+    Workers,
     bounds,
     left_out,
     options_of,
@@ -101,9 +103,10 @@ def decide(
     trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     engine: Annotated[
-        str, Option(metavar="threads|processes", help="who computes, as of 'blurnoise sweep'")
+        str, Option(metavar="threads|processes|ray", help="who computes, as of 'blurnoise sweep'")
     ] = "threads",
-    threads: Annotated[int | None, Option(metavar="N", help="how many of them (default: every core)")] = None,
+    threads: Workers = None,
+    address: Address = None,
     cache_gb: CacheGb = None,
     output: RunWritten,
     as_json: Json = False,
@@ -143,7 +146,7 @@ def decide(
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
-    workers = given.threads(threads)
+    workers = threads if address else given.threads(threads)
     models, pictures = given.subject(**shared)
     for each in models if shared["model"] or shared["ocr"] else ():
         print_assumed(each.contract, each.path)
@@ -166,6 +169,7 @@ def decide(
             ego=ego,
             engine=engine,
             threads=workers,
+            address=address,
             progress=True,
             command=given.command(),
         )

@@ -10,6 +10,7 @@ from typer import Option
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
     FAMILIES,
+    Address,
     Boxes,
     CacheGb,
     CameraName,
@@ -24,6 +25,7 @@ from blurnoise_eval.cli._options import (
     Plates,
     RunWritten,
     StatedPath,
+    Workers,
     axis_options,
     one_of,
 )
@@ -144,13 +146,13 @@ def sweep(
     engine: Annotated[
         str,
         Option(
-            metavar="threads|processes",
-            help="who computes: threads over one session of each model, or processes, each with its own",
+            metavar="threads|processes|ray",
+            help="who computes: threads over one session of each model; processes, each with its own; or actors of "
+            "Ray, on this machine or a cluster",
         ),
     ] = "threads",
-    threads: Annotated[
-        int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")
-    ] = None,
+    threads: Workers = None,
+    address: Address = None,
     cache_gb: CacheGb = None,
     output: RunWritten,
     as_json: Json = False,
@@ -177,7 +179,7 @@ def sweep(
     from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", cluster)
-    workers = given.threads(threads)
+    workers = threads if address else given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
     )
@@ -222,6 +224,7 @@ def sweep(
             cluster=cluster,
             engine=engine,
             threads=workers,
+            address=address,
             progress=True,
             command=given.command(),
         )

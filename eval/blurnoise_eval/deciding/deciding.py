@@ -42,8 +42,8 @@ from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.engines import Engine, engine_of
-from blurnoise_eval.sweep.evaluation import evaluate, note_models, progress_bar
+from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, note_models, progress_bar, tell_of
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
@@ -108,7 +108,8 @@ def decided(
     ego: Vehicle | None = None,
     objects: Objects = USUAL_OBJECTS,
     engine: str | Engine = "threads",
-    threads: int = 1,
+    threads: int | None = 1,
+    address: str | None = None,
     progress: bool | None = None,
     command: str = "blurnoise_eval.decided",
 ) -> Decision:
@@ -144,7 +145,7 @@ def decided(
     if because:
         evaluate(
             list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path, ego=ego), folder,
-            **enough, engine=engine, threads=threads, progress=progress, command=command,
+            **enough, engine=engine, threads=threads, address=address, progress=progress, command=command,
         )  # fmt: skip
         with Store(folder.path) as store:
             store.set_about(BECAUSE, because)
@@ -155,18 +156,14 @@ def decided(
     if plan.cuts:
         check_cut(pictures, objects)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
-    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
-    facts: dict[str, Any] = {
-        "command": command,
-        "engine": engine if isinstance(engine, str) else repr(engine),
-    }
-    facts |= {"threads": threads} if isinstance(engine, str) else {}
-    with Store(folder.path, create=True) as store:
+    computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
+    facts = {"command": command, **engine_facts(engine, threads)}
+    with Store(folder.path, create=True) as store, staying(computed_by) as engine_kept:
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
         drawn = _drawn(pictures, seed, cluster)
-        computing = _Computing(store, folder, models, camera, drawn, plan, computed_by, progress)
+        computing = _Computing(store, folder, models, camera, drawn, plan, engine_kept, progress)
         _search(computing, question, criterion, cluster, precision)
         note_models(store, models, pictures)
     return Decision(folder, **enough, outcome=computing.outcome, progress=progress)
@@ -195,8 +192,9 @@ class _Computing:
         with progress_bar(f"{len(nodes)} nodes", count_cells(some, plan), self.progress) as advance:
             minded = self.folder.minded(advance, self.store.copy_to)
             done = sweep.run(
-                self.models, self.camera, some, plan, self.store, engine=self.engine, progress=minded
-            )
+                self.models, self.camera, some, plan, self.store,
+                engine=self.engine, progress=minded, died=tell_of(advance),
+            )  # fmt: skip
         _add(self.outcome, done)
         skipped = self.store.skipped()
         if len(skipped) == len(some):

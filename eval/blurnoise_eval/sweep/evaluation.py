@@ -41,7 +41,7 @@ from blurnoise_eval.sweep.run_folder import Grouped, open_run, read_run, write_t
 from blurnoise_eval.sweep.run_surfaces import criterion_of
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
-from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.progress import Advance, ProgressBar
 from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
@@ -63,6 +63,7 @@ def evaluate(
     cluster: str | None = None,
     engine: str | Engine = "threads",
     threads: int | None = None,
+    address: str | None = None,
     progress: bool | None = None,
     command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
@@ -76,17 +77,17 @@ def evaluate(
     score that is enough, by default 0.6 for rendered pictures. score: of what, see
     :mod:`blurnoise_eval.scoring.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
-    engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
-    threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
-    terminal. command: what the run's page gives as its origin.
+    engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
+    threads: how many of the engine's workers, by default one per core. address: of the cluster, for "ray"; without it
+    one is started on this machine. progress: whether to draw a bar on the terminal. command: what the run's page
+    gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
     folder = working_folder(output)
-    workers = usable_cores() if threads is None else threads
-    computed_by = engine_of(engine, workers) if isinstance(engine, str) else engine
+    computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
     seen_by = _camera(camera)
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
@@ -94,11 +95,7 @@ def evaluate(
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
-    facts: dict[str, Any] = {
-        "command": command,
-        "engine": engine if isinstance(engine, str) else repr(engine),
-    }
-    facts |= {"threads": workers} if isinstance(engine, str) else {}
+    facts = {"command": command, **engine_facts(engine, threads)}
     if plan.cuts:
         datasets.check_cut(shown, plan.objects)
     path = None
@@ -125,6 +122,7 @@ def evaluate(
                 store,
                 engine=computed_by,
                 progress=folder.minded(advance, store.copy_to),
+                died=tell_of(advance),
             )
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
@@ -240,6 +238,7 @@ class Evaluation:
         if self.outcome is not None:
             done = self.outcome
             summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
+            summary |= {"workers_died": done.workers_died}
         return summary
 
     def report(self) -> Path:
@@ -322,8 +321,18 @@ def note_models(store: Store, models: Sequence[Model], pictures: PictureSet) -> 
     store.set_about("manifest", manifest)
 
 
-def progress_bar(
-    label: str, total: int, progress: bool | None
-) -> AbstractContextManager[Callable[[float], None]]:
+def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
     """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
-    return ProgressBar(label, total) if progress else nullcontext(lambda done: None)
+    return ProgressBar(label, total) if progress else nullcontext(Advance())
+
+
+def tell_of(advance: Advance) -> Callable[[int], None]:
+    """Takes how many workers died to the bar's line."""
+    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
+
+
+def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
+    """What a run notes of who computed it."""
+    if not isinstance(engine, str):
+        return {"engine": repr(engine)}
+    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

@@ -16,6 +16,7 @@ from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks
 from blurnoise_eval.sweep.engines import Engine, ThreadEngine
+from blurnoise_eval.sweep.flight import WorkerDied
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.files import write_whole
 
@@ -27,7 +28,8 @@ _ONE_THREAD = ThreadEngine(1)
 class Outcome:
     """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds.
 
-    non_finite_values: NaN and infinite output values in the cells computed now, by the model's name.
+    non_finite_values: NaN and infinite output values in the cells computed now, by the model's name. workers_died:
+    workers that others took the place of.
     """
 
     computed: int = 0
@@ -35,6 +37,7 @@ class Outcome:
     skipped: dict[str, str] = field(default_factory=dict)
     wall_s: float = 0.0
     non_finite_values: Counter[str] = field(default_factory=Counter)
+    workers_died: int = 0
 
 
 def run(
@@ -46,11 +49,14 @@ def run(
     *,
     engine: Engine = _ONE_THREAD,
     progress: Callable[[int], None] = lambda cells: None,
+    died: Callable[[int], None] = lambda workers: None,
 ) -> Outcome:
-    """Compute every cell that ``store`` does not hold yet; ``progress`` is told how many cells are settled.
+    """Compute every cell that ``store`` does not hold yet; ``progress`` is told how many cells are settled, ``died``
+    how many workers have died so far.
 
     Each picture is simulated once for all models. The rows do not depend on the engine. A picture that cannot
-    be read is noted and skipped; one on which a model fails is noted in its row. Raises :class:`ModelError`
+    be read, or on which workers die, is noted and skipped; one on which a model fails is noted in its row. Raises
+    :class:`ModelError`
     where a model does nothing but fail, and what the engine raises. KeyboardInterrupt leaves the store whole;
     the same call resumes.
     """
@@ -75,6 +81,10 @@ def run(
     try:
         with closing(engine.map(work, unfinished())) as answers:
             for block, answer in answers:
+                if isinstance(answer, WorkerDied):
+                    outcome.workers_died += 1
+                    died(outcome.workers_died)
+                    continue
                 if isinstance(answer, UnreadablePicture):
                     outcome.skipped[block.picture.name] = str(answer)
                     store.skip(block.picture.name, str(answer))
@@ -85,6 +95,8 @@ def run(
                     _keep(answer, store, now - noted)
                     noted = now
                     outcome.computed += len(block.cells)
+                    if reason := outcome.skipped.get(block.picture.name):  # of a picture given up since
+                        store.skip(block.picture.name, reason)
                     for result in answer:
                         model = result.cell["model"]
                         outcome.non_finite_values[model] += result.non_finite_values

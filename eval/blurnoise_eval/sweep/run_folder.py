@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +35,9 @@ from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.sweep.run_scores import run_scores
 from blurnoise_eval.sweep.run_surfaces import dark_below, grouped_surfaces, too_little
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.machine import hardware
+from blurnoise_eval.system.machine import hardware, versions
 from blurnoise_eval.system.tables import csv_lines
 
-_PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 _UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
@@ -104,7 +102,7 @@ def open_run(
             "grey_anchor": plan.grey_anchor,
             "trajectory": None if plan.path is None else path_text(*plan.path),
             "ego": None if plan.ego is None else ego_text(plan.ego),
-            "versions": {name: metadata.version(name) for name in _PACKAGES},
+            "versions": versions(),
             "hardware": hardware(),
             **facts,
         },

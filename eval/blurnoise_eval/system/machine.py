@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import platform
+from importlib import metadata
 from pathlib import Path
 from typing import Any
+
+_PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
 
 
 def hardware() -> dict[str, Any]:
@@ -16,6 +19,11 @@ def hardware() -> dict[str, Any]:
         "system": platform.platform(),
         "python": platform.python_version(),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages on which the bits of a result depend."""
+    return {name: metadata.version(name) for name in _PACKAGES}
 
 
 def usable_cores() -> int:

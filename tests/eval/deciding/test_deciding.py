@@ -228,7 +228,7 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_pa
 
 
 def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> None:
-    for wrong in ({"keep": 0.9}, {"score": "ap50"}, {"cluster": "("}, {"engine": "ray"}, {"threshold": 1.5}):
+    for wrong in ({"keep": 0.9}, {"score": "ap50"}, {"cluster": "("}, {"engine": "rays"}, {"threshold": 1.5}):
         with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
             decide(tmp_path / "run", detector, **wrong)
     assert not (tmp_path / "run").exists()

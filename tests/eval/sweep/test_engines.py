@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import pickle
@@ -21,73 +22,36 @@ import numpy as np
 import pytest
 from band_readers import constant_reader
 from blurnoise_eval import cli, datasets
-from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
-from blurnoise_eval.sweep.engines import Engine, ProcessEngine, ThreadEngine, engine_of
-from blurnoise_eval.sweep.run import Outcome, run
+from blurnoise_eval.sweep.engines import ProcessEngine, RayEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.work import Work
-from blurnoise_models import matched_filter
 from plans import plan as swept
-
-from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
-
-CAMERA = Camera.preset("imx250")
-PLAN = swept((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)
-SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
-BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
+from small_sweeps import (
+    CAMERA,
+    PLAN,
+    alive,
+    computed,
+    descendants,
+    everything,
+    limited,
+    small_detector,
+    some_pictures,
+    timeless,
+)
 
 
 @pytest.fixture(scope="module")
 def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    path = tmp_path_factory.mktemp("model") / "small.onnx"
-    return Detector(matched_filter.build(path, sizes_px=(24, 16, 10), input_px=64))
+    return small_detector(tmp_path_factory.mktemp("model"))
 
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
-    """A sign whose text is known, the same moved, and a file of 0 bytes."""
-    folder = tmp_path_factory.mktemp("pictures")
-    linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
-    sign = srgb_from_linear(linear)[0].mul(255).round().byte().permute(1, 2, 0).numpy()
-    datasets.write_picture(folder / "a.png", sign)
-    datasets.write_picture(folder / "b.png", np.roll(sign, 5, axis=1))
-    (folder / "empty.png").write_bytes(b"")
-    targets = (Target("stop sign", "signs", BOX), Target("text", "texts", BOX, text="STOP"))
-    shown = datasets.image_folder(folder)
-    return replace(shown, pictures=tuple(replace(each, targets=targets) for each in shown), categories={})
-
-
-def everything(folder: Path) -> list[Any]:
-    """All that a run found, but not how long it took; and the pictures it kept."""
-    with Store(folder) as store:
-        cells = [
-            {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms")}
-            for cell in store.cells()
-        ]
-        found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
-        boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes()) for each in found]
-        kept = {path.name: path.read_bytes() for path in (folder / "examples").iterdir()}
-        return [cells, list(store.targets()), boxes, store.skipped(), kept]
-
-
-def computed(
-    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan = PLAN
-) -> Outcome:
-    with Store(folder, create=True) as store:
-        return run(models, CAMERA, shown, plan, store, engine=engine)
-
-
-def timeless(results: list[CellResult]) -> list[Any]:
-    return [
-        [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
-        + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
-        for result in results
-    ]
+    return some_pictures(tmp_path_factory.mktemp("pictures"))
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
@@ -147,48 +111,94 @@ def test_blocks_are_taken_as_needed(detector: Detector, pictures: PictureSet, wo
     assert answered == taken > 6
 
 
-def test_a_process_that_dies_names_its_picture(
+def test_a_picture_that_kills_its_process_is_named_and_skipped(
     detector: Detector, pictures: PictureSet, tmp_path: Path
 ) -> None:
-    """What was finished stays, and the sweep goes on once the cause is gone."""
+    """After a second try; everything else is as if it were not there, and the next run takes it up once mended."""
     plan = swept((0.01,), (50.0,))
     good = pictures.pictures[0]
     deadly = Picture("deadly.png", good.targets, partial(os._exit, 9), good.identity)
-    shown = replace(pictures, pictures=(good, replace(good, name="c.png"), deadly))
-    with pytest.raises(ChildProcessError, match=r"picture 'deadly\.png' died"):
-        computed(tmp_path / "run", [detector], shown, ProcessEngine(1), plan)
+    shown = replace(pictures, pictures=(good, deadly, replace(good, name="c.png")))
+    with limited(120):
+        outcome = computed(tmp_path / "run", [detector], shown, ProcessEngine(1), plan)
+    assert outcome.workers_died == 2
+    assert list(outcome.skipped) == ["deadly.png"]
     with Store(tmp_path / "run") as store:
-        assert {cell["image"] for cell in store.cells()} == {"a.png", "c.png"}
-    mended = replace(shown, pictures=(*shown.pictures[:2], replace(deadly, load=good.load)))
+        assert [cell["image"] for cell in store.cells()] == ["a.png", "a.png", "c.png", "c.png"]
+        (skipped,) = store.skipped()
+    assert skipped["image"] == "deadly.png"
+    assert skipped["reason"] == outcome.skipped["deadly.png"]
+    assert "died" in skipped["reason"]
+    mended = replace(shown, pictures=(good, replace(deadly, load=good.load), shown.pictures[2]))
     outcome = computed(tmp_path / "run", [detector], mended, ThreadEngine(1), plan)
-    assert outcome.resumed + outcome.computed == count_cells(shown, plan) == 6
-    assert outcome.resumed >= 2
+    assert (outcome.resumed, outcome.computed) == (4, 2)
     computed(tmp_path / "anew", [detector], mended, ThreadEngine(1), plan)
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_process_that_is_killed_is_replaced(
+    detector: Detector, pictures: PictureSet, tmp_path: Path
+) -> None:
+    def kill_one(cells: int) -> None:
+        nonlocal settled
+        settled += cells
+        if not killed and settled >= 12:
+            killed.extend({number for number, _ in descendants(os.getpid())} & spawned())
+            os.kill(killed[0], signal.SIGKILL)
+
+    settled, killed = 0, list[int]()
+    with limited(120):
+        outcome = computed(tmp_path / "run", [detector], pictures, ProcessEngine(2), progress=kill_one)
+    assert len(killed) == 2
+    assert outcome.workers_died == 1
+    assert list(outcome.skipped) == ["empty.png"]
+    computed(tmp_path / "anew", [detector], pictures, ThreadEngine(2))
+    assert everything(tmp_path / "run") == everything(tmp_path / "anew")
+
+
+def spawned() -> set[int]:
+    """Processes that multiprocessing has spawned."""
+    return {
+        int(path.parent.name) for path in Path("/proc").glob("[0-9]*/cmdline") if b"spawn_main" in read(path)
+    }
+
+
+def read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:  # gone meanwhile
+        return b""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("engine", ["processes", "ray"])
 @pytest.mark.parametrize("how", ["interrupted", "killed"])
 def test_no_process_outlives_its_sweep(
-    pictures: PictureSet, detector: Detector, tmp_path: Path, how: str
+    pictures: PictureSet, detector: Detector, tmp_path: Path, engine: str, how: str
 ) -> None:
     """Ctrl-C reaches every process of the terminal's group; kill -9 reaches only the first. The store is whole."""
+    if engine == "ray":
+        pytest.importorskip("ray")
     shown = datasets.image_folder(Path(pictures.source))
     command = ["sweep", "--model", str(detector.path), "--images", shown.source, "--exposure-ms", "1:60:1"]
-    command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", "processes", "--threads", "2"]
+    command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", engine, "--workers", "2"]
     command += ["-o", str(tmp_path / "run")]
     started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
     process = subprocess.Popen(
         started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True
     )
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 240  # a killed driver's cluster goes a minute later
     while (
         len(list(tmp_path.glob("run/examples/*.png"))) < 9
     ):  # more than one block keeps: one is in the store
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
         time.sleep(0.005)
+    family = descendants(process.pid)
+    assert len(family) > 2
     if how == "interrupted":
         os.killpg(process.pid, signal.SIGINT)
     else:
@@ -198,7 +208,7 @@ def test_no_process_outlives_its_sweep(
         assert process.returncode == 130
         assert told.strip().splitlines()[-1] == "blurnoise: interrupted; what was finished is kept"
         assert "Traceback" not in told
-    while left := of_group(process.pid):
+    while left := alive(family):
         assert time.monotonic() < deadline, left
         time.sleep(0.02)
     with Store(tmp_path / "run") as store:
@@ -209,20 +219,6 @@ def test_no_process_outlives_its_sweep(
     assert outcome.resumed == kept < kept + outcome.computed == 2 * count_cells(shown, plan) // 3
     computed(tmp_path / "anew", [detector], shown, ThreadEngine(2), plan)
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
-
-
-def of_group(group: int) -> list[str]:
-    """Processes of the group that still run."""
-    left = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            text = stat.read_text()
-        except OSError:  # gone meanwhile
-            continue
-        state, _, own = text[text.rindex(")") + 2 :].split()[:3]
-        if int(own) == group and state != "Z":
-            left.append(text)
-    return left
 
 
 def test_what_does_not_pickle_is_named(detector: Detector, pictures: PictureSet) -> None:
@@ -237,11 +233,39 @@ def test_what_does_not_pickle_is_named(detector: Detector, pictures: PictureSet)
 def test_engines_by_name() -> None:
     assert engine_of("threads", 3) == ThreadEngine(3)
     assert engine_of("processes", 2) == ProcessEngine(2)
-    with pytest.raises(ValueError, match=r"engine = 'rays': must be one of 'threads', 'processes'"):
+    with pytest.raises(ValueError, match=r"engine = 'rays': must be one of 'threads', 'processes', 'ray'"):
         engine_of("rays", 1)
     for name in ("threads", "processes"):
         with pytest.raises(ValueError, match=f"{name} = 0: must be >= 1"):
             engine_of(name, 0)
+
+
+def test_ray_needs_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(
+        ValueError, match=r"engine = 'ray': needs the package ray: pip install 'blurnoise\[ray\]'"
+    ):
+        engine_of("ray", 2)
+
+
+def test_an_address_goes_with_ray_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["sweep", "--address", "here:6379", "-o", str(tmp_path / "run")]
+    assert cli.main(command) == 2
+    assert "address = 'here:6379': goes with engine 'ray', not 'threads'" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("how", [{"workers": None, "address": "here:6379"}, {"workers": 3}])
+def test_ray_by_name(how: dict[str, Any]) -> None:
+    pytest.importorskip("ray")
+    assert engine_of("ray", **how) == RayEngine(**how)
+    with pytest.raises(ValueError, match=r"ray = 0: must be >= 1"):
+        engine_of("ray", 0)
+
+
+def test_ray_is_imported_late() -> None:
+    code = "import sys, blurnoise_eval.sweep.engines as e; e.engine_of('threads', 1); sys.exit('ray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
 
 
 KINDS = ("coco", "yolo", "bdd", "text", "folder", "rendered signs", "rendered texts")

@@ -1,0 +1,259 @@
+"""Bench of scale: what an engine costs per cell, how it grows with workers, and what gives out first on paper.
+
+Domain: workers that sleep for a cell's time and answer with rows of the usual size
+(:mod:`blurnoise_eval.bench.scale_work`), so that there can be more of them than cores, and nothing but the engine is
+measured. Costs are ms of the driver's processor per cell; with threads they hold the workers', too.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import resource
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, nullcontext
+from dataclasses import asdict, dataclass
+from importlib import util
+from itertools import takewhile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
+from blurnoise_eval.bench.timing import machine
+from blurnoise_eval.bench.written import write_bench
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.actors import local_cluster
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.engines import ENGINES, Engine, staying
+from blurnoise_eval.sweep.flight import IN_FLIGHT
+from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.system.files import RUN_FILE
+
+Progress = Callable[[float], object]
+CORES = (1, 10, 100, 1000)
+CELL_S = (0.005, 0.015, 0.08, 0.15)
+"""What a cell takes on paper: the built-in detector, YOLOX-nano, and networks of 80 and 150 ms."""
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much is measured. workers: numbers of them. cell_s: seconds that a cell takes. seconds: of each point."""
+
+    workers: tuple[int, ...] = (1, 2, 4)
+    cell_s: tuple[float, ...] = (0.0, 0.015, 0.08)
+    seconds: float = 8.0
+    stored: int = 4000
+
+
+FULL = Extent()
+QUICK = Extent((1, 2), (0.0, 0.015), 2.0, 800)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One engine with so many workers and such a cell.
+
+    rate: cells/s once all are at work. ideal: what the workers' sleep allows, None for no sleep. driver_ms: of its
+    processor per cell, the store's left out. start_s: until the first answer; of workers that stayed, short.
+    driver_mb: its peak memory so far; worker_mb: of one worker, None for threads and where /proc does not tell.
+    """
+
+    engine: str
+    workers: int
+    cell_s: float
+    cells: int
+    rate: float
+    ideal: float | None
+    driver_ms: float
+    start_s: float
+    driver_mb: float
+    worker_mb: float | None
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What was found, and how it was made.
+
+    store_ms: of a cell, in the driver. cell_bytes: of its rows as they travel; disk_bytes: as they are stored.
+    """
+
+    rows: list[Row]
+    store_ms: float
+    cell_bytes: float
+    disk_bytes: float
+    extent: Extent
+    machine: dict[str, Any]
+
+    def cost_ms(self, engine: str) -> float:
+        """Of the driver per cell, store included, with cells that take no time."""
+        free = [
+            row.driver_ms
+            for row in self.rows
+            if row.engine == engine and row.cell_s == min(self.extent.cell_s)
+        ]
+        return min(free) + self.store_ms
+
+    def most_rate(self, engine: str) -> float:
+        """Cells/s at which the driver has nothing left."""
+        return 1e3 / self.cost_ms(engine)
+
+    def paper(self, engine: str, cell_s: float, cores: float) -> float:
+        """Cells/s of so many cores."""
+        return min(cores / cell_s, self.most_rate(engine))
+
+    @property
+    def engines(self) -> list[str]:
+        """Those measured whose workers are processes: threads share one interpreter."""
+        return [name for name in dict.fromkeys(row.engine for row in self.rows) if name != "threads"]
+
+    def losses(self) -> list[str]:
+        """What gives out first, with the arithmetic."""
+        told = []
+        for engine in self.engines:
+            cost, most = self.cost_ms(engine), self.most_rate(engine)
+            told.append(
+                f"{engine}: {cost - self.store_ms:.2f} ms of the driver and {self.store_ms:.2f} ms of the store a "
+                f"cell: at most 1000 / {cost:.2f} = {most:.0f} cells/s"
+            )
+            told += [
+                f"{engine}, {1e3 * cell_s:g} ms a cell: {1 / cell_s:.1f} cells/s a core, the driver is full from "
+                f"{most * cell_s:.0f} cores on"
+                for cell_s in CELL_S
+            ]
+            mb_s, held = most * self.cell_bytes / 1e6, CORES[-1] * IN_FLIGHT * CELLS * self.cell_bytes / 1e6
+            told.append(
+                f"{engine}, at that rate: {mb_s:.1f} MB/s of rows come in, {most * self.disk_bytes / 1e6:.1f} MB/s "
+                f"are stored; {CORES[-1]} cores x {IN_FLIGHT} blocks x {CELLS} cells hold {held:.0f} MB at most"
+            )
+        return told
+
+    def document(self) -> dict[str, Any]:
+        """Everything, ready for JSON."""
+        return {
+            "extent": asdict(self.extent),
+            "machine": self.machine,
+            "store_ms": self.store_ms,
+            "cell_bytes": self.cell_bytes,
+            "disk_bytes": self.disk_bytes,
+            "cost_ms": {engine: self.cost_ms(engine) for engine in self.engines},
+            "paper": [
+                {
+                    "engine": engine,
+                    "cell_s": cell_s,
+                    "cores": cores,
+                    "rate": self.paper(engine, cell_s, cores),
+                }
+                for engine in self.engines
+                for cell_s in CELL_S
+                for cores in CORES
+            ],
+            "losses": self.losses(),
+            "rows": [asdict(row) for row in self.rows],
+        }
+
+
+def engines() -> list[str]:
+    """Those of ``ENGINES`` that can be had here."""
+    return [name for name in ENGINES if name != "ray" or util.find_spec("ray")]
+
+
+def steps(extent: Extent) -> int:
+    """What the shares told to ``progress`` add up to."""
+    return len(engines()) * len(extent.workers) * len(extent.cell_s) + 1
+
+
+def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda share: None) -> Bench:
+    """Every engine with every number of workers and every cell; then the store."""
+    rows = []
+    for name in engines():
+        with local_cluster(max(extent.workers)) if name == "ray" else nullcontext():
+            for workers in extent.workers:
+                with staying(ENGINES[name](workers)) as engine:
+                    for cell_s in extent.cell_s:
+                        rows.append(_row(name, engine, workers, cell_s, extent.seconds))
+                        progress(1)
+    store_ms, disk_bytes = _store(extent.stored)
+    progress(1)
+    sent = [pickle.dumps(results(block)) for block in made_blocks(8)]
+    return Bench(rows, store_ms, sum(map(len, sent)) / 8 / CELLS, disk_bytes, extent, machine(threads))
+
+
+def write(bench: Bench, folder: Path) -> None:
+    """Write scale.csv, a row per engine, number of workers and cell, and scale.json."""
+    write_bench("scale", [asdict(row) for row in bench.rows], bench.document(), folder)
+
+
+def _row(name: str, engine: Engine, workers: int, cell_s: float, seconds: float) -> Row:
+    """Blocks until the time is over, counted once every worker is at work; the last ones are waited for."""
+    began = time.perf_counter()
+    until, first_s, worker_mb = float("inf"), 0.0, None
+    count, started, spent = 0, 0.0, 0.0
+    counted, wall_s, cpu_s = 0, 0.0, 0.0
+    warm = 4 * workers
+
+    def blocks() -> Iterator[Block]:
+        yield from takewhile(lambda _: time.perf_counter() < until, made_blocks(1 << 30, cell_s))
+
+    with closing(engine.map(cast(Work, SleepingWork()), blocks())) as answers:
+        for _, answer in answers:
+            if isinstance(answer, Exception):
+                raise answer
+            now, count = time.perf_counter(), count + 1
+            first_s = first_s or now - began
+            if count == warm:
+                started, spent = time.perf_counter(), time.process_time()
+                until = started + seconds
+                worker_mb = None if name == "threads" else _worker_mb(name)
+            elif count > warm and (now <= until or not counted):
+                counted, wall_s, cpu_s = count - warm, now - started, time.process_time() - spent
+    cells = counted * CELLS
+    return Row(
+        name, workers, cell_s, cells, cells / wall_s, workers / cell_s if cell_s else None, 1e3 * cpu_s / cells,
+        first_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, worker_mb,
+    )  # fmt: skip
+
+
+def _store(cells: int) -> tuple[float, float]:
+    """ms of the processor, and bytes on the disk, of a cell stored as a sweep does it."""
+    blocks = [(block, results(block)) for block in made_blocks(cells // CELLS)]
+    with TemporaryDirectory() as folder:
+        with Store(Path(folder), create=True) as store:
+            started = time.process_time()
+            for block, answer in blocks:
+                store.done(block.picture.name)
+                store.note_picture(block.picture.name, *(answer[0].picture or ("", "")))
+                store.add(answer)
+            spent = time.process_time() - started
+        size = (Path(folder) / RUN_FILE).stat().st_size
+    return 1e3 * spent / (len(blocks) * CELLS), size / (len(blocks) * CELLS)
+
+
+def _worker_mb(name: str) -> float | None:
+    """Mean resident memory of the processes of this one in which workers are."""
+    marks = {"processes": b"spawn_main", "ray": b"ray::RayWorker"}
+    sizes = []
+    family = {os.getpid()}
+    states = dict(_parents())
+    while more := {process for process, parent in states.items() if parent in family} - family:
+        family |= more
+    for process in family:
+        try:
+            if marks[name] in Path(f"/proc/{process}/cmdline").read_bytes():
+                pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+                sizes.append(pages * resource.getpagesize() / 2**20)
+        except OSError:  # gone meanwhile
+            continue
+    return sum(sizes) / len(sizes) if sizes else None
+
+
+def _parents() -> Sequence[tuple[int, int]]:
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            text = stat.read_text()
+        except OSError:  # gone meanwhile
+            continue
+        found.append((int(stat.parent.name), int(text[text.rindex(")") + 2 :].split()[1])))
+    return found

@@ -1,0 +1,187 @@
+"""Ray's actors: the rows of the threads, whatever dies. Two nodes of one core each, and one for the driver alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.datasets import Picture, PictureSet
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.engines import RayEngine, ThreadEngine
+from plans import plan as swept
+from small_sweeps import computed, everything, limited, small_detector, some_pictures
+
+ray = pytest.importorskip("ray")
+pytestmark = pytest.mark.slow
+MEMORY = 80_000_000  # bytes, of each node's store
+PATIENCE_S = 60.0  # longer than it takes an actor to start
+LONG = swept(tuple(ms / 1e3 for ms in range(1, 61)), (50.0, 200.0), (0.0, 300.0))
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    return small_detector(tmp_path_factory.mktemp("model"))
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
+    return some_pictures(tmp_path_factory.mktemp("pictures"))
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Connected; the node of the driver has no core to compute on."""
+    from ray.cluster_utils import Cluster
+
+    with limited(300):
+        cluster = Cluster(
+            initialize_head=True,
+            head_node_args={"num_cpus": 0, "include_dashboard": False, "object_store_memory": MEMORY},
+        )
+    try:
+        with limited(300):
+            ray.init(address=cluster.address, log_to_driver=False, logging_level="ERROR")
+        yield cluster
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+
+
+@pytest.fixture
+def nodes(cluster: Any) -> list[Any]:
+    """Two nodes of a core each, put back where a test has lost one."""
+    with limited(300):
+        while len(cluster.worker_nodes) < 2:
+            cluster.add_node(num_cpus=1, object_store_memory=MEMORY)
+        cluster.wait_for_nodes()
+    return list(cluster.worker_nodes)
+
+
+@pytest.fixture(scope="module")
+def expected(detector: Detector, pictures: PictureSet, tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
+    folder = tmp_path_factory.mktemp("expected")
+    computed(folder, [detector], pictures, ThreadEngine(2), LONG)
+    return everything(folder)
+
+
+def after(cells: int, act: Callable[[], None]) -> Callable[[int], None]:
+    """Act once, when so many cells are settled."""
+    settled, acted = 0, False
+
+    def told(more: int) -> None:
+        nonlocal settled, acted
+        settled += more
+        if settled >= cells and not acted:
+            acted = True
+            act()
+
+    return told
+
+
+def actors() -> list[int]:
+    """Numbers of the processes in which actors of ours are."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            name = path.read_bytes()
+        except OSError:  # gone meanwhile
+            continue
+        if name.startswith(b"ray::RayWorker"):
+            found.append(int(path.parent.name))
+    return found
+
+
+@pytest.mark.usefixtures("nodes")
+def test_actors_give_what_threads_give(
+    detector: Detector, pictures: PictureSet, tmp_path: Path, expected: list[Any]
+) -> None:
+    with limited(300):
+        outcome = computed(tmp_path, [detector], pictures, RayEngine(2), LONG)
+    assert everything(tmp_path) == expected
+    assert outcome.workers_died == 0
+    assert list(outcome.skipped) == ["empty.png"]
+    assert ray.is_initialized()  # as before
+
+
+@pytest.mark.usefixtures("nodes")
+def test_an_actor_that_is_killed_is_replaced(
+    detector: Detector, pictures: PictureSet, tmp_path: Path, expected: list[Any]
+) -> None:
+    def kill_one() -> None:
+        os.kill(actors()[0], signal.SIGKILL)
+
+    with limited(300):
+        progress = after(100, kill_one)
+        outcome = computed(tmp_path, [detector], pictures, RayEngine(2), LONG, progress)
+    assert outcome.workers_died == 1
+    assert list(outcome.skipped) == ["empty.png"]
+    assert everything(tmp_path) == expected
+
+
+@pytest.mark.usefixtures("nodes")
+def test_a_picture_that_kills_its_actor_is_named_and_skipped(
+    detector: Detector, pictures: PictureSet, tmp_path: Path
+) -> None:
+    plan = swept((0.01,), (50.0,))
+    good = pictures.pictures[0]
+    deadly = Picture("deadly.png", good.targets, os.abort, good.identity)
+    shown = replace(pictures, pictures=(good, deadly, replace(good, name="c.png")))
+    with limited(300):
+        outcome = computed(tmp_path / "run", [detector], shown, RayEngine(2), plan)
+    assert outcome.workers_died == 2
+    assert list(outcome.skipped) == ["deadly.png"]
+    assert "died" in outcome.skipped["deadly.png"]
+    whole = replace(shown, pictures=(good, shown.pictures[2]))
+    computed(tmp_path / "anew", [detector], whole, ThreadEngine(1), plan)
+    ours, theirs = everything(tmp_path / "run"), everything(tmp_path / "anew")
+    assert ours[:3] == theirs[:3]
+
+
+def test_a_node_that_is_lost_costs_nothing(
+    detector: Detector,
+    pictures: PictureSet,
+    tmp_path: Path,
+    expected: list[Any],
+    cluster: Any,
+    nodes: list[Any],
+) -> None:
+    with limited(300):
+        progress = after(100, partial(cluster.remove_node, nodes[0], allow_graceful=False))
+        outcome = computed(tmp_path, [detector], pictures, RayEngine(2), LONG, progress)
+    assert outcome.workers_died == 1
+    assert list(outcome.skipped) == ["empty.png"]
+    assert everything(tmp_path) == expected
+
+
+def test_without_any_node_the_run_ends_and_its_store_is_whole(
+    detector: Detector,
+    pictures: PictureSet,
+    tmp_path: Path,
+    expected: list[Any],
+    cluster: Any,
+    nodes: list[Any],
+) -> None:
+    def remove_all() -> None:
+        for node in nodes:
+            cluster.remove_node(node, allow_graceful=False)
+
+    with (
+        limited(300),
+        pytest.raises(ChildProcessError, match=r"engine = 'ray': no worker could be had for 60.0 s"),
+    ):
+        computed(
+            tmp_path, [detector], pictures, RayEngine(2, patience_s=PATIENCE_S), LONG, after(100, remove_all)
+        )
+    with Store(tmp_path) as store:
+        kept = len(list(store.cells()))
+    assert kept >= 100
+    outcome = computed(tmp_path, [detector], pictures, ThreadEngine(2), LONG)
+    assert outcome.resumed == kept
+    assert everything(tmp_path) == expected
