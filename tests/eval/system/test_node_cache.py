@@ -36,7 +36,7 @@ def test_a_copy_cut_short_is_fetched_again(tmp_path: Path) -> None:
 
 def test_used_longest_ago_goes_first(tmp_path: Path) -> None:
     cache = NodeCache(tmp_path, 1000)
-    for age, key in enumerate(("old", "used", "new")):
+    for age, key in enumerate(("used", "old", "new")):
         cache.read(key, lambda: b"x" * 300)
         for file in (tmp_path / "objects").iterdir():
             os.utime(file, (file.stat().st_mtime - 100 * (3 - age),) * 2)

@@ -17,12 +17,13 @@ pytestmark = pytest.mark.slow  # the server takes seconds to import
 def held() -> Iterator[Wire]:
     """To an empty server; waits are short."""
     with pytest.MonkeyPatch.context() as patch, s3_server() as server, wire_to(server) as (address, wire):
-        patch.setattr(transport, "WAITS_S", (0.01, 0.01, 0.01, 0.01))
-        patch.setattr(transport, "CONNECT_S", 2)
-        patch.setattr(transport, "READ_S", 1)
         at(address, patch.setenv)
         transport.system_of.cache_clear()
-        transport.system_of("s3").mkdir(BUCKET)
+        transport.system_of("s3").mkdir(BUCKET)  # the first answer takes long
+        patch.setattr(transport, "WAITS_S", (0.01, 0.01, 0.01, 0.01))
+        patch.setattr(transport, "CONNECT_S", 5)
+        patch.setattr(transport, "READ_S", 3)
+        transport.system_of.cache_clear()
         yield wire
     transport.system_of.cache_clear()
 
@@ -58,6 +59,15 @@ def test_listing_of_a_folder(wire: Wire) -> None:
     assert list(found) == ["a.bin", "no bytes.bin", "sub/b.bin"]
     assert list(storage.listing(location(f"s3://{BUCKET}/sub/"))) == ["b.bin"]
     assert storage.stamps(location(f"s3://{BUCKET}"), ["a.bin", "c.bin"]) == {"a.bin": found["a.bin"]}
+
+
+def test_a_listing_of_several_pages(wire: Wire) -> None:
+    """S3 lists a thousand at a time."""
+    names = [f"{number:04d}.bin" for number in range(1003)]
+    folder = location(f"s3://{BUCKET}/many")
+    transport.system_of("s3").pipe({f"{BUCKET}/many/{name}": b"x" for name in names})
+    assert list(storage.listing(folder)) == names
+    assert len(storage.stamps(folder, names)) == 1003
 
 
 def test_kinds(wire: Wire) -> None:
@@ -106,7 +116,7 @@ def test_a_connection_that_is_always_cut(cut_at: int, wire: Wire, tmp_path: Path
 
 
 def test_a_server_that_does_not_answer(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    version, wire.delay_s = location(A).stamped(), 1.5
+    version, wire.delay_s = location(A).stamped(), 4.0
     monkeypatch.setattr(transport, "WAITS_S", (0.01,))
     with pytest.raises(TimeoutError, match="no answer"):
         version.read_bytes()

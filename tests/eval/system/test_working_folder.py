@@ -71,8 +71,8 @@ def test_only_what_has_changed_is_put(monkeypatch: pytest.MonkeyPatch) -> None:
     put = []
     monkeypatch.setattr(working_folder, "put_file", lambda file, url: put.append(url.name))
     with written_run(run()) as folder:
-        work(folder.path, report_html="page", answers_csv="a")
-    assert put == ["answers.csv", "report.html"]
+        work(folder.path, report_html="page", scores_csv="a")
+    assert put == ["scores.csv", "report.html"]
 
 
 def test_what_was_done_before_an_error_is_kept() -> None:
