@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,17 +16,19 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError, exported_fields, stated_contract
 from blurnoise_eval.detectors.formats import resolve
-from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray, all_finite
+from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray, all_finite, best, suppress
 from blurnoise_eval.detectors.formats.graph import read_signature
 from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
 from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
 from blurnoise_eval.detectors.model_files import external_files, fetched, fetched_file
 from blurnoise_eval.detectors.non_finite import NonFinite
-from blurnoise_eval.detectors.own_scores import OwnScores, kept
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.system.storage import Location, is_url
 
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
+MOST_OF_CLASS, OWN_SCORE = 100, 0.01
+"""Of one class that need not lead: how many boxes are looked at for a target, as COCO counts, and from what score."""
+OwnScores = Callable[[Sequence[int], FloatArray], Detections]
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
 
@@ -158,8 +160,15 @@ class Detector:
         """Those that the family's own evaluator counts."""
         return candidates.with_classes(min_score) if self.family.SEVERAL_CLASSES else candidates
 
-    def _kept(self, candidates: Candidates, placement: Placement, most: int) -> Detections:
-        return kept(candidates, placement, self.contract.nms_iou, most)
+    def _kept(
+        self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
+    ) -> Detections:
+        iou = self.contract.nms_iou
+        kept = best(candidates, most) if iou is None else suppress(candidates, iou, most, per_class=per_class)
+        boxes = placement.to_picture(kept.boxes_xyxy)
+        inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
+        leads = None if kept.leads is None else kept.leads[inside]
+        return Detections(boxes[inside], np.minimum(kept.scores[inside], 1), kept.class_ids[inside], leads)
 
     def top_score(self, outputs: Sequence[FloatArray]) -> float:
         """Return the highest score of any candidate, however low; 0.0 if there is none above 0.
@@ -179,18 +188,29 @@ class Detector:
         return self.decode(self.run(blob), placement, min_score=min_score, max_detections=max_detections)
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns, and what tells boxes of classes where another one leads.
+        """What :meth:`detect` returns, and what tells boxes with their own scores of classes where another one leads.
 
-        None where there are none: the graph tells one class a box, or has one.
+        That is asked with class ids and what the scores must exceed, one for each. It answers from ``OWN_SCORE`` on,
+        whatever the family's evaluator counts, suppressed within each class, at most ``MOST_OF_CLASS`` of each. None
+        where it has nothing to add: the graph tells one class a box, or has one.
         """
         blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
         self._buffers.blob = blob
         candidates = self._candidates(self.run(blob), placement, MIN_SCORE)
         found = self._kept(self._counted(candidates, MIN_SCORE), placement, MOST_DETECTIONS)
-        told = candidates.class_scores
-        if told is None or told.shape[1] == 1:
+        each = candidates.class_scores
+        if each is None or each.shape[1] == 1:
             return found, None
-        return found, OwnScores(candidates, placement, self.contract.nms_iou)
+        return found, partial(self._own, candidates, placement)
+
+    def _own(
+        self, candidates: Candidates, placement: Placement, class_ids: Sequence[int], above: FloatArray
+    ) -> Detections:
+        asked, whose = np.unique(np.asarray(class_ids, np.int64), return_inverse=True)
+        least = np.full(len(asked), np.inf, np.float32)
+        np.minimum.at(least, whose, above)
+        own = candidates.with_classes(OWN_SCORE, asked, least)  # what is weaker suppresses none of these
+        return self._kept(own, placement, MOST_OF_CLASS * len(asked), MOST_OF_CLASS)
 
     def _count_non_finite(self, outputs: Sequence[FloatArray]) -> None:
         count = sum(

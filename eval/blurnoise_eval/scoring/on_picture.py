@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Picture, Target, size_group
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.detector import Detector, OwnScores
 from blurnoise_eval.detectors.ocr import Reading, character_error_rate
-from blurnoise_eval.detectors.own_scores import OwnScores
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, swept_within, target_confidences
 
@@ -198,11 +197,7 @@ def _confidences(
     """In each target at each of its places: of what was found, or of the classes' own scores where others lead."""
     boxes, ids = [box for boxes in places for box in boxes], [*class_ids] * len(places)
     confidences = target_confidences(found, boxes, ids)
-    if own is None or not ids:
-        return list(confidences.reshape(len(places), -1).tolist())
-    higher = np.flatnonzero(target_confidences(own.every(ids, confidences), boxes, ids) > confidences)
-    if len(higher):
-        others = own.kept([ids[place] for place in higher], confidences[higher])
+    if own is not None and ids and len(others := own(ids, confidences)):
         confidences = np.maximum(confidences, target_confidences(others, boxes, ids))
     return list(confidences.reshape(len(places), -1).tolist())
 

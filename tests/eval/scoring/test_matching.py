@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring import matching
 from blurnoise_eval.scoring.matching import (
     Ranking,
     average_precision,
@@ -17,9 +18,11 @@ from blurnoise_eval.scoring.matching import (
     iou,
     mean_over,
     target_confidence,
+    target_confidences,
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
@@ -224,3 +227,23 @@ def test_mean_over_uneven_steps() -> None:
     assert mean_over(x, np.array([0.0, 1.0, 0.0])) == pytest.approx(0.5)
     with pytest.raises(ValueError, match="at least two"):
         mean_over([1.0], np.ones(1))
+
+
+def test_targets_are_held_against_any_number_of_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In pieces of a few boxes as all at once: the highest score of the class from an IoU of 0.5 on."""
+    rng = np.random.default_rng(2)
+    targets = _near(rng, 3)
+    boxes = np.concatenate([targets + rng.normal(0, 6, (40, 1, 1)) for _ in range(2)]).reshape(-1, 4)
+    found = Detections(boxes, rng.uniform(0, 1, len(boxes)), rng.integers(0, 2, len(boxes)))
+    ids = [0, 1, 1]
+    right = (iou(found.boxes_xyxy, targets) >= 0.5) & (found.class_ids[:, None] == ids)
+    expected = np.where(right, found.scores[:, None], 0).max(axis=0)
+    assert expected.min() > 0
+    for pairs in (1, 7, 1 << 14):
+        monkeypatch.setattr(matching, "_PAIRS", pairs)
+        np.testing.assert_array_equal(target_confidences(found, targets.tolist(), ids), expected)
+
+
+def _near(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    corners = rng.uniform(0, 100, (count, 2))
+    return np.concatenate([corners, corners + rng.uniform(30, 50, (count, 2))], axis=1)

@@ -56,9 +56,9 @@ class Fake:
         self._found = found
         self.contract = type("Contract", (), {"classes": ("square",)})()
 
-    def look(self, image: NDArray[np.uint8], _: object) -> tuple[Detections, Detections]:
+    def look(self, image: NDArray[np.uint8]) -> tuple[Detections, None]:
         found = Detections(np.array([self._found(image)]), np.array([1.0]), np.array([0]))
-        return found, found
+        return found, None
 
 
 def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:
