@@ -28,7 +28,7 @@ from blurnoise_eval.sweep.worker_process import Told
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
 IN_FLIGHT = 2  # blocks for each worker: one that it works on, one that waits
 _PAUSE_S = 1.0  # before another worker is asked for in place of one that died before it was ready
-_OPENINGS = 3  # where there is no patience: workers that die one after the other before they are ready, until no other takes their place
+_OPENINGS = 3  # workers that may die one after the other before one is ready, where there is no patience
 
 
 class WorkerDied(Exception):

@@ -20,7 +20,8 @@ from typing import Any
 
 import onnx
 
-from blurnoise_eval.detectors.detector import external_files, file_sha256
+from blurnoise_eval.detectors.detector import file_sha256
+from blurnoise_eval.detectors.model_files import external_files
 from blurnoise_eval.sweep.work import Work
 
 Contents = Mapping[str, Mapping[str, bytes]]
