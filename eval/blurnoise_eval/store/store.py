@@ -24,13 +24,12 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import named
 from blurnoise_eval.store import schema
-from blurnoise_eval.system.files import RUN_FILE, write_whole
-from blurnoise_eval.system.tables import csv_lines, json_lines
+from blurnoise_eval.system.files import RUN_FILE
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
+_AT_ONCE = 20_000  # rows that are read at a time
 
 
 class StoreError(ValueError):
@@ -190,7 +189,7 @@ class Store:
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""
-        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
+        return self.rows(f"SELECT {', '.join(self.columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
 
     def targets(self) -> Iterator[dict[str, Any]]:
         """One row per cell and target, in the order of cells."""
@@ -221,27 +220,20 @@ class Store:
                     found["clean"] = bool(found["clean"])
                 yield found
 
-    def export(self, folder: Path | None = None) -> list[Path]:
-        """Write results.csv (a row per cell and model), targets.csv (a row per target of these), results.json.
-
-        folder: by default the run's. Each file appears whole or stays what it was.
-        Raises ``OSError`` where it cannot be written.
-        """
-        tables = {
-            "results.csv": csv_lines(self._columns("cells"), map(named, self.cells())),
-            "targets.csv": csv_lines(self._columns("targets"), map(named, self.targets())),
-            "results.json": json_lines(map(named, self.cells())),
-        }
-        folder = folder or self.folder
-        for name, lines in tables.items():
-            write_whole(folder / name, (line.encode("utf-8") for line in lines))
-        return [folder / name for name in tables]
-
-    def _columns(self, table: str) -> list[str]:
-        """Names of the columns that people read."""
+    def tuples(self, query: str, *values: object) -> Iterator[list[tuple[Any, ...]]]:
+        """The answer to a question in SQL, some thousands of rows at a time, as SQLite has them."""
         with self._explained():
-            columns = self._db.execute(f"SELECT * FROM {table} LIMIT 0").description
-        return [name for name, *_ in columns if name != "detections"]
+            cursor = self._db.cursor()
+            cursor.row_factory = None
+            cursor.execute(query, values)
+            while rows := cursor.fetchmany(_AT_ONCE):
+                yield rows
+
+    def columns(self, table: str) -> dict[str, str]:
+        """Names of the columns that people read, and SQLite's types of them."""
+        with self._explained():
+            found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
+        return {row["name"]: row["type"] for row in found if row["name"] != "detections"}
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:

@@ -27,6 +27,7 @@ from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
@@ -228,7 +229,7 @@ class Evaluation:
 
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder) as store:
-            store.export(self.output)
+            write_exports(store, self.output)
         write_tables(self.data, self.output)
         write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
         return write_report(self._shown, self.output)

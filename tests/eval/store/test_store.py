@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import CellResult, Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from plans import OWN
@@ -224,13 +225,13 @@ def test_damage_inside_is_told_when_it_is_met(tmp_path: Path) -> None:
     data[len(data) // 4 : len(data) // 2] = b"\xa5" * (len(data) // 2 - len(data) // 4)
     path.write_bytes(data)
     with pytest.raises(StoreError, match="damaged"), Store(tmp_path) as store:
-        store.export()
+        write_exports(store)
 
 
 def test_tables_in_pandas(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([clean_result(0), result(1), result(2, targets=2)])
-        written = store.export()
+        written = write_exports(store)
     assert [path.name for path in written] == ["results.csv", "targets.csv", "results.json"]
     cells, targets = pd.read_csv(written[0]), pd.read_csv(written[1])
     from_json = pd.DataFrame(json.loads(written[2].read_text(encoding="utf-8")))
@@ -255,10 +256,10 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
 def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([result(0, targets=1)])
-        store.export()
+        write_exports(store)
         full = [list(pd.read_csv(tmp_path / name)) for name in ("results.csv", "targets.csv")]
     with Store(tmp_path / "empty", create=True) as store:
-        store.export()
+        write_exports(store)
         for name, columns in zip(("results.csv", "targets.csv"), full, strict=True):
             table = pd.read_csv(tmp_path / "empty" / name)
             assert list(table) == columns
@@ -287,12 +288,12 @@ def test_export_that_fails_keeps_the_file_of_before(
 
     with Store(tmp_path, create=True) as store:
         store.add([result(0)])
-        store.export()
+        write_exports(store)
         before = (tmp_path / name).read_bytes()
         store.add([result(1)])
         monkeypatch.setattr(Path, "open", nearly_full)
         with pytest.raises(OSError, match="No space left"):
-            store.export()
+            write_exports(store)
         monkeypatch.undo()
     assert (tmp_path / name).read_bytes() == before
     files = {path.name for path in tmp_path.iterdir()}
