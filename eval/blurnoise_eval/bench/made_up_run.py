@@ -131,7 +131,9 @@ def _results(
         found[: len(targets), 4] = confidence
         rest = _DETECTIONS - len(targets)
         corners = generator.uniform(0, 400, (rest, 2))
-        found[len(targets) :, :4] = np.concatenate([corners, corners + generator.uniform(16, 80, (rest, 2))], 1)
+        found[len(targets) :, :4] = np.concatenate(
+            [corners, corners + generator.uniform(16, 80, (rest, 2))], 1
+        )
         found[len(targets) :, 4] = 0.001 + 0.5 * generator.random(rest) ** 4
         found = found[np.argsort(-found[:, 4], kind="stable")]
         detections = Detections(found[:, :4], found[:, 4], found[:, 5])

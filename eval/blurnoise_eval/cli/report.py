@@ -47,6 +47,15 @@ Cluster = Annotated[
 ]
 
 
+Parquet = Annotated[
+    bool,
+    Option(
+        "--parquet",
+        help="results.csv and targets.csv as Parquet, too: folders by model and shard of pictures (needs pyarrow)",
+    ),
+]
+
+
 def report(
     run: Annotated[Path, Argument(metavar="RUN", help="the folder of a sweep or a decision")],
     *,
@@ -58,6 +67,7 @@ def report(
         Path | None,
         Option("-o", "--output", metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
+    parquet: Parquet = False,
     as_json: Json = False,
 ) -> None:
     """Write a run's figures, tables and page again.
@@ -69,16 +79,21 @@ def report(
     The sweep itself is not repeated.
     """
     from blurnoise_eval.deciding.decision import Decision
+    from blurnoise_eval.store.exports import check_parquet
 
+    if parquet:
+        check_parquet()
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     done = Decision(run, **enough, cluster=cluster, output=output, progress=True)
-    tell(done, as_json=as_json, first=done.how())
+    tell(done, as_json=as_json, first=done.how(), parquet=parquet)
 
 
-def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
-    """Write a run's tables, figures and page; the answer in the terminal, after what is to be said ``first``."""
+def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet: bool = False) -> None:
+    """Write a run's tables, with ``parquet`` its rows as that, too, figures and page; the answer in the terminal, after what is to be said ``first``."""
     from blurnoise_eval.report.findings import invented, missing_text
 
+    if parquet:
+        done.parquet()
     page = done.report()
     for entry in done.skipped:
         say(f"skipped: {entry['reason']}", error=True)
@@ -92,6 +107,8 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
+    if done.data.manifest["json_left_out"]:
+        say("results.json is left out of a run of this size; results.csv has its rows")
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
     if behind := invented(done.data):

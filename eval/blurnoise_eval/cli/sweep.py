@@ -28,7 +28,7 @@ from blurnoise_eval.cli._options import (
     one_of,
 )
 from blurnoise_eval.cli.console import print_assumed
-from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Keep, Parquet, Score, Threshold, tell
 
 _what = partial(Option, rich_help_panel="What to run")
 
@@ -133,6 +133,14 @@ def sweep(
     threads: Annotated[
         int | None, Option(metavar="N", help="how many of them, pictures at a time (default: every core)")
     ] = None,
+    part: Annotated[
+        str | None,
+        Option(
+            metavar="K/N",
+            help="only the Kth of N parts of the pictures, by their names; 'blurnoise merge' joins the runs",
+        ),
+    ] = None,
+    parquet: Parquet = False,
     output: Annotated[Path, Option("-o", "--output", metavar="RUN", help="folder for everything")],
     as_json: Json = False,
 ) -> None:
@@ -151,10 +159,16 @@ def sweep(
     exposed_by = given.camera(camera, cfa=cfa)
     from blurnoise import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.grid.parts import Part
     from blurnoise_eval.scoring.clusters import cluster_of
+    from blurnoise_eval.store.exports import check_parquet
     from blurnoise_eval.sweep.evaluation import evaluate
 
     cluster_of("", cluster)
+    if parquet:
+        check_parquet()
+    if part is not None:
+        Part.parse(part)
     workers = given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
@@ -190,7 +204,8 @@ def sweep(
         cluster=cluster,
         engine=engine,
         threads=workers,
+        part=part,
         progress=True,
         command=" ".join(["blurnoise", *sys.argv[1:]]),
     )
-    tell(done, as_json=as_json)
+    tell(done, as_json=as_json, parquet=parquet)

@@ -226,6 +226,13 @@ def median_simulate_ms(store: Store) -> float | None:
     return next((float(row["ms"]) for row in store.rows(query)), None)
 
 
+def example_files(store: Store) -> list[str]:
+    """The pictures that were kept, by their paths in the run's folder."""
+    return [
+        row["example"] for row in store.rows("SELECT DISTINCT example FROM cells WHERE example IS NOT NULL")
+    ]
+
+
 def examples(store: Store) -> list[Row]:
     """Cells whose picture was kept, their detections unpacked: by picture, exposure, speed, then the rest."""
     order = ", ".join(("image", "clean DESC", "exposure_s", *VELOCITY, *SETTING))

@@ -132,6 +132,17 @@ class Store:
             counted[result.cell["model"]] += result.non_finite_values
         return {"wall_s": held["wall_s"] + wall_s, "non_finite_values": counted}
 
+    def take(self, other: Store) -> None:
+        """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
+        with self._transaction() as db:
+            for table in ("cells", "targets", "pictures", "skipped"):
+                names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
+                columns, marks = ", ".join(names), ", ".join("?" * len(names))
+                into = f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({marks})"
+                for rows in other.tuples(f"SELECT {columns} FROM {table}"):
+                    db.executemany(into, rows)
+            db.execute("DELETE FROM skipped WHERE image IN (SELECT image FROM cells)")
+
     def clear(self) -> None:
         """Forget everything: the store is as new."""
         with self._transaction() as db:

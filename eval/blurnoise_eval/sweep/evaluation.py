@@ -22,12 +22,13 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
@@ -60,6 +61,7 @@ def evaluate(
     cluster: str | None = None,
     engine: str | Engine = "threads",
     threads: int | None = None,
+    part: str | None = None,
     progress: bool | None = None,
     command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
@@ -73,7 +75,8 @@ def evaluate(
     :mod:`blurnoise_eval.scoring.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
     engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
-    threads: how many of the engine's workers, by default one per core. progress: whether to draw a bar on the
+    threads: how many of the engine's workers, by default one per core. part: "1/4": only the first quarter of the
+    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. progress: whether to draw a bar on the
     terminal. command: what the run's page gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
@@ -86,6 +89,11 @@ def evaluate(
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
     check_cluster(cluster, (picture.name for picture in shown))
+    whole, own = shown, None if part is None else Part.parse(part)
+    if own is not None:
+        shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
+        if not shown:
+            raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
@@ -105,7 +113,7 @@ def evaluate(
     for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
         replace(at.exposure(seen_by), trajectory=path)
     with Store(Path(output), create=True) as store:
-        open_run(store, opened, seen_by, shown, plan, facts)
+        open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = sweep.run(opened, seen_by, shown, plan, store, engine=computed_by, progress=advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
@@ -222,6 +230,12 @@ class Evaluation:
             done = self.outcome
             summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
         return summary
+
+    def parquet(self) -> list[Path]:
+        """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
+        self.output.mkdir(parents=True, exist_ok=True)
+        with Store(self.folder) as store:
+            return write_parquet(store, self.output)
 
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""

@@ -20,8 +20,8 @@ from blurnoise_eval.scoring.curves import endurances, endurances_across
 from blurnoise_eval.scoring.exposure_window import answers
 from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.coco_export import write_detections
 from hypothesis import HealthCheck, assume, given, settings
