@@ -64,7 +64,7 @@ def score_rows(
         every = _sums(store, model, clusters)
         counted = queries.condition_counts(store, model)
         for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
-            cells = [] if truth is None else list(queries.detections_at(store, model, row))
+            cells = () if truth is None else queries.answers_at(store, model, row)
             sums = every.get(tuple(row[name] for name in CONDITIONS), {})
             judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(as_set)), clusters)
             progress(1)

@@ -6,15 +6,16 @@ cluster of pictures changes is read off the ranking, since pictures are matched 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers
 from blurnoise_eval.scoring.estimates import all_and_without
 from blurnoise_eval.scoring.matching import MOST_DETECTIONS, RECALLS, overlaps
+from blurnoise_eval.scoring.pairs import Targets, first_of, paired_overlaps, pairs, with_a_choice, xywh
 
 IOUS = np.linspace(0.5, 0.95, 10)
 _LIMITS = np.minimum(IOUS, 1 - 1e-10)
@@ -25,14 +26,6 @@ AREAS_PX2 = np.array([(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], flo
 _AT_ONCE = 4_000_000  # numbers that are worked on at a time
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-
-class Answered(NamedTuple):
-    """One picture as it was answered. cluster: its number; targets: COCO's annotations where they stand."""
-
-    cluster: int
-    detections: Detections
-    targets: Sequence[Mapping[str, Any]]
 
 
 class Precision(NamedTuple):
@@ -56,28 +49,36 @@ class _Found(NamedTuple):
     ignored: Flags
 
 
-def precision(pictures: Iterable[Answered], category_of: Mapping[int, int], clusters: int) -> Precision:
-    """Average precision and recall over categories; ``category_of``: a category's id by a class's number."""
+def precision(
+    answers: Answers,
+    cluster: NDArray[np.int64],
+    targets: Targets,
+    category_of: Mapping[int, int],
+    clusters: int,
+) -> Precision:
+    """Average precision and recall over categories of P pictures.
+
+    cluster: (P,) the number of each picture's, of ``clusters``. targets: where they stand. category_of: a category's
+    id by a class's number.
+    """
     place_of = {category: place for place, category in enumerate(sorted(set(category_of.values())))}
-    every = list(pictures)
-    for picture in every:
-        for target in picture.targets:
-            place_of.setdefault(target["category_id"], len(place_of))
+    seen, first = np.unique(targets.category, return_index=True)
+    for place in seen[np.argsort(first)].tolist():
+        place_of.setdefault(targets.categories[place], len(place_of))
     places = np.full(max(category_of, default=0) + 2, -1)  # by a class's number; the last: none
     for number, category in category_of.items():
         places[number] = place_of[category]
-    targets = np.zeros((clusters, len(AREAS_PX2), max(len(place_of), 1)))
-    flags = np.zeros((len(AREAS_PX2), len(IOUS), 0), bool)
-    parts = [_Found(np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int64), flags, flags)]
-    parts += [_matched(picture, places, place_of, targets) for picture in every]
-    joined: list[Any] = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    order = np.lexsort((-joined[0], joined[1]))
-    found = _Found(*(part[..., order] for part in joined))
-    hits = np.zeros((clusters, len(IOUS), targets.shape[2]))
+    own = np.array([place_of.get(category, -1) for category in targets.categories], np.int64)
+    of_target = own[targets.category] if len(own) else targets.category
+    counted = np.zeros((clusters, len(AREAS_PX2), max(len(place_of), 1)))
+    found = _matched(answers, cluster, places, targets, of_target, counted)
+    order = np.lexsort((-found.score, found.category))
+    found = _Found(*(part[..., order] for part in found))
+    hits = np.zeros((clusters, len(IOUS), counted.shape[2]))
     for place in range(len(IOUS)):
-        own = found.right[0, place] & ~found.ignored[0, place]
-        np.add.at(hits[:, place], (found.cluster[own], found.category[own]), 1)
-    return _averages(targets, _ranked(found, targets), hits)
+        here = found.right[0, place] & ~found.ignored[0, place]
+        np.add.at(hits[:, place], (found.cluster[here], found.category[here]), 1)
+    return _averages(counted, _ranked(found, counted), hits)
 
 
 def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
@@ -95,35 +96,58 @@ def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
 
 
 def _matched(
-    picture: Answered, places: NDArray[np.int64], place_of: Mapping[int, int], targets: Array
+    answers: Answers,
+    clusters: NDArray[np.int64],
+    places: NDArray[np.int64],
+    targets: Targets,
+    of_target: NDArray[np.int64],
+    counted: Array,
 ) -> _Found:
-    """Of one picture; its targets are counted in ``targets``."""
-    detections = picture.detections
-    known = places[np.minimum(detections.class_ids, len(places) - 1)]
-    order = np.argsort(known, kind="stable")  # of each category the highest scores first
-    index = order[_rank(known[order]) < MOST_DETECTIONS]
+    """Of all pictures; their targets, of the categories ``of_target``, are counted in ``counted``."""
+    picture = answers.picture
+    known = places[np.minimum(answers.class_ids, len(places) - 1)]
+    order = np.lexsort((known, picture))  # of each category the highest scores first
+    key = picture * (len(places) + counted.shape[2] + 1) + known + 1
+    index = order[_rank(key[order]) < MOST_DETECTIONS]
     index = index[known[index] >= 0]
-    category = known[index]
-    boxes = detections.boxes_xyxy[index].astype(float)
+    category, picture = known[index], picture[index]
+    boxes = answers.boxes_xyxy[index].astype(float)
     area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     outside = (area < AREAS_PX2[:, :1]) | (area > AREAS_PX2[:, 1:])
     right = np.zeros((len(AREAS_PX2), len(IOUS), len(index)), bool)
     ignored = np.repeat(outside[:, None], len(IOUS), axis=1)
-    for place in {place_of[target["category_id"]] for target in picture.targets}:
-        of_place = [target for target in picture.targets if place_of[target["category_id"]] == place]
-        sizes = np.array([target["area"] for target in of_place], float)
-        crowd = np.array([bool(target.get("iscrowd")) for target in of_place])
-        aside = crowd | (sizes < AREAS_PX2[:, :1]) | (sizes > AREAS_PX2[:, 1:])
-        targets[picture.cluster, :, place] += (~aside).sum(axis=1)
-        own = np.flatnonzero(category == place)
-        shared = overlaps(boxes[own], [target["bbox"] for target in of_place], crowd)
-        near = (shared >= _LIMITS[0]).any(axis=1)
-        if near.any():
-            taken, beside = _pairs(shared[near], crowd, aside)
-            right[:, :, own[near]] = taken
-            ignored[:, :, own[near]] = np.where(taken, beside, ignored[:, :, own[near]])
-    cluster = np.full(len(index), picture.cluster)
-    return _Found(detections.scores[index].astype(float), category, cluster, right, ignored)
+    sizes = targets.area_px2
+    aside = targets.crowd | (sizes < AREAS_PX2[:, :1]) | (sizes > AREAS_PX2[:, 1:])
+    for line, of_area in enumerate(aside):
+        here = ~of_area
+        np.add.at(counted[:, line], (clusters[targets.picture[here]], of_target[here]), 1)
+    many = counted.shape[2]
+    target_key = targets.picture * many + of_target
+    detection, target = pairs(picture * many + category, target_key)
+    sides = xywh(boxes)
+    shared = paired_overlaps(sides[detection], targets.boxes_xywh[target], targets.crowd[target])
+    near = shared >= _LIMITS[0]
+    detection, target, shared = detection[near], target[near], shared[near]
+    choice = with_a_choice(target_key[target], detection)
+    alone = ~choice
+    enough = shared[alone, None] >= _LIMITS
+    own = enough & (targets.crowd[target[alone], None] | first_of(target[alone], enough))
+    _note(right, ignored, detection[alone], own.T, own.T & aside[:, None, target[alone]])
+    for number in np.unique(target_key[target[choice]]).tolist():
+        rivals = np.flatnonzero(target_key == number)
+        rows = np.unique(detection[target_key[target] == number])
+        table = overlaps(boxes[rows], targets.boxes_xywh[rivals], targets.crowd[rivals])
+        taken, beside = _pairs(table, targets.crowd[rivals], aside[:, rivals])
+        _note(right, ignored, rows, taken, beside)
+    return _Found(
+        answers.scores[index].astype(float), category, clusters[picture].astype(np.int64), right, ignored
+    )
+
+
+def _note(right: Flags, ignored: Flags, places: NDArray[np.int64], taken: Flags, beside: Flags) -> None:
+    """Which detections, at these places, answer for a target, and for one set aside, (areas, IoUs, n)."""
+    right[:, :, places] = taken
+    ignored[:, :, places] = np.where(taken, beside, ignored[:, :, places])
 
 
 def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -137,12 +161,6 @@ def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
 
     shared: overlaps (detections, targets), highest score first. aside: (areas, targets).
     """
-    enough = shared[:, None] >= _LIMITS[:, None]  # detections, IoUs, targets
-    if (enough[:, 0].sum(axis=1) <= 1).all():  # nobody has a choice
-        own = enough & (crowd | (np.cumsum(enough, axis=0) == 1))
-        taken = own.any(axis=-1).T
-        beside = (own & aside[:, None, None]).any(axis=-1).transpose(0, 2, 1)
-        return np.broadcast_to(taken, (len(aside), *taken.shape)), beside
     taken = np.zeros((len(aside), len(_LIMITS), len(shared)), bool)
     beside = np.zeros_like(taken)
     for area, of_area in enumerate(aside):
@@ -209,16 +227,29 @@ def _of_lines(found: _Found, right: Flags, wrong: Flags, left: Array) -> Array:
         table -= before[:, number]
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(counts > 0, counts / (counts + misses), 0.0)
-        recall = counts / left.reshape(rows, -1)[:, segment]
     share += 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
     share = np.maximum.accumulate(share[:, ::-1], axis=1)[:, ::-1] - 2.0 * (len(starts) - 1 - number)
-    reached = np.searchsorted(RECALLS, np.nan_to_num(recall), side="right")
-    reached[counts == 0] = 0
+    reached = _reached(counts, left.reshape(rows, -1), segment)
     steps = np.diff(reached, axis=1, prepend=0)
     steps[:, starts] = reached[:, starts]
     result = np.zeros((rows, lines * categories))
     result[:, segment[starts]] = np.add.reduceat(share * steps, starts, axis=1) / len(RECALLS)
     return result.reshape(left.shape)
+
+
+def _reached(hits: Array, targets: Array, segment: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of ``RECALLS`` so many hits (rows, n) reach, none of no hit; targets: (rows, segments)."""
+    different, number = np.unique(targets, return_inverse=True)
+    most = int(hits.max(initial=0)) + 1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        if len(different) * most > hits.size:
+            found = np.searchsorted(RECALLS, np.nan_to_num(hits / targets[:, segment]), side="right")
+        else:  # looked up: of few numbers of targets there are few ratios
+            table = np.searchsorted(RECALLS, np.nan_to_num(np.arange(most) / different[:, None]), side="right")
+            place = number.reshape(targets.shape)[:, segment] * most
+            found = table.ravel()[place + hits.astype(np.int64)]
+    found[hits == 0] = 0
+    return found
 
 
 def _per_cluster(rows: int, cluster: NDArray[np.int64], place: NDArray[np.int64], length: int) -> Array:

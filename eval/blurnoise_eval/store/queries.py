@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of
 from blurnoise_eval.store.schema import CONDITIONS, ROWS, SORTED
-from blurnoise_eval.store.store import Store, unpack
+from blurnoise_eval.store.store import Store, unpack, unpack_all
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
@@ -109,6 +109,15 @@ def detections_at(
         rows = store.rows(f"{query} AND repeat = ? ORDER BY image", model, *values, repeat)
     for row in rows:
         yield row["image"], row["repeat"], unpack(row["detections"])
+
+
+def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
+    """All detections under the condition that the row ``at`` names, by repeat and picture."""
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    rows = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
+    rows.sort(key=lambda row: row[:2])
+    names, repeats, packed = zip(*rows, strict=True) if rows else ((), (), ())
+    return unpack_all(names, repeats, packed)
 
 
 def exposed_targets(store: Store) -> Iterator[Row]:

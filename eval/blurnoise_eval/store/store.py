@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE
 
@@ -309,6 +309,15 @@ def _pack(detections: Detections) -> bytes:
     leads, class_ids = detections.leads, detections.class_ids
     packed["class_id"] = class_ids if leads is None else np.where(leads, class_ids, ~class_ids)
     return packed.tobytes()
+
+
+def unpack_all(names: Sequence[str], repeats: Sequence[int], packed: Sequence[bytes]) -> Answers:
+    """Detections of many pictures, as the column ``detections`` holds them."""
+    found = np.frombuffer(b"".join(packed), _DETECTION)
+    counts = np.array([len(each) for each in packed], np.int64) // _DETECTION.itemsize
+    leads = found["class_id"] >= 0
+    class_ids = np.where(leads, found["class_id"], ~found["class_id"]).astype(np.int64)
+    return Answers(names, repeats, counts, found["box_xyxy"], found["score"], class_ids, leads)
 
 
 def unpack(packed: bytes) -> Detections:

@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
-from blurnoise_eval.scoring.precision import Answered, precision
+from blurnoise_eval.scoring.pairs import Targets
+from blurnoise_eval.scoring.precision import Precision
+from blurnoise_eval.scoring.precision import precision as pooled
 from faster_coco_eval import COCO, COCOeval_faster
 
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}
+
+
+class Answered(NamedTuple):
+    """One picture as it was answered."""
+
+    cluster: int
+    detections: Detections
+    targets: Sequence[Mapping[str, Any]]
+
+
+def precision(pictures: Sequence[Answered], category_of: Mapping[int, int], clusters: int) -> Precision:
+    return pooled(
+        Answers.of([(str(place), 0, each.detections) for place, each in enumerate(pictures)]),
+        np.array([each.cluster for each in pictures], np.int64),
+        Targets.of([each.targets for each in pictures]),
+        category_of,
+        clusters,
+    )
 
 
 def crowded(seed: int, pictures: int = 10) -> list[Answered]:
