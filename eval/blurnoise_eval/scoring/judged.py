@@ -174,7 +174,7 @@ class Judged:
         swept = self._swept
         if swept is None:
             return self.coco["ap50"]
-        return left_out(self._precision(swept).precision[:, 0, 0])
+        return left_out(self._precision(swept, ap50_only=True).precision[:, 0, 0])
 
     @cached_property
     def alarms(self) -> Alarms | None:
@@ -213,7 +213,7 @@ class Judged:
             pictures,
         )
 
-    def _precision(self, boxes_xywh: Array | None) -> Precision:
+    def _precision(self, boxes_xywh: Array | None, *, ap50_only: bool = False) -> Precision:
         """Of what was found, with the annotations there as the truth."""
         truth = self.truth or Truth({"annotations": []}, {}, {})
         # of equal scores: COCO's
@@ -225,6 +225,7 @@ class Judged:
             self._own_targets(self._places[order], boxes_xywh),
             truth.category_of,
             self._count,
+            ap50_only=ap50_only,
         )
 
     @cached_property

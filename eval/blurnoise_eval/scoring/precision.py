@@ -7,7 +7,7 @@ cluster of pictures changes is read off the ranking, since pictures are matched 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ SIZES = ("all", "small", "medium", "large")
 """Of targets, by COCO."""
 AREAS_PX2 = np.array([(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float)
 """Of each of ``SIZES``: from, to."""
-_AT_ONCE = 4_000_000  # numbers that are worked on at a time
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Places = NDArray[Any]
+"""Whole numbers."""
 
 
 class Precision(NamedTuple):
@@ -55,8 +56,10 @@ def precision(
     targets: Targets,
     category_of: Mapping[int, int],
     clusters: int,
+    *,
+    ap50_only: bool = False,
 ) -> Precision:
-    """Average precision and recall over categories of P pictures.
+    """Average precision and recall over categories of P pictures; ap50_only: of all sizes at the first IoU alone.
 
     cluster: (P,) the number of each picture's, of ``clusters``. targets: where they stand. category_of: a category's
     id by a class's number.
@@ -74,8 +77,11 @@ def precision(
     found = _matched(answers, cluster, places, targets, of_target, counted)
     order = np.lexsort((-found.score, found.category))
     found = _Found(*(part[..., order] for part in found))
-    hits = np.zeros((clusters, len(IOUS), counted.shape[2]))
-    for place in range(len(IOUS)):
+    if ap50_only:
+        counted = counted[:, :1]
+        found = found._replace(right=found.right[:1, :1], ignored=found.ignored[:1, :1])
+    hits = np.zeros((clusters, found.right.shape[1], counted.shape[2]))
+    for place in range(hits.shape[1]):
         here = found.right[0, place] & ~found.ignored[0, place]
         np.add.at(hits[:, place], (found.cluster[here], found.category[here]), 1)
     return _averages(counted, _ranked(found, counted), hits)
@@ -186,73 +192,129 @@ def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
 
 
 def _ranked(found: _Found, targets: Array) -> Array:
-    """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none."""
+    """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none.
+
+    One ranking for each area, IoU and category, a segment of all that are right; then without each cluster in turn,
+    what it counts taken off.
+    """
     clusters, _, categories = targets.shape
     areas, ious, count = found.right.shape
     right = (found.right & ~found.ignored).reshape(areas * ious, count)
     wrong = ~(found.right | found.ignored).reshape(areas * ious, count)
-    left = np.repeat(all_and_without(targets), ious, axis=1)  # 1 + clusters, areas x IoUs, categories
-    result = np.zeros((1 + clusters, areas * ious, categories))
-    per_line = right.sum(axis=1) * (1 + clusters)
-    start = 0
-    while start < len(right):
-        stop = start + max(1, int(np.searchsorted(np.cumsum(per_line[start:]), _AT_ONCE)))
-        lines = slice(start, stop)
-        result[:, lines] = _of_lines(found, right[lines], wrong[lines], left[:, lines])
-        start = stop
+    left = np.repeat(all_and_without(targets), ious, axis=1).reshape(1 + clusters, -1)
+    result = np.zeros(left.shape)
+    line, hit = np.nonzero(right)
+    if len(hit):
+        ranking = _Ranking.of(found, categories, line, hit, right, wrong)
+        table, places = _reached(left, int(ranking.hits.max()) + 1)
+        own_hits, own_misses = (
+            _by_cluster(clusters, cluster, place)
+            for cluster, place in (
+                (found.cluster[hit], np.arange(len(hit))),
+                (ranking.miss_cluster, ranking.miss_place),
+            )
+        )
+        nothing = np.zeros(0, np.int64)
+        for row in range(1 + clusters):
+            away = (own_hits[row - 1], own_misses[row - 1]) if row else (nothing, nothing)
+            result[row, ranking.segments] = ranking.averages(*away, table, places[row, ranking.segments])
     return result.reshape(1 + clusters, areas, ious, categories)
 
 
-def _of_lines(found: _Found, right: Flags, wrong: Flags, left: Array) -> Array:
-    """The same of some (area, IoU), flags (lines, N), left (1 + clusters, lines, categories), as ``left``."""
-    rows, lines, categories = left.shape
-    line, hit = np.nonzero(right)
-    if not len(hit):
-        return np.zeros(left.shape)
-    segment = line * categories + found.category[hit]
-    counts = _per_cluster(rows, found.cluster[hit], np.arange(len(hit)), len(hit))
-    following = np.asarray(
-        np.cumsum(right.ravel()).reshape(right.shape), np.int64
-    )  # of a wrong one: the next hit
-    wrong_line, miss = np.nonzero(wrong)
-    after = following[wrong_line, miss]
-    there = after < len(hit)
-    there[there] &= segment[after[there]] == (wrong_line * categories + found.category[miss])[there]
-    misses = _per_cluster(rows, found.cluster[miss[there]], after[there], len(hit))
-    starts = np.flatnonzero(np.diff(segment, prepend=-1))
-    number = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(hit)))
-    for table in (counts, misses):
-        np.cumsum(table, axis=1, out=table)
-        before = np.where(starts > 0, table[:, starts - 1], 0.0)
-        table -= before[:, number]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(counts > 0, counts / (counts + misses), 0.0)
-    share += 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
-    share = np.maximum.accumulate(share[:, ::-1], axis=1)[:, ::-1] - 2.0 * (len(starts) - 1 - number)
-    reached = _reached(counts, left.reshape(rows, -1), segment)
-    steps = np.diff(reached, axis=1, prepend=0)
-    steps[:, starts] = reached[:, starts]
-    result = np.zeros((rows, lines * categories))
-    result[:, segment[starts]] = np.add.reduceat(share * steps, starts, axis=1) / len(RECALLS)
-    return result.reshape(left.shape)
+class _Ranking(NamedTuple):
+    """H right detections, segment after segment. starts, lengths, segments: (S,) of these; hits, shown: (H,) right, and
+    all that count, of the segment down to each. miss_place: the right one that follows each wrong one."""
+
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    segments: NDArray[np.int64]
+    number: NDArray[np.int64]
+    hits: NDArray[np.int64]
+    shown: NDArray[np.int64]
+    miss_place: NDArray[np.int64]
+    miss_cluster: NDArray[np.int64]
+    apart: Array
+    scratch: tuple[Places, Places, Array, Places]
+
+    @classmethod
+    def of(
+        cls,
+        found: _Found,
+        categories: int,
+        line: NDArray[np.int64],
+        hit: NDArray[np.int64],
+        right: Flags,
+        wrong: Flags,
+    ) -> _Ranking:
+        segment = line * categories + found.category[hit]
+        following = np.cumsum(right.ravel(), dtype=np.int64).reshape(right.shape)
+        wrong_line, miss = np.nonzero(wrong)
+        after = following[wrong_line, miss]
+        there = after < len(hit)
+        there[there] &= segment[after[there]] == (wrong_line * categories + found.category[miss])[there]
+        place = after[there]
+        starts = np.flatnonzero(np.diff(segment, prepend=-1))
+        lengths = np.diff(starts, append=len(hit))
+        number = np.repeat(np.arange(len(starts)), lengths)
+        hits = (np.arange(len(hit)) - starts[number] + 1).astype(np.int32)
+        before = np.cumsum(np.bincount(place, minlength=len(hit)))
+        missed = np.bincount(number[place], minlength=len(starts))
+        shown = (hits + before - (np.cumsum(missed) - missed)[number]).astype(np.int32)
+        scratch = np.empty_like(hits), np.empty_like(hits), np.empty(len(hit)), np.empty_like(hits)
+        apart = 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
+        own = starts, lengths, segment[starts], number, hits, shown
+        return cls(*own, place, found.cluster[miss[there]], apart, scratch)
+
+    def averages(
+        self,
+        hits: NDArray[np.int64],
+        misses: NDArray[np.int64],
+        table: NDArray[np.int64],
+        places: NDArray[np.int64],
+    ) -> Array:
+        """Average precision of each segment without these hits, and without misses before these.
+
+        table: how many of ``RECALLS`` are reached by numbers of hits, those of a segment from its place on.
+        """
+        right, shown, share, reached = self.scratch
+        self._less(hits, hits[:0], self.hits, right)
+        self._less(hits, misses, self.shown, shown)
+        np.divide(right, np.maximum(shown, 1, out=shown), out=share)
+        share += self.apart
+        np.maximum.accumulate(share[::-1], out=share[::-1])
+        share -= self.apart
+        right += np.take(places, self.number, out=shown, mode="clip")
+        np.take(table, right, out=reached, mode="clip")
+        np.subtract(reached[1:], reached[:-1], out=shown[1:])
+        shown[self.starts] = reached[self.starts]
+        share *= shown
+        return np.asarray(np.add.reduceat(share, self.starts) / len(RECALLS))
+
+    def _less(self, hits: Places, misses: Places, numbers: Places, into: Places) -> None:
+        """The numbers (H,), each segment's less what of it is away down to each."""
+        change = np.zeros_like(numbers)
+        change[hits] = 1
+        np.add.at(change, misses, 1)
+        away = np.bincount(self.number[hits], minlength=len(self.starts))
+        away += np.bincount(self.number[misses], minlength=len(self.starts))
+        change[self.starts[1:]] -= away[:-1].astype(change.dtype)
+        np.subtract(numbers, np.cumsum(change, out=into, dtype=into.dtype), out=into)
 
 
-def _reached(hits: Array, targets: Array, segment: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many of ``RECALLS`` so many hits (rows, n) reach, none of no hit; targets: (rows, segments)."""
+def _by_cluster(
+    clusters: int, cluster: NDArray[np.int64], place: NDArray[np.int64]
+) -> list[NDArray[np.int64]]:
+    """The places of each cluster."""
+    order = np.argsort(cluster, kind="stable")
+    return np.split(place[order], np.cumsum(np.bincount(cluster, minlength=clusters))[:-1])
+
+
+def _reached(targets: Array, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """How many of ``RECALLS`` each number of hits below ``most`` reaches, none of no hit, for each number of targets;
+    and where the numbers of ``targets`` begin in it."""
     different, number = np.unique(targets, return_inverse=True)
-    most = int(hits.max(initial=0)) + 1
     with np.errstate(invalid="ignore", divide="ignore"):
-        if len(different) * most > hits.size:
-            found = np.searchsorted(RECALLS, np.nan_to_num(hits / targets[:, segment]), side="right")
-        else:  # looked up: of few numbers of targets there are few ratios
-            table = np.searchsorted(RECALLS, np.nan_to_num(np.arange(most) / different[:, None]), side="right")
-            place = number.reshape(targets.shape)[:, segment] * most
-            found = table.ravel()[place + hits.astype(np.int64)]
-    found[hits == 0] = 0
-    return found
-
-
-def _per_cluster(rows: int, cluster: NDArray[np.int64], place: NDArray[np.int64], length: int) -> Array:
-    """How many stand at each place, (rows, length): of all clusters, then without each."""
-    own = np.bincount(cluster * length + place, minlength=(rows - 1) * length).reshape(rows - 1, length)
-    return all_and_without(own.astype(float))
+        recall = np.nan_to_num(np.arange(most) / different[:, None])
+    table = np.searchsorted(RECALLS, recall, side="right")
+    table[:, 0] = 0
+    return table.ravel().astype(np.int32), (number.reshape(targets.shape) * most).astype(np.int32)

@@ -105,14 +105,6 @@ def test_every_cluster_left_out_is_cocos_of_the_others(seed: int) -> None:
     assert len({round(float(value), 9) for value in found.precision[:, 0, 0]}) > 3  # clusters do matter
 
 
-def test_most_numbers_at_once_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures = crowded(7)
-    whole = precision(pictures, CATEGORY_OF, 5)
-    monkeypatch.setattr("blurnoise_eval.scoring.precision._AT_ONCE", 50)
-    again = precision(pictures, CATEGORY_OF, 5)
-    np.testing.assert_allclose(again.precision, whole.precision, rtol=1e-12)
-
-
 def test_nothing_found_and_nothing_there() -> None:
     nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0, int))
     target = {"category_id": 13, "bbox": [0, 0, 200, 200], "area": 4e4}
