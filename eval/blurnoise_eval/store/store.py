@@ -83,7 +83,16 @@ class Store:
                 self._db.executescript(f"BEGIN; {changes}; COMMIT")
             elif version != schema.VERSION:
                 if self._db.execute("SELECT name FROM sqlite_master").fetchone():
-                    raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
+                    reader = schema.READ_BY.get(version)
+                    told = (
+                        f"{reader} reads it"
+                        if reader
+                        else f"this one reads versions {min(schema.UPGRADES)} to {schema.VERSION}"
+                    )
+                    raise StoreError(
+                        f"run = {str(folder)!r}: was made by another version of blurnoise (tables of version "
+                        f"{version}); {told}"
+                    )
                 if self.read_only:
                     raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
                 made = f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"

@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import json
 import math
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,59 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store.exports import write_exports
-from blurnoise_eval.store.store import CellResult, Store, StoreError
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
-from plans import OWN
-
-NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-
-
-def row(index: int, **changes: Any) -> dict[str, Any]:
-    """The columns that cells and targets share."""
-    return {
-        "cell_id": f"cell{index}",
-        "model": "m",
-        "camera": "imx250",
-        "image": f"picture {index}, \"quoted\" λ.png",
-        "repeat": 0,
-        "clean": False,
-        "exposure_s": 0.001 * (index + 1),
-        "illuminance_lux": 50.0,
-        "velocity_x_px_s": 0.0,
-        "velocity_y_px_s": 0.0,
-        **OWN,
-        "blur_px": 0.0,
-        **changes,
-    }  # fmt: skip
-
-
-def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **changes: Any) -> CellResult:
-    shared = row(index, **changes)
-    cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
-    cell |= {
-        "n_detections": len(detections),
-        "saturated": 0.25,
-        "applied_exposure_s": 0.01,
-        "applied_gain_db": 6.0,
-        "snr_db": 20.0,
-        "brightness": 0.4,
-        "simulate_ms": 1.5,
-        "infer_ms": 2.5,
-        "error": None,
-    }
-    target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
-    target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
-    target |= {"confidence_swept": 0.05}
-    target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
-    rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
-    return CellResult({**shared, **cell, "example": None}, rows, detections)
-
-
-def clean_result(index: int) -> CellResult:
-    nothing = dict.fromkeys((*NAMES, "blur_px"))
-    return result(index, clean=True, **nothing)
+from stored_rows import clean_result, result
 
 
 def test_cells_and_detections_come_back(tmp_path: Path) -> None:
@@ -325,38 +274,6 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
         assert [
             store.count_different(*names) for names in (["model"], ["cell_id"], ["model", "cell_id"])
         ] == [2, 2, 3]
-
-
-def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True):
-        pass
-    database = sqlite3.connect(tmp_path / RUN_FILE)
-    database.execute("PRAGMA user_version = 1")
-    database.close()
-    with pytest.raises(StoreError, match="another version"):
-        Store(tmp_path)
-
-
-@pytest.mark.parametrize("read_only", [False, True])
-def test_run_of_the_version_before_is_read(
-    tmp_path: Path, read_only: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The exposure that was taken is the one that was stated; a file that cannot be written stays as it is."""
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0), clean_result(1)])
-    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
-        database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s; PRAGMA user_version = 5")
-    before = (tmp_path / RUN_FILE).read_bytes()
-    if read_only:
-        monkeypatch.setattr("blurnoise_eval.store.store._writable", lambda path: False)
-    with Store(tmp_path) as store:
-        cells = list(store.cells())
-        assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
-        assert len(cells) == 2
-        assert len(list(store.targets())) > 0
-    assert ((tmp_path / RUN_FILE).read_bytes() == before) == read_only
-    with Store(tmp_path) as again:
-        assert list(again.cells()) == cells
 
 
 def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
