@@ -1,9 +1,9 @@
 """Made-up runs of any size, and what their page costs: answers by a formula where a model's would take days.
 
 Domain: 640 x 480 px pictures of one to three stop signs, 400 conditions (10 exposures, 8 lights, 5 speeds) and the
-untouched picture, ten detections in each cell. Confidence falls with blur and with the noise of little light; pictures
-differ, up to 250 of them: what is more are these again under other names. What is measured is the store and the report,
-which ask nothing of where the answers are from.
+untouched picture, ten detections in each cell. Confidence falls with blur and with the noise of little light. Up to
+250 pictures differ: what is more are these again under other names. What is measured is the store and the report, which
+ask nothing of where the answers are from.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Cell, SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.store.copies import copy_pictures
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.files import RUN_FILE
@@ -44,14 +45,12 @@ _GRID = {
 CELLS_PER_PICTURE = 1 + math.prod(map(len, _GRID.values()))
 
 
-def made_up_run(folder: Path, cells: int, seed: int = 0) -> float:
+def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> float:
     """Write a run of at least so many cells, whole pictures, into ``folder``.
 
     Returns the seconds that the store took for each cell, of those that were not copied.
     """
-    from blurnoise_models.detector import STOP_SIGN
-
-    detector, camera = Detector(STOP_SIGN), Camera.preset("imx250")
+    camera = Camera.preset("imx250")
     pictures = made_up_pictures(-(-cells // CELLS_PER_PICTURE), detector.contract.classes[0], seed)
     different = pictures.pictures[:_DIFFERENT]
     plan = SweepPlan(_GRID, seed=seed, examples=False)
@@ -68,21 +67,16 @@ def made_up_run(folder: Path, cells: int, seed: int = 0) -> float:
     with closing(sqlite3.connect(folder / RUN_FILE)) as db, db:
         for copy in range(1, -(-len(pictures) // _DIFFERENT)):
             last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
-            _copy(db, copy, last)
+            copy_pictures(db, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
     return seconds / (len(different) * CELLS_PER_PICTURE)
 
 
-def _copy(db: sqlite3.Connection, copy: int, last: str) -> None:
-    """The rows of the pictures up to the one named ``last`` again, under the names that are so many further."""
-    other = {
-        "image": f"printf('%07d.png', CAST(substr(image, 1, 7) AS INTEGER) + {copy * _DIFFERENT})",
+def _other(further: int, copy: int) -> dict[str, str]:
+    """What a copy's columns hold instead: the names that are so many further, ids of their own."""
+    return {
+        "image": f"printf('%07d.png', CAST(substr(image, 1, 7) AS INTEGER) + {further})",
         "cell_id": f"cell_id || '-{copy}'",
     }
-    for table in ("cells", "targets", "pictures"):
-        names = [f'"{row[1]}"' for row in db.execute(f"PRAGMA table_info({table})")]
-        values = ", ".join(other.get(name.strip('"'), name) for name in names)
-        where = f"image <= '{last}' AND image < '{_name(_DIFFERENT)}'"
-        db.execute(f"INSERT INTO {table} ({', '.join(names)}) SELECT {values} FROM {table} WHERE {where}")
 
 
 def made_up_pictures(count: int, label: str, seed: int = 0) -> PictureSet:
@@ -205,10 +199,10 @@ def report_cost(folder: Path) -> dict[str, float]:
     return cost
 
 
-def scale_of_results(folder: Path, cells: int) -> dict[str, float]:
+def scale_of_results(folder: Path, cells: int, detector: Detector) -> dict[str, float]:
     """What a made-up run of at least so many cells costs, made in ``folder``: cells, store_ms and store_bytes of each
     cell, and :func:`report_cost`."""
-    store_s = made_up_run(folder, cells)
+    store_s = made_up_run(folder, cells, detector)
     count = -(-cells // CELLS_PER_PICTURE) * CELLS_PER_PICTURE
     size = (folder / RUN_FILE).stat().st_size
     return {

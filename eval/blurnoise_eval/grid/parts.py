@@ -1,4 +1,4 @@
-"""Parts of a set of pictures, told by the pictures' names alone: the same on every machine, whatever else is there."""
+"""Parts of a set of pictures, told by the pictures' names alone: the same on every machine."""
 
 from __future__ import annotations
 

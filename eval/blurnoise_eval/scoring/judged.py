@@ -118,8 +118,8 @@ class Judged:
     """A model's answers under one condition.
 
     sums: of its targets' and readings' columns: sums over clusters, and what they are sums of, both (n,). truth:
-    None for a reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's boxes stand
-    here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more than that.
+    None for a reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's
+    boxes stand here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more than that.
     cluster_of: the number of a picture's cluster; without, each is its own.
     """
 
@@ -296,7 +296,7 @@ def _right(
 ) -> NDArray[np.bool_]:
     """Which detections answer for a target of their own, (N,), as :func:`~.matching.hits` has it of one picture.
 
-    key: of picture and category, picture times ``categories`` and the category; in each the classes one after another.
+    key: of picture and category, picture times ``categories`` and the category; in each the classes one by one.
     """
     ends = _ends(targets.boxes_xywh)
     sides = xywh(ends)

@@ -1,7 +1,7 @@
 """Pairs of detections and targets of many pictures at once, and who answers for whom.
 
-Domain: boxes (left, top, width, height) px; overlaps as COCO computes them. Pairs stand together by picture and class,
-in each the detections with the highest score first, in each of these the targets in their order.
+Domain: boxes (left, top, width, height) px; overlaps as COCO computes them. Pairs stand together by picture and
+class, in each the detections with the highest score first, in each of these the targets in their order.
 """
 
 from __future__ import annotations

@@ -222,8 +222,8 @@ def _ranked(found: _Found, targets: Array) -> Array:
 
 
 class _Ranking(NamedTuple):
-    """H right detections, segment after segment. starts, lengths, segments: (S,) of these; hits, shown: (H,) right, and
-    all that count, of the segment down to each. miss_place: the right one that follows each wrong one."""
+    """H right detections, segment after segment. starts, segments: (S,) of these; number: (H,) which one; hits, shown:
+    (H,) right, and all that count, of the segment down to each. miss_place: the right one that follows each wrong one."""
 
     starts: NDArray[np.int64]
     lengths: NDArray[np.int64]

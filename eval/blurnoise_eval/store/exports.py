@@ -1,8 +1,8 @@
 """Exports: the rows of a run as CSV, JSON and Parquet, each file or folder whole or not at all.
 
 Rows go from the store to the file some thousands at a time, so that memory does not grow with the run. Choices have
-their names, and "clean" is a truth value. Infinity, an axis's value where the camera sets it itself, is "auto" as text
-and infinity in Parquet, whose columns have one type each. What is not known is empty, or null.
+their names, and "clean" is a truth value. Infinity, an axis's value where the camera sets it itself, is "auto" as
+text and infinity in Parquet, whose columns have one type each. What is not known is empty, or null.
 """
 
 from __future__ import annotations

@@ -76,8 +76,8 @@ def evaluate(
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
     engine: "threads", "processes", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
     threads: how many of the engine's workers, by default one per core. part: "1/4": only the first quarter of the
-    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. progress: whether to draw a bar on the
-    terminal. command: what the run's page gives as its origin.
+    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. progress: whether to draw a
+    bar on the terminal. command: what the run's page gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run

@@ -1,8 +1,8 @@
 """Merging: runs of parts joined to one run, every cell once.
 
-Runs can be joined that differ in pictures, repeats or conditions alone: the same models by content, camera, seed, and
-what else their plans say. Cells are told apart by id and model, so that what several runs hold counts once. The run of
-all parts of a sweep (``--part``) is that sweep's: the same command goes on with it.
+Runs can be joined that differ in pictures, repeats or conditions alone: the same models by content, camera, seed,
+and what else their plans say. Cells are told apart by id and model, so that what several runs hold counts once. The
+run of all parts of a sweep (``--part``) is that sweep's: the same command goes on with it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def merge(runs: Sequence[Path], output: Path) -> Merged:
     if output.exists() and (not output.is_dir() or any(output.iterdir())):
         raise StoreError(f"output = {str(output)!r}: is not empty; choose another folder")
     with ExitStack() as opened:
-        stores = [opened.enter_context(Store(run)) for run in runs]
+        different = {run.resolve(): run for run in runs}  # one that is named twice counts once
+        stores = [opened.enter_context(Store(run)) for run in different.values()]
         identity = _identity(stores)
         truth = _truth(stores)
         _check_pictures(stores)

@@ -1,7 +1,7 @@
 """Runs of earlier versions are read: files that these versions have made, a picture and a few conditions each.
 
-tests/data/runs/version-N is what ``blurnoise sweep --limit 1 --exposure-ms 5,60 --lux 50 --dx 0,300 --seed 3`` wrote at
-the last commit whose tables were of version N, without its examples and the paths of the machine.
+tests/data/runs/version-N is what ``blurnoise sweep --limit 1 --exposure-ms 5,60 --lux 50 --dx 0,300 --seed 3`` wrote
+at the last commit whose tables were of version N, without its examples and the paths of the machine.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def test_run_of_an_earlier_version_is_read(
 def test_run_too_old_names_who_reads_it(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     shutil.copy(RUNS / "version-2" / RUN_FILE, tmp_path / "run")
-    with pytest.raises(StoreError, match="version 2.*commit c423369 reads it"):
+    with pytest.raises(StoreError, match=r"version 2.*commit c423369 reads it"):
         Store(tmp_path / "run")
 
 
@@ -74,5 +74,5 @@ def test_run_of_a_later_version_is_refused(tmp_path: Path) -> None:
         pass
     with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
         database.execute("PRAGMA user_version = 999")
-    with pytest.raises(StoreError, match=f"another version.*999.*reads versions 3 to {VERSION}"):
+    with pytest.raises(StoreError, match=rf"another version.*999.*reads versions 3 to {VERSION}"):
         Store(tmp_path)
