@@ -2,8 +2,8 @@
 
 Domain: 640 x 480 px pictures of one to three stop signs, 400 conditions (10 exposures, 8 lights, 5 speeds) and the
 untouched picture, ten detections in each cell. Confidence falls with blur and with the noise of little light. Up to
-250 pictures differ: what is more are these again under other names. What is measured is the store and the report, which
-ask nothing of where the answers are from.
+250 pictures differ: what is more are these again under other names. What is measured is the store and the report,
+which ask nothing of where the answers are from.
 """
 
 from __future__ import annotations

@@ -89,7 +89,8 @@ def report(
 
 
 def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet: bool = False) -> None:
-    """Write a run's tables, with ``parquet`` its rows as that, too, figures and page; the answer in the terminal, after what is to be said ``first``."""
+    """Write a run's tables, figures and page, with ``parquet`` its rows as that, too; the answer in the terminal,
+    after what is to be said ``first``."""
     from blurnoise_eval.report.findings import invented, missing_text
 
     if parquet:

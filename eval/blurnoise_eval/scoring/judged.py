@@ -316,7 +316,7 @@ def _right(
         here = np.flatnonzero(key == number)
         for class_id in np.unique(class_ids[here]).tolist():
             own = here[class_ids[here] == class_id]
-            scores = np.linspace(1, 0.5, len(own))
+            scores = np.linspace(1, 0.5, len(own), dtype=np.float32)
             right[own] = hits(Detections(boxes_xyxy[own], scores, class_ids[own]), rivals, class_id)
     return right
 

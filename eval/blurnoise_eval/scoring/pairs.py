@@ -52,14 +52,20 @@ class Targets(NamedTuple):
         """Those of these pictures, out of ``count``, in this order; a picture may be there more than once."""
         numbers = np.bincount(self.picture, minlength=count)
         index = spans(numbers[places], (np.cumsum(numbers) - numbers)[places])
-        picked = (each[index] for each in self[1:5])
-        return Targets(np.repeat(np.arange(len(places)), numbers[places]), *picked, self.categories)
+        return Targets(
+            np.repeat(np.arange(len(places)), numbers[places]),
+            self.boxes_xywh[index],
+            self.area_px2[index],
+            self.crowd[index],
+            self.category[index],
+            self.categories,
+        )
 
 
 def spans(lengths: Places, starts: Places) -> Places:
     """The places start, start + 1, ... of every span, one after the other."""
     before = np.cumsum(lengths) - lengths
-    return np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths)
+    return np.asarray(np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths), np.int64)
 
 
 def pairs(detections: Places, targets: Places) -> tuple[Places, Places]:
@@ -82,7 +88,7 @@ def paired_overlaps(boxes_xywh: Array, targets_xywh: Array, crowd: Flags | None 
     own = boxes_xywh[:, 2] * boxes_xywh[:, 3]
     union = own + targets_xywh[:, 2] * targets_xywh[:, 3] - shared
     iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return iou if crowd is None else np.where(crowd, shared / np.maximum(own, 1e-12), iou)
+    return np.asarray(iou if crowd is None else np.where(crowd, shared / np.maximum(own, 1e-12), iou))
 
 
 def xywh(boxes_xyxy: NDArray[Any]) -> Array:

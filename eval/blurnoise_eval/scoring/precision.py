@@ -76,7 +76,8 @@ def precision(
     counted = np.zeros((clusters, len(AREAS_PX2), max(len(place_of), 1)))
     found = _matched(answers, cluster, places, targets, of_target, counted)
     order = np.lexsort((-found.score, found.category))
-    found = _Found(*(part[..., order] for part in found))
+    parts: list[Any] = [part[..., order] for part in found]
+    found = _Found(*parts)
     if ap50_only:
         counted = counted[:, :1]
         found = found._replace(right=found.right[:1, :1], ignored=found.ignored[:1, :1])
@@ -225,14 +226,14 @@ class _Ranking(NamedTuple):
     """H right detections, segment after segment. starts, segments: (S,) of these; number: (H,) which one; hits, shown:
     (H,) right, and all that count, of the segment down to each. miss_place: the right one that follows each wrong one."""
 
-    starts: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    segments: NDArray[np.int64]
-    number: NDArray[np.int64]
-    hits: NDArray[np.int64]
-    shown: NDArray[np.int64]
-    miss_place: NDArray[np.int64]
-    miss_cluster: NDArray[np.int64]
+    starts: Places
+    lengths: Places
+    segments: Places
+    number: Places
+    hits: Places
+    shown: Places
+    miss_place: Places
+    miss_cluster: Places
     apart: Array
     scratch: tuple[Places, Places, Array, Places]
 
@@ -261,8 +262,8 @@ class _Ranking(NamedTuple):
         missed = np.bincount(number[place], minlength=len(starts))
         shown = (hits + before - (np.cumsum(missed) - missed)[number]).astype(np.int32)
         scratch = np.empty_like(hits), np.empty_like(hits), np.empty(len(hit)), np.empty_like(hits)
-        apart = 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
-        own = starts, lengths, segment[starts], number, hits, shown
+        apart: Any = 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
+        own: Any = starts, lengths, segment[starts], number, hits, shown
         return cls(*own, place, found.cluster[miss[there]], apart, scratch)
 
     def averages(
