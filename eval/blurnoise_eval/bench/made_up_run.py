@@ -10,12 +10,10 @@ from __future__ import annotations
 
 import json
 import math
-import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -64,10 +62,9 @@ def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> 
             for first in range(0, len(results), _BLOCK):
                 store.add(results[first : first + _BLOCK])
             seconds += time.perf_counter() - begun
-    with closing(sqlite3.connect(folder / RUN_FILE)) as db, db:
-        for copy in range(1, -(-len(pictures) // _DIFFERENT)):
-            last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
-            copy_pictures(db, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
+    for copy in range(1, -(-len(pictures) // _DIFFERENT)):
+        last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
+        copy_pictures(folder, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
     return seconds / (len(different) * CELLS_PER_PICTURE)
 
 
@@ -130,7 +127,8 @@ def _results(
         )
         found[len(targets) :, 4] = 0.001 + 0.5 * generator.random(rest) ** 4
         found = found[np.argsort(-found[:, 4], kind="stable")]
-        detections = Detections(found[:, :4], found[:, 4], found[:, 5])
+        boxes32, scores = found[:, :4].astype(np.float32), found[:, 4].astype(np.float32)
+        detections = Detections(boxes32, scores, found[:, 5].astype(np.int64))
         cell = Cell(picture.name, 0, at, cell_seed(plan.seed, picture.name, 0))
         shared: dict[str, Any] = {
             "cell_id": cell.cell_id,

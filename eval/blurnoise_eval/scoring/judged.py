@@ -119,8 +119,8 @@ class Judged:
 
     sums: of its targets' and readings' columns: sums over clusters, and what they are sums of, both (n,). truth:
     None for a reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's
-    boxes stand here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more than that.
-    cluster_of: the number of a picture's cluster; without, each is its own.
+    boxes stand here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more
+    than that. cluster_of: the number of a picture's cluster; without, each is its own.
     """
 
     sums: Mapping[str, tuple[Array, Array]]

@@ -102,7 +102,10 @@ def _sums(
         per_picture = (
             np.bincount(of_picture, weights, len(first)) for weights in (np.where(known, values, 0.0), known)
         )
-        sums, counts = (np.bincount(place, each, math.prod(shape)).reshape(shape) for each in per_picture)
+        sums, counts = (
+            np.asarray(np.bincount(place, each, math.prod(shape)).reshape(shape), float)
+            for each in per_picture
+        )
         found[name] = sums, counts
     return {
         at: {name: (sums[number], counts[number]) for name, (sums, counts) in found.items()}

@@ -223,8 +223,11 @@ def _ranked(found: _Found, targets: Array) -> Array:
 
 
 class _Ranking(NamedTuple):
-    """H right detections, segment after segment. starts, segments: (S,) of these; number: (H,) which one; hits, shown:
-    (H,) right, and all that count, of the segment down to each. miss_place: the right one that follows each wrong one."""
+    """H right detections, segment after segment.
+
+    starts, lengths, segments: (S,) of these; number: (H,) which one; hits, shown: (H,) right, and all that count, of
+    the segment down to each. miss_place: the right one that follows each wrong one.
+    """
 
     starts: Places
     lengths: Places
@@ -264,7 +267,8 @@ class _Ranking(NamedTuple):
         scratch = np.empty_like(hits), np.empty_like(hits), np.empty(len(hit)), np.empty_like(hits)
         apart: Any = 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
         own: Any = starts, lengths, segment[starts], number, hits, shown
-        return cls(*own, place, found.cluster[miss[there]], apart, scratch)
+        every: list[Any] = [*own, place, found.cluster[miss[there]], apart, scratch]
+        return cls(*every)
 
     def averages(
         self,

@@ -112,15 +112,19 @@ def surfaces(
             for row in rows
         ]
         columns = [np.array(column, float) for column in zip(*entries, strict=True)]
-        places = (column.astype(np.int64) for column in columns[:3])
-        measured = Measured(list(names), *places, columns[3], np.stack(columns[4:6], axis=1), *columns[6:])
+        places = [column.astype(np.int64) for column in columns[:3]]
+        found: list[Any] = [list(names), *places, columns[3], np.stack(columns[4:6], axis=1), *columns[6:]]
+        measured = Measured(*found)
         if (surface := surface_of(*own, measured, cluster_of, kept=kept)) is not None:
             yield surface
 
 
 class Measured(NamedTuple):
-    """N measurements of a group of targets in one setting. names: of pictures, picture: (N,) places in them; velocity:
-    (N, 2) px/s; value, clean: scores, here and of the same target in the untouched picture; NaN: not known."""
+    """N measurements of a group of targets in one setting.
+
+    names: of pictures, picture: (N,) places in them; value, clean: scores, here and of the same target in the
+    untouched picture; NaN: not known.
+    """
 
     names: Sequence[str]
     picture: NDArray[Any]
@@ -149,7 +153,8 @@ def surface_of(
     if not counted.any():
         return None
     weights = weights[counted]
-    own = Measured(every.names, *(column[counted] for column in every[1:]))
+    some: list[Any] = [column[counted] for column in every[1:]]
+    own = Measured(every.names, *some)
     seen, first, picture = np.unique(own.picture, return_index=True, return_inverse=True)
     clusters: dict[str, int] = {}
     of_picture = np.empty(len(seen), np.int64)
@@ -160,7 +165,10 @@ def surface_of(
     shape = len(clusters), len(exposures), len(velocities)
     cells = of_picture[picture], e.ravel(), v.ravel()
     flat = np.ravel_multi_index(cells, shape)
-    sums, counts = (np.bincount(flat, each, math.prod(shape)).reshape(shape) for each in (own.value, weights))
+    sums, counts = (
+        np.asarray(np.bincount(flat, each, math.prod(shape)).reshape(shape), float)
+        for each in (own.value, weights)
+    )
     saturated, brightness = (_means(each, cells[1:], shape[1:]) for each in (own.saturated, own.brightness))
     _, first = np.unique(np.stack([picture.ravel(), own.target_id]), axis=1, return_index=True)
     references = own.clean[np.sort(first)]

@@ -28,8 +28,11 @@ _NUMBERS = (
 
 
 class TargetColumns(NamedTuple):
-    """N rows of targets. conditions: values of ``CONDITIONS``, sorted; pictures, groups: names, sorted; the columns of
-    these names hold places in them. exact: whether the text was read, NaN where there is none."""
+    """N rows of targets.
+
+    conditions: values of ``CONDITIONS``, sorted; pictures, groups: names, sorted; the columns ``condition``,
+    ``picture`` and ``group`` hold places in them. exact: whether the text was read, NaN where there is none.
+    """
 
     conditions: Sequence[tuple[Any, ...]]
     pictures: Sequence[str]
@@ -49,7 +52,7 @@ class TargetColumns(NamedTuple):
 
     def rows(self, of: NDArray[Any]) -> TargetColumns:
         """Some of the rows, by places or flags."""
-        return TargetColumns(*self[:3], *(column[of] for column in self[3:]))  # type: ignore[arg-type]
+        return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
 
 
 def target_columns(store: Store, model: str) -> TargetColumns:
@@ -75,7 +78,7 @@ def target_columns(store: Store, model: str) -> TargetColumns:
         parts.append([np.zeros(0, np.int32)] * 5 + [np.zeros(0)] * (1 + len(_NUMBERS)))
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
     parts.clear()
-    names = []
+    names: list[Any] = []
     for place, codes_of in enumerate(seen):
         ordered = (
             sorted(codes_of, key=lambda each: tuple(-1.0 if v is None else v for v in each))
@@ -87,4 +90,5 @@ def target_columns(store: Store, model: str) -> TargetColumns:
         joined[place] = rank[joined[place]]
         names.append(ordered)
     order = np.lexsort((joined[4], joined[3], joined[1], joined[0]))
-    return TargetColumns(*names, *(column[order] for column in joined))
+    every: list[Any] = [*names, *(column[order] for column in joined)]
+    return TargetColumns(*every)

@@ -61,8 +61,8 @@ def open_run(
     """Note in the store what the run is; a store that holds another run's answers is refused.
 
     One without any answer, of a first attempt with the wrong model or pictures, is taken over.
-    ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are. Raises :class:`StoreError` that lists what
-    differs, ``ValueError`` for two models of one name.
+    ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are.
+    Raises :class:`StoreError` that lists what differs, ``ValueError`` for two models of one name.
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
