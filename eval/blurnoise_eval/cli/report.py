@@ -48,6 +48,15 @@ Cluster = Annotated[
 ]
 
 
+Parquet = Annotated[
+    bool,
+    Option(
+        "--parquet",
+        help="results.csv and targets.csv as Parquet, too: folders by model and shard of pictures (needs pyarrow)",
+    ),
+]
+
+
 def report(
     run: RunRead,
     *,
@@ -59,6 +68,7 @@ def report(
         Location | None,
         Option("-o", "--output", parser=location, metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
+    parquet: Parquet = False,
     as_json: Json = False,
 ) -> None:
     """Write a run's figures, tables and page again.
@@ -70,18 +80,24 @@ def report(
     The sweep itself is not repeated.
     """
     from blurnoise_eval.deciding.decision import Decision
+    from blurnoise_eval.store.exports import check_parquet
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
+    if parquet:
+        check_parquet()
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
-        tell(done, as_json=as_json, first=done.how())
+        tell(done, as_json=as_json, first=done.how(), parquet=parquet)
 
 
-def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
-    """Write a run's tables, figures and page; the answer in the terminal, after what is to be said ``first``."""
+def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet: bool = False) -> None:
+    """Write a run's tables, figures and page, with ``parquet`` its rows as that, too; the answer in the terminal,
+    after what is to be said ``first``."""
     from blurnoise_eval.report.findings import invented, missing_text
 
+    if parquet:
+        done.parquet()
     done.report()
     for entry in done.skipped:
         say(f"skipped: {entry['reason']}", error=True)
@@ -95,6 +111,8 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = ()) -> None:
     print_models(done.models)
     took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
+    if done.data.manifest["json_left_out"]:
+        say("results.json is left out of a run of this size; results.csv has its rows")
     if missing := missing_text(done.summary["missing_cells"]):
         say(missing)
     if behind := invented(done.data):

@@ -30,7 +30,7 @@ from blurnoise_eval.cli._options import (
     one_of,
 )
 from blurnoise_eval.cli.console import print_assumed
-from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
+from blurnoise_eval.cli.report import Cluster, Keep, Parquet, Score, Threshold, tell
 from blurnoise_eval.system.storage import Location, location
 
 _EGO = "With --ego-kmh: the camera on the vehicle"
@@ -153,6 +153,14 @@ def sweep(
     ] = "threads",
     threads: Workers = None,
     address: Address = None,
+    part: Annotated[
+        str | None,
+        Option(
+            metavar="K/N",
+            help="only the Kth of N parts of the pictures, by their names; 'blurnoise merge' joins the runs",
+        ),
+    ] = None,
+    parquet: Parquet = False,
     cache_gb: CacheGb = None,
     output: RunWritten,
     as_json: Json = False,
@@ -174,11 +182,17 @@ def sweep(
     exposed_by = given.camera(camera, cfa=cfa)
     from blurnoise import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.grid.parts import Part
     from blurnoise_eval.scoring.clusters import cluster_of
+    from blurnoise_eval.store.exports import check_parquet
     from blurnoise_eval.sweep.evaluation import evaluate
     from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", cluster)
+    if parquet:
+        check_parquet()
+    if part is not None:
+        Part.parse(part)
     workers = threads if address else given.threads(threads)
     models = given.models(  # before a folder is made
         model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
@@ -225,7 +239,8 @@ def sweep(
             engine=engine,
             threads=workers,
             address=address,
+            part=part,
             progress=True,
             command=given.command(),
         )
-        tell(done, as_json=as_json)
+        tell(done, as_json=as_json, parquet=parquet)

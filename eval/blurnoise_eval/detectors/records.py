@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,3 +55,54 @@ class Detections:
     def __getitem__(self, index: NDArray[np.bool_] | slice) -> Detections:
         leads = None if self.leads is None else self.leads[index]
         return Detections(self.boxes_xyxy[index], self.scores[index], self.class_ids[index], leads)
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What was found in P pictures, one after the other, as arrays: pictures by ``names`` and ``repeats``.
+
+    counts: (P,) detections of each. boxes_xyxy, scores, class_ids, leads: of all N of them, as of
+    :class:`Detections`, of each picture the highest score first.
+    """
+
+    names: Sequence[str]
+    repeats: Sequence[int]
+    counts: NDArray[np.int64]
+    boxes_xyxy: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    class_ids: NDArray[np.int64]
+    leads: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, found: Sequence[tuple[str, int, Detections]]) -> Answers:
+        """Of each picture's name, repeat and detections."""
+        every = [each for *_, each in found]
+        leads = [np.ones(len(each), bool) if each.leads is None else each.leads for each in every]
+        return cls(
+            [name for name, *_ in found],
+            [repeat for _, repeat, _ in found],
+            np.array([len(each) for each in every], np.int64),
+            np.concatenate([np.zeros((0, 4), np.float32), *(each.boxes_xyxy for each in every)]),
+            np.concatenate([np.zeros(0, np.float32), *(each.scores for each in every)]),
+            np.concatenate([np.zeros(0, np.int64), *(each.class_ids for each in every)]),
+            np.concatenate([np.zeros(0, bool), *leads]),
+        )
+
+    @property
+    def picture(self) -> NDArray[np.int64]:
+        """(N,) the place of each detection's picture."""
+        return np.repeat(np.arange(len(self.counts)), self.counts)
+
+    def in_order(self, order: NDArray[np.int64]) -> Answers:
+        """The same of pictures in another order."""
+        if (np.diff(order) == 1).all():
+            return self
+        counts = self.counts[order]
+        starts = (np.cumsum(self.counts) - self.counts)[order]
+        index = np.arange(counts.sum()) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
+        return Answers(
+            [self.names[place] for place in order.tolist()],
+            [self.repeats[place] for place in order.tolist()],
+            counts,
+            *(each[index] for each in (self.boxes_xyxy, self.scores, self.class_ids, self.leads)),
+        )

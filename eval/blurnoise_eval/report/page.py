@@ -132,7 +132,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "assumptions": findings.assumptions(data),
         "numbers": interactive.numbers(data, groups),
         "examples": _examples(data, folder),
-        "tables": TABLES,
+        "tables": [name for name in TABLES if name != "results.json" or not manifest.get("json_left_out")],
         "n_examples": len(data.examples),
         "other_score": pictures.OTHER_SCORE,
         "run": findings.run_facts(data),

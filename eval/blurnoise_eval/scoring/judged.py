@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.estimates import Array, Estimate, left_out, mean
 from blurnoise_eval.scoring.matching import (
     FOUND_SCORE,
     MATCH_IOU,
     MoveBoxes,
     hits,
-    share_inside,
     swept_within,
 )
-from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Answered, Precision, precision
+from blurnoise_eval.scoring.pairs import Targets, first_of, paired_overlaps, pairs, with_a_choice, xywh
+from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precision
 
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
 """Names, and their places in COCO's summary."""
@@ -44,6 +44,39 @@ class Truth:
     image_ids: Mapping[str, int]
     category_of: Mapping[int, int]
     sizes_px: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+
+    @cached_property
+    def targets(self) -> Targets:
+        """The annotations, picture by picture in the order of :attr:`places`."""
+        pictures: list[list[Mapping[str, Any]]] = [[] for _ in self.places]
+        for each in self.coco["annotations"]:
+            pictures[self.places[each["image_id"]]].append(each)
+        return Targets.of(pictures)
+
+    @cached_property
+    def places(self) -> Mapping[int, int]:
+        """A place for the id of each picture."""
+        annotated = (each["image_id"] for each in self.coco["annotations"])
+        return {
+            number: place
+            for place, number in enumerate(dict.fromkeys([*self.image_ids.values(), *annotated]))
+        }
+
+    @cached_property
+    def in_places(self) -> NDArray[np.int64]:
+        """The annotations in the order of :attr:`targets`."""
+        places = np.array([self.places[each["image_id"]] for each in self.coco["annotations"]], np.int64)
+        return np.argsort(places, kind="stable")
+
+    @cached_property
+    def corners(self) -> NDArray[np.float64]:
+        """(N, 4) of the annotations' boxes."""
+        return _boxes(self.coco["annotations"])
+
+    @cached_property
+    def sizes(self) -> NDArray[np.float64]:
+        """Width and height of each annotation's picture, (N, 2); NaN where it is not known."""
+        return _sizes(self)
 
     @cached_property
     def labels(self) -> Sequence[str]:
@@ -85,14 +118,14 @@ class Judged:
     """A model's answers under one condition.
 
     sums: of its targets' and readings' columns: sums over clusters, and what they are sums of, both (n,). truth:
-    None for a reader. found: (picture name, repeat, detections). move_boxes: to where the truth's boxes stand
-    here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more than that.
-    cluster_of: the number of a picture's cluster; without, each is its own.
+    None for a reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's
+    boxes stand here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more
+    than that. cluster_of: the number of a picture's cluster; without, each is its own.
     """
 
     sums: Mapping[str, tuple[Array, Array]]
     truth: Truth | None = None
-    found: Sequence[tuple[str, int, Detections]] = ()
+    found: Sequence[tuple[str, int, Detections]] | Answers = ()
     move_boxes: MoveBoxes | None = None
     sweep_boxes: MoveBoxes | None = None
     cluster_of: Mapping[str, int] | None = None
@@ -124,11 +157,8 @@ class Judged:
     @property
     def targets_by_size(self) -> dict[str, int]:
         """How many targets of each of ``SIZES`` the pictures have, each once; crowds are none."""
-        seen = {} if self.truth is None else {self.truth.image_ids[name] for name, _, _ in self.found}
-        own = [
-            target for number in seen for target in self._targets.get(number, ()) if not target.get("iscrowd")
-        ]
-        areas = np.array([target["area"] for target in own], float)
+        own = self._own_targets(np.unique(self._places), None)
+        areas = np.zeros(0) if own is None else own.area_px2[~own.crowd]
         return {
             size: int(((low <= areas) & (areas <= high)).sum())
             for size, (low, high) in zip(SIZES, AREAS_PX2.tolist(), strict=True)
@@ -136,15 +166,15 @@ class Judged:
 
     @cached_property
     def _at_middle(self) -> Precision:
-        return self._precision(self._targets)
+        return self._precision(self._moved)
 
     @cached_property
     def swept_ap50(self) -> Estimate:
         """COCO's AP50 with the boxes that the motion sweeps; where these are the boxes at mid-exposure, that."""
-        swept = self._swept_annotations
+        swept = self._swept
         if swept is None:
             return self.coco["ap50"]
-        return left_out(self._precision(_by_picture(swept)).precision[:, 0, 0])
+        return left_out(self._precision(swept, ap50_only=True).precision[:, 0, 0])
 
     @cached_property
     def alarms(self) -> Alarms | None:
@@ -155,68 +185,140 @@ class Judged:
         """Those of at least this confidence."""
         if self.truth is None:
             return None
-        scores, right, cluster = [np.zeros(0)], [np.zeros(0, bool)], [np.zeros(0, np.int64)]
-        pictures = np.zeros(self._count)
-        for name, _, each in self.found:
-            pictures[self._clusters[name]] += 1
-            targets = self._targets.get(self.truth.image_ids[name], ())
-            certain = each[each.scores >= least].leading
-            for class_id in np.unique(certain.class_ids):
-                category = self.truth.category_of.get(int(class_id))
-                if category is None:
-                    continue
-                of_class = certain[certain.class_ids == class_id]
-                own = [target for target in targets if target["category_id"] == category]
-                sides = [_corners(target) for target in own if not target.get("iscrowd")]
-                hit = hits(of_class, sides, int(class_id))
-                crowd = [_corners(target) for target in own if target.get("iscrowd")]
-                judged = hit | ~(share_inside(of_class.boxes_xyxy, crowd) >= MATCH_IOU)
-                scores.append(of_class.scores[judged].astype(float))
-                right.append(hit[judged])
-                cluster.append(np.full(np.count_nonzero(judged), self._clusters[name]))
-        return Alarms(np.concatenate(scores), np.concatenate(right), np.concatenate(cluster), pictures)
+        answers, cluster = self._answers, self._cluster_of_picture
+        pictures = np.bincount(cluster, minlength=self._count).astype(float)
+        certain = np.flatnonzero((answers.scores >= least) & answers.leads)
+        known = np.full(max(self.truth.category_of, default=0) + 2, -1)  # the last: none
+        targets = self._own_targets(self._places, self._moved)
+        places = {category: place for place, category in enumerate(targets.categories)}
+        for number, category in self.truth.category_of.items():
+            known[number] = places.setdefault(category, len(places))
+        picture, class_ids = answers.picture, answers.class_ids
+        certain = certain[known[np.minimum(class_ids[certain], len(known) - 1)] >= 0]
+        certain = certain[np.lexsort((class_ids[certain], picture[certain]))]
+        key = picture[certain] * len(places) + known[class_ids[certain]]
+        right = _right(answers.boxes_xyxy[certain], class_ids[certain], key, targets, len(places))
+        ahead = answers.boxes_xyxy[certain]
+        crowd = targets.crowd
+        inside = np.zeros(len(certain))
+        detection, target = pairs(key, (targets.picture * len(places) + targets.category)[crowd])
+        regions = xywh(_ends(targets.boxes_xywh[crowd]))[target]
+        alone = paired_overlaps(xywh(ahead)[detection], regions, np.ones(len(detection), bool))
+        np.maximum.at(inside, detection, alone)
+        judged = right | ~(inside >= MATCH_IOU)
+        return Alarms(
+            answers.scores[certain][judged].astype(float),
+            right[judged],
+            cluster[picture[certain]][judged],
+            pictures,
+        )
 
-    def _precision(self, targets: Mapping[int, Sequence[Mapping[str, Any]]]) -> Precision:
-        """Of what was found, with these annotations, by picture, as the truth."""
-        truth = self.truth or Truth({}, {}, {})
-        numbers = truth.image_ids
-        in_order = sorted(
-            self.found, key=lambda entry: (entry[1], numbers[entry[0]])
-        )  # of equal scores: COCO's
-        answered = [
-            Answered(self._clusters[name], each, targets.get(numbers[name], ())) for name, _, each in in_order
-        ]
-        return precision(answered, truth.category_of, self._count)
+    def _precision(self, boxes_xywh: Array | None, *, ap50_only: bool = False) -> Precision:
+        """Of what was found, with the annotations there as the truth."""
+        truth = self.truth or Truth({"annotations": []}, {}, {})
+        # of equal scores: COCO's
+        numbers = np.array([truth.image_ids[name] for name in self._answers.names])
+        order = np.lexsort((numbers, np.array(self._answers.repeats)))
+        return precision(
+            self._answers.in_order(order),
+            self._cluster_of_picture[order],
+            self._own_targets(self._places[order], boxes_xywh),
+            truth.category_of,
+            self._count,
+            ap50_only=ap50_only,
+        )
+
+    @cached_property
+    def _answers(self) -> Answers:
+        return self.found if isinstance(self.found, Answers) else Answers.of(self.found)
+
+    @cached_property
+    def _cluster_of_picture(self) -> NDArray[np.int64]:
+        return np.array([self._clusters[name] for name in self._answers.names], np.int64)
+
+    @cached_property
+    def _places(self) -> NDArray[np.int64]:
+        """The place of each picture in the truth."""
+        truth = self.truth
+        names = () if truth is None else self._answers.names
+        return np.array([truth.places[truth.image_ids[name]] for name in names if truth], np.int64)
+
+    def _own_targets(self, places: NDArray[np.int64], boxes_xywh: Array | None) -> Targets:
+        """The truth's targets in pictures at these places; boxes: (N, 4) of all annotations, None: their own."""
+        truth = self.truth or Truth({"annotations": []}, {}, {})
+        every = truth.targets if boxes_xywh is None else truth.targets.at(boxes_xywh[truth.in_places])
+        return every.of_pictures(places, len(truth.places))
 
     @cached_property
     def _clusters(self) -> Mapping[str, int]:
         if self.cluster_of is not None:
             return self.cluster_of
-        return {name: place for place, name in enumerate(dict.fromkeys(name for name, _, _ in self.found))}
+        return {name: place for place, name in enumerate(dict.fromkeys(self._answers.names))}
 
     @property
     def _count(self) -> int:
         """How many clusters there are."""
         return 1 + max(self._clusters.values(), default=0)
 
-    @cached_property
-    def _targets(self) -> dict[int, list[Mapping[str, Any]]]:
-        """The truth's annotations by picture."""
-        return _by_picture(self._annotations)
-
-    @cached_property
+    @property
     def _annotations(self) -> Sequence[dict[str, Any]]:
-        return moved(self.truth, self.move_boxes) if self.truth else ()
+        return self.truth.coco["annotations"] if self.truth else ()
 
     @cached_property
-    def _swept_annotations(self) -> Sequence[dict[str, Any]] | None:
-        """Those with all that the boxes cover in the course of the exposure; None where that is no more."""
+    def _at(self) -> Array | None:
+        """Corners of the truth's boxes at mid-exposure; None: they stay."""
+        if self.truth is None or self.move_boxes is None or not self._annotations:
+            return None
+        return self.move_boxes(self.truth.corners, self.truth.sizes, self.truth.labels)
+
+    @cached_property
+    def _moved(self) -> Array | None:
+        return None if self._at is None else _sides(self._at)
+
+    @cached_property
+    def _swept(self) -> Array | None:
+        """All that the boxes cover in the course of the exposure, as sides; None where that is no more."""
         if self.truth is None or self.sweep_boxes is None or not self._annotations:
             return None
-        at_middle, sizes = _boxes(self._annotations), _sizes(self.truth)
-        swept = self.sweep_boxes(_boxes(self.truth.coco["annotations"]), sizes, self.truth.labels)
-        swept = swept_within(swept, at_middle, np.where(np.isnan(sizes), np.inf, sizes))
-        return None if np.array_equal(swept, at_middle) else _with(self._annotations, swept)
+        truth = self.truth
+        at_middle = truth.corners if self._moved is None else _ends(self._moved)
+        swept = self.sweep_boxes(truth.corners, truth.sizes, truth.labels)
+        swept = swept_within(swept, at_middle, np.where(np.isnan(truth.sizes), np.inf, truth.sizes))
+        return None if np.array_equal(swept, at_middle) else _sides(swept)
+
+
+def _right(
+    boxes_xyxy: NDArray[np.float32],
+    class_ids: NDArray[np.int64],
+    key: NDArray[np.int64],
+    targets: Targets,
+    categories: int,
+) -> NDArray[np.bool_]:
+    """Which detections answer for a target of their own, (N,), as :func:`~.matching.hits` has it of one picture.
+
+    key: of picture and category, picture times ``categories`` and the category; in each the classes one by one.
+    """
+    ends = _ends(targets.boxes_xywh)
+    sides = xywh(ends)
+    single = np.flatnonzero(~targets.crowd)
+    target_key = targets.picture[single] * categories + targets.category[single]
+    detection, target = pairs(key, target_key)
+    near = paired_overlaps(xywh(boxes_xyxy)[detection], sides[single[target]]) >= MATCH_IOU
+    detection, target = detection[near], target[near]
+    of_class = class_ids[detection] * (len(single) + 1) + target
+    right = np.zeros(len(key), bool)
+    choice = with_a_choice(key[detection], detection)
+    alone = ~choice
+    taken = first_of(of_class[alone], np.ones(int(alone.sum()), bool))
+    right[detection[alone]] = taken
+    for number in np.unique(key[detection[choice]]).tolist():
+        rivals = ends[single[target_key == number]]
+        here = np.flatnonzero(key == number)
+        for class_id in np.unique(class_ids[here]).tolist():
+            own = here[class_ids[here] == class_id]
+            scores = np.linspace(1, 0.5, len(own), dtype=np.float32)
+            right[own] = hits(Detections(boxes_xyxy[own], scores, class_ids[own]), rivals, class_id)
+    return right
 
 
 def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
@@ -224,7 +326,7 @@ def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]
     annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
     if move_boxes is None or not annotations:
         return annotations
-    return _with(annotations, move_boxes(_boxes(annotations), _sizes(truth), truth.labels))
+    return _with(annotations, move_boxes(truth.corners, truth.sizes, truth.labels))
 
 
 def _sizes(truth: Truth) -> NDArray[np.float64]:
@@ -235,28 +337,25 @@ def _sizes(truth: Truth) -> NDArray[np.float64]:
     )
 
 
-def _by_picture(annotations: Sequence[Mapping[str, Any]]) -> dict[int, list[Mapping[str, Any]]]:
-    found: dict[int, list[Mapping[str, Any]]] = {}
-    for annotation in annotations:
-        found.setdefault(annotation["image_id"], []).append(annotation)
-    return found
-
-
 def _boxes(annotations: Sequence[Mapping[str, Any]]) -> NDArray[np.float64]:
     """Corners (N, 4) of COCO's boxes."""
-    sides = np.array([each["bbox"] for each in annotations], float)
-    return np.concatenate([sides[:, :2], sides[:, :2] + sides[:, 2:]], axis=1)
+    return _ends(np.array([each["bbox"] for each in annotations], float).reshape(-1, 4))
 
 
 def _with(annotations: Sequence[dict[str, Any]], boxes_xyxy: NDArray[np.float64]) -> Sequence[dict[str, Any]]:
     """The annotations with these boxes instead of their own."""
-    sides = np.concatenate([boxes_xyxy[:, :2], boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]], axis=1)
-    return [{**each, "bbox": box} for each, box in zip(annotations, sides.tolist(), strict=True)]
+    sides = _sides(boxes_xyxy).tolist()
+    return [{**each, "bbox": box} for each, box in zip(annotations, sides, strict=True)]
 
 
-def _corners(annotation: Mapping[str, Any]) -> list[float]:
-    x, y, width, height = annotation["bbox"]
-    return [x, y, x + width, y + height]
+def _sides(boxes_xyxy: Array) -> Array:
+    """Left, top, width, height."""
+    return np.concatenate([boxes_xyxy[:, :2], boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]], axis=1)
+
+
+def _ends(boxes_xywh: Array) -> Array:
+    """Corners."""
+    return np.concatenate([boxes_xywh[:, :2], boxes_xywh[:, :2] + boxes_xywh[:, 2:]], axis=1)
 
 
 def coco_results(

@@ -16,6 +16,7 @@ from blurnoise_eval.scoring.registry import SCORES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 
 COUNTS = ("n_images", "n_targets", "errors")
 PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
@@ -61,10 +62,10 @@ def score_rows(
     clusters = numbered(queries.pictures_seen(store), cluster)
     for model in models:
         truth = truth_of(model)
-        every = _sums(store, model, clusters)
+        every = _sums(target_columns(store, model), clusters)
         counted = queries.condition_counts(store, model)
         for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
-            cells = [] if truth is None else list(queries.detections_at(store, model, row))
+            cells = () if truth is None else queries.answers_at(store, model, row)
             sums = every.get(tuple(row[name] for name in CONDITIONS), {})
             judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(as_set)), clusters)
             progress(1)
@@ -84,20 +85,46 @@ def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
 
 
 def _sums(
-    store: Store, model: str, clusters: Mapping[str, int]
+    columns: TargetColumns, clusters: Mapping[str, int]
 ) -> dict[tuple[Any, ...], dict[str, tuple[Array, Array]]]:
     """Sums and numbers of what targets and readings have, per cluster, by condition and column."""
     size = 1 + max(clusters.values(), default=0)
-    found: dict[tuple[Any, ...], dict[str, tuple[Array, Array]]] = {}
-    for row in queries.target_sums(store, model, FOUND_SCORE):
-        at = tuple(row[name] for name in CONDITIONS)
-        if at not in found:
-            found[at] = {name: (np.zeros(size), np.zeros(size)) for name in MEANS}
-        place = clusters[row["image"]]
-        for name, (sums, counts) in found[at].items():
-            sums[place] += row[name]
-            counts[place] += row[f"n_{name}"]
-    return found
+    numbers = np.array([clusters[name] for name in columns.pictures], np.int64)
+    # first of each picture, then of pictures, in their order
+    picture = columns.condition.astype(np.int64) * max(len(columns.pictures), 1) + columns.picture
+    first = np.flatnonzero(np.diff(picture, prepend=-1))
+    of_picture = np.cumsum(np.diff(picture, prepend=-1) != 0) - 1
+    place = columns.condition[first].astype(np.int64) * size + numbers[columns.picture[first]]
+    shape = len(columns.conditions), size
+    found: dict[str, tuple[Array, Array]] = {}
+    for name, values in zip(MEANS, _values(columns), strict=True):
+        known = ~np.isnan(values)
+        per_picture = (
+            np.bincount(of_picture, weights, len(first)) for weights in (np.where(known, values, 0.0), known)
+        )
+        sums, counts = (
+            np.asarray(np.bincount(place, each, math.prod(shape)).reshape(shape), float)
+            for each in per_picture
+        )
+        found[name] = sums, counts
+    return {
+        at: {name: (sums[number], counts[number]) for name, (sums, counts) in found.items()}
+        for number, at in enumerate(columns.conditions)
+    }
+
+
+def _values(columns: TargetColumns) -> Iterator[Array]:
+    """What ``MEANS`` are means of, NaN where there is none."""
+    confidence, swept = columns.confidence, columns.confidence_swept
+    found = confidence >= FOUND_SCORE
+    yield confidence
+    yield np.where(np.isnan(confidence), np.nan, found)
+    yield np.where(found, confidence, np.nan)
+    yield swept
+    yield np.where(np.isnan(swept), np.nan, swept >= FOUND_SCORE)
+    yield columns.read_confidence
+    yield columns.exact
+    yield columns.character_error_rate
 
 
 def performance(row: Mapping[str, Any]) -> float | None:

@@ -8,11 +8,12 @@ which the model knows little count little, and one that is not found there count
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,48 +98,104 @@ def surfaces(
     def key(row: Row) -> tuple[str, str, tuple[float, ...]]:
         return row["model"], row["group"], setting_of(row)
 
-    for (model, group, setting), rows in groupby(target_rows, key):
-        clusters: dict[str, int] = {}
-        places = set()
-        references: dict[tuple[str, int], float | None] = {}
-        entries = []
-        pictures: list[tuple[float | None, float | None]] = []
-        for row in rows:
-            value, clean = value_of(row), clean_of(row)
-            weight = clean if kept else 1.0
-            if value is None or weight is None:
-                continue
-            cluster = clusters.setdefault(cluster_of(row["image"]), len(clusters))
-            places.add((row["image"], row["repeat"], row["target_id"]))
-            references[row["image"], row["target_id"]] = clean
-            at = row["exposure_s"], velocity_of(row)
-            pictures.append((row.get("saturated"), row.get("brightness")))
-            entries.append((cluster, *at, value, weight))
-        if not entries:
-            continue
-        exposures = sorted({entry[1] for entry in entries})
-        velocities = sorted({entry[2] for entry in entries})
-        e_of, v_of = ({value: i for i, value in enumerate(values)} for values in (exposures, velocities))
-        cells = tuple(np.array([(c, e_of[e], v_of[v]) for c, e, v, *_ in entries]).T)
-        shape = len(clusters), len(exposures), len(velocities)
-        sums, counts = np.zeros(shape), np.zeros(shape)
-        np.add.at(sums, cells, [entry[3] for entry in entries])
-        np.add.at(counts, cells, [entry[4] for entry in entries])
-        saturated, brightness = (
-            _means([picture[column] for picture in pictures], cells[1:], shape[1:]) for column in (0, 1)
-        )
-        known = [clean for clean in references.values() if clean is not None]
-        clean = float(np.mean(known)) if known else None
-        own = model, group, setting, tuple(exposures), tuple(velocities), tuple(clusters)
-        yield Surface(
-            *own, sums, counts, saturated, len(places), brightness, clean, float(np.sum(known)), kept
-        )
+    for own, rows in groupby(target_rows, key):
+        names: dict[str, int] = {}
+        entries = [
+            (
+                names.setdefault(row["image"], len(names)),
+                row["repeat"],
+                row["target_id"],
+                row["exposure_s"],
+                *velocity_of(row),
+                *(value_of(row), clean_of(row), row.get("saturated"), row.get("brightness")),
+            )
+            for row in rows
+        ]
+        columns = [np.array(column, float) for column in zip(*entries, strict=True)]
+        places = [column.astype(np.int64) for column in columns[:3]]
+        found: list[Any] = [list(names), *places, columns[3], np.stack(columns[4:6], axis=1), *columns[6:]]
+        measured = Measured(*found)
+        if (surface := surface_of(*own, measured, cluster_of, kept=kept)) is not None:
+            yield surface
 
 
-def _means(values: Sequence[float | None], cells: tuple[Any, ...], shape: tuple[int, ...]) -> Array:
+class Measured(NamedTuple):
+    """N measurements of a group of targets in one setting.
+
+    names: of pictures, picture: (N,) places in them; value, clean: scores, here and of the same target in the
+    untouched picture; NaN: not known.
+    """
+
+    names: Sequence[str]
+    picture: NDArray[Any]
+    repeat: NDArray[Any]
+    target_id: NDArray[Any]
+    exposure_s: Array
+    velocity_px_s: Array
+    value: Array
+    clean: Array
+    saturated: Array
+    brightness: Array
+
+
+def surface_of(
+    model: str,
+    group: str,
+    setting: tuple[float, ...],
+    every: Measured,
+    cluster_of: Callable[[str], str] = lambda picture: picture,
+    *,
+    kept: bool = False,
+) -> Surface | None:
+    """The surface of measurements, clusters in the order of their first; None where nothing counts."""
+    weights = every.clean if kept else np.ones(len(every.value))
+    counted = ~np.isnan(every.value) & ~np.isnan(weights)
+    if not counted.any():
+        return None
+    weights = weights[counted]
+    some: list[Any] = [column[counted] for column in every[1:]]
+    own = Measured(every.names, *some)
+    seen, first, picture = np.unique(own.picture, return_index=True, return_inverse=True)
+    clusters: dict[str, int] = {}
+    of_picture = np.empty(len(seen), np.int64)
+    for place in np.argsort(first).tolist():
+        of_picture[place] = clusters.setdefault(cluster_of(own.names[int(seen[place])]), len(clusters))
+    exposures, e = np.unique(own.exposure_s, return_inverse=True)
+    velocities, v = np.unique(own.velocity_px_s, axis=0, return_inverse=True)
+    shape = len(clusters), len(exposures), len(velocities)
+    cells = of_picture[picture], e.ravel(), v.ravel()
+    flat = np.ravel_multi_index(cells, shape)
+    sums, counts = (
+        np.asarray(np.bincount(flat, each, math.prod(shape)).reshape(shape), float)
+        for each in (own.value, weights)
+    )
+    saturated, brightness = (_means(each, cells[1:], shape[1:]) for each in (own.saturated, own.brightness))
+    _, first = np.unique(np.stack([picture.ravel(), own.target_id]), axis=1, return_index=True)
+    references = own.clean[np.sort(first)]
+    known = references[~np.isnan(references)]
+    targets = np.unique(np.stack([picture.ravel(), own.repeat, own.target_id]), axis=1).shape[1]
+    where = tuple(exposures.tolist()), tuple((x, y) for x, y in velocities.tolist()), tuple(clusters)
+    return Surface(
+        model,
+        group,
+        setting,
+        *where,
+        sums,
+        counts,
+        saturated,
+        targets,
+        brightness,
+        float(np.mean(known)) if len(known) else None,
+        float(np.sum(known)),
+        kept,
+    )
+
+
+def _means(values: Array, cells: tuple[Any, ...], shape: tuple[int, ...]) -> Array:
     """Means per cell of those that are known, NaN where none is."""
-    shares = np.array([np.nan if value is None else value for value in values], float)
-    known, total = np.zeros(shape), np.zeros(shape)
-    np.add.at(known, cells, np.isfinite(shares))
-    np.add.at(total, cells, np.nan_to_num(shares))
+    flat = np.ravel_multi_index(cells, shape)
+    known, total = (
+        np.bincount(flat, each, math.prod(shape)).reshape(shape)
+        for each in (np.isfinite(values), np.nan_to_num(values))
+    )
     return certainty.mean_of(total[None], known[None])

@@ -5,17 +5,29 @@ Rows come as the store gives them: a dictionary each, keyed by column, one at a 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of
-from blurnoise_eval.store.schema import CONDITIONS, SORTED
-from blurnoise_eval.store.store import Store, unpack
+from blurnoise_eval.store.schema import CONDITIONS, ROWS, SORTED
+from blurnoise_eval.store.store import Store, unpack, unpack_all
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pictures have NULLs
+
+
+_ORDER = ", ".join(f"c.{name.strip()}" for name in ROWS.split(","))
+_IN_ORDER = {  # an index has the cells of a picture together: sorted picture by picture, in little memory
+    "cells": ("cells AS c", _ORDER),
+    "targets": (
+        "cells AS c CROSS JOIN targets AS t ON t.cell_id = c.cell_id AND t.model = c.model",
+        f"{_ORDER}, t.target_id",
+    ),
+}
+OF = {"cells": "c", "targets": "t"}
+"""By what the columns of a table are called in questions to :func:`every_row` and :func:`rows_of_pictures`."""
 
 
 def _mean(column: str) -> str:
@@ -99,6 +111,15 @@ def detections_at(
         yield row["image"], row["repeat"], unpack(row["detections"])
 
 
+def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
+    """All detections under the condition that the row ``at`` names, by repeat and picture."""
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    rows = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
+    rows.sort(key=lambda row: row[:2])
+    names, repeats, packed = zip(*rows, strict=True) if rows else ((), (), ())
+    return unpack_all(names, repeats, packed)
+
+
 def exposed_targets(store: Store) -> Iterator[Row]:
     """Rows of targets in exposed pictures, with the ``saturated`` share of the picture's values and their mean, its
     ``brightness``; those of a model, group and setting of further axes together."""
@@ -131,6 +152,28 @@ def groups(store: Store) -> list[Row]:
       FROM targets GROUP BY model, "group"
     """
     return list(store.rows(query))
+
+
+def models_seen(store: Store) -> list[str]:
+    """The models that any cell is of, by name."""
+    return [row["model"] for row in store.rows("SELECT DISTINCT model FROM cells ORDER BY model")]
+
+
+def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[tuple[Any, ...]]]:
+    """What is ``asked`` of every row of "cells" or "targets", in the order of pictures and conditions."""
+    tables, order = _IN_ORDER[table]
+    return store.tuples(f"SELECT {', '.join(asked)} FROM {tables} ORDER BY {order}")
+
+
+def rows_of_pictures(
+    store: Store, table: str, asked: Sequence[str], model: str, pictures: Sequence[str]
+) -> Iterator[list[tuple[Any, ...]]]:
+    """:func:`every_row` of one model and some pictures."""
+    tables, order = _IN_ORDER[table]
+    where = f"c.model = ? AND c.image IN ({', '.join('?' * len(pictures))})"
+    return store.tuples(
+        f"SELECT {', '.join(asked)} FROM {tables} WHERE {where} ORDER BY {order}", model, *pictures
+    )
 
 
 def count_rows(store: Store) -> int:
@@ -190,6 +233,13 @@ def median_simulate_ms(store: Store) -> float | None:
     middle = f"SELECT COUNT(*) / 2 {where}"
     query = f"SELECT simulate_ms AS ms {where} ORDER BY simulate_ms LIMIT 1 OFFSET ({middle})"
     return next((float(row["ms"]) for row in store.rows(query)), None)
+
+
+def example_files(store: Store) -> list[str]:
+    """The pictures that were kept, by their paths in the run's folder."""
+    return [
+        row["example"] for row in store.rows("SELECT DISTINCT example FROM cells WHERE example IS NOT NULL")
+    ]
 
 
 def examples(store: Store) -> list[Row]:

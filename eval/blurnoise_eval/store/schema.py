@@ -5,20 +5,36 @@ from __future__ import annotations
 from blurnoise_eval.grid.axes import NAMES
 
 VERSION = 8  # of the tables below
-_APPLIED = (
-    "ALTER TABLE cells ADD COLUMN applied_exposure_s REAL; UPDATE cells SET applied_exposure_s = exposure_s;"
-)
-_MOVES = "".join(
-    f"ALTER TABLE {table} ADD COLUMN moves REAL; ALTER TABLE {table} ADD COLUMN invented_share REAL; "
-    f"UPDATE {table} SET moves = 0, invented_share = 0 WHERE clean = 0;"
-    for table in ("cells", "targets")
-)
-_EGO = "".join(
-    f"ALTER TABLE {table} ADD COLUMN ego_speed_m_s REAL; UPDATE {table} SET ego_speed_m_s = 0 WHERE clean = 0;"
-    for table in ("cells", "targets")
-)
-UPGRADES = {5: _APPLIED + _MOVES + _EGO, 6: _MOVES + _EGO, 7: _EGO}
-"""What makes the tables of an older version those below, but for the order of columns and what an index holds."""
+
+
+def _added(table: str, *columns: str) -> str:
+    return "".join(f"ALTER TABLE {table} ADD COLUMN {column};" for column in columns)
+
+
+_STEPS = {
+    3: _added("cells", "saturated REAL")
+    + _added("targets", "confidence_swept REAL")
+    + _added("pictures", "width_px INTEGER", "height_px INTEGER"),
+    4: _added("cells", "applied_gain_db REAL", "snr_db REAL", "brightness REAL"),
+    5: _added("cells", "applied_exposure_s REAL") + "UPDATE cells SET applied_exposure_s = exposure_s;",
+    6: "".join(
+        _added(table, "moves REAL", "invented_share REAL")
+        + f"UPDATE {table} SET moves = 0, invented_share = 0 WHERE clean = 0;"
+        for table in ("cells", "targets")
+    ),
+    7: "".join(
+        _added(table, "ego_speed_m_s REAL") + f"UPDATE {table} SET ego_speed_m_s = 0 WHERE clean = 0;"
+        for table in ("cells", "targets")
+    ),
+}
+UPGRADES = {first: "".join(_STEPS[step] for step in sorted(_STEPS) if step >= first) for first in _STEPS}
+"""What makes the tables of an older version those below, but for the order of columns and what an index holds; what
+that version did not measure is NULL."""
+READ_BY = {
+    0: "blurnoise 0.1.0 up to commit 3f7252b",
+    2: "blurnoise 0.1.0 up to commit c423369",
+}
+"""Who reads the tables of versions that have no way to those below; there was no version 1."""
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))

@@ -23,14 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import named
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
-from blurnoise_eval.system.files import RUN_FILE, write_whole
-from blurnoise_eval.system.tables import csv_lines, json_lines
+from blurnoise_eval.system.files import RUN_FILE
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
+_AT_ONCE = 20_000  # rows that are read at a time
 
 
 class StoreError(ValueError):
@@ -84,7 +83,16 @@ class Store:
                 self._db.executescript(f"BEGIN; {changes}; COMMIT")
             elif version != schema.VERSION:
                 if self._db.execute("SELECT name FROM sqlite_master").fetchone():
-                    raise StoreError(f"run = {str(folder)!r}: was made by another version of blurnoise")
+                    reader = schema.READ_BY.get(version)
+                    told = (
+                        f"{reader} reads it"
+                        if reader
+                        else f"this one reads versions {min(schema.UPGRADES)} to {schema.VERSION}"
+                    )
+                    raise StoreError(
+                        f"run = {str(folder)!r}: was made by another version of blurnoise (tables of version "
+                        f"{version}); {told}"
+                    )
                 if self.read_only:
                     raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
                 made = f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
@@ -132,6 +140,17 @@ class Store:
         for result in results:
             counted[result.cell["model"]] += result.non_finite_values
         return {"wall_s": held["wall_s"] + wall_s, "non_finite_values": counted}
+
+    def take(self, other: Store) -> None:
+        """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
+        with self._transaction() as db:
+            for table in ("cells", "targets", "pictures", "skipped"):
+                names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
+                columns, marks = ", ".join(names), ", ".join("?" * len(names))
+                into = f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({marks})"
+                for rows in other.tuples(f"SELECT {columns} FROM {table}"):
+                    db.executemany(into, rows)
+            db.execute("DELETE FROM skipped WHERE image IN (SELECT image FROM cells)")
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
@@ -190,7 +209,7 @@ class Store:
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""
-        return self.rows(f"SELECT {', '.join(self._columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
+        return self.rows(f"SELECT {', '.join(self.columns('cells'))} FROM cells ORDER BY {schema.ROWS}")
 
     def targets(self) -> Iterator[dict[str, Any]]:
         """One row per cell and target, in the order of cells."""
@@ -221,32 +240,25 @@ class Store:
                     found["clean"] = bool(found["clean"])
                 yield found
 
-    def export(self, folder: Path | None = None) -> list[Path]:
-        """Write results.csv (a row per cell and model), targets.csv (a row per target of these), results.json.
-
-        folder: by default the run's. Each file appears whole or stays what it was.
-        Raises ``OSError`` where it cannot be written.
-        """
-        tables = {
-            "results.csv": csv_lines(self._columns("cells"), map(named, self.cells())),
-            "targets.csv": csv_lines(self._columns("targets"), map(named, self.targets())),
-            "results.json": json_lines(map(named, self.cells())),
-        }
-        folder = folder or self.folder
-        for name, lines in tables.items():
-            write_whole(folder / name, (line.encode("utf-8") for line in lines))
-        return [folder / name for name in tables]
-
     def copy_to(self, file: Path) -> None:
         """Write what is committed to a file of its own, which this store does not use."""
         with self._explained(), closing(sqlite3.connect(file)) as copy:
             self._db.backup(copy)
 
-    def _columns(self, table: str) -> list[str]:
-        """Names of the columns that people read."""
+    def tuples(self, query: str, *values: object) -> Iterator[list[tuple[Any, ...]]]:
+        """The answer to a question in SQL, some thousands of rows at a time, as SQLite has them."""
         with self._explained():
-            columns = self._db.execute(f"SELECT * FROM {table} LIMIT 0").description
-        return [name for name, *_ in columns if name != "detections"]
+            cursor = self._db.cursor()
+            cursor.row_factory = None
+            cursor.execute(query, values)
+            while rows := cursor.fetchmany(_AT_ONCE):
+                yield rows
+
+    def columns(self, table: str) -> dict[str, str]:
+        """Names of the columns that people read, and SQLite's types of them."""
+        with self._explained():
+            found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
+        return {row["name"]: row["type"] for row in found if row["name"] != "detections"}
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
@@ -311,6 +323,15 @@ def _pack(detections: Detections) -> bytes:
     leads, class_ids = detections.leads, detections.class_ids
     packed["class_id"] = class_ids if leads is None else np.where(leads, class_ids, ~class_ids)
     return packed.tobytes()
+
+
+def unpack_all(names: Sequence[str], repeats: Sequence[int], packed: Sequence[bytes]) -> Answers:
+    """Detections of many pictures, as the column ``detections`` holds them."""
+    found = np.frombuffer(b"".join(packed), _DETECTION)
+    counts = np.array([len(each) for each in packed], np.int64) // _DETECTION.itemsize
+    leads = found["class_id"] >= 0
+    class_ids = np.where(leads, found["class_id"], ~found["class_id"]).astype(np.int64)
+    return Answers(names, repeats, counts, found["box_xyxy"], found["score"], class_ids, leads)
 
 
 def unpack(packed: bytes) -> Detections:

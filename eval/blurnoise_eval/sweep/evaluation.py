@@ -25,11 +25,13 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
@@ -64,6 +66,7 @@ def evaluate(
     engine: str | Engine = "threads",
     threads: int | None = None,
     address: str | None = None,
+    part: str | None = None,
     progress: bool | None = None,
     command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
@@ -78,9 +81,10 @@ def evaluate(
     :mod:`blurnoise_eval.scoring.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
     engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
-    threads: how many of the engine's workers, by default one per core. address: of the cluster, for "ray"; without it
-    one is started on this machine. progress: whether to draw a bar on the terminal. command: what the run's page
-    gives as its origin.
+    threads: how many of the engine's workers, by default one per core. address: of the cluster,
+    for "ray"; without it one is started on this machine. part: "1/4": only the first quarter of the
+    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. progress: whether to draw a
+    bar on the terminal. command: what the run's page gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
@@ -92,6 +96,11 @@ def evaluate(
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
     check_cluster(cluster, (picture.name for picture in shown))
+    whole, own = shown, None if part is None else Part.parse(part)
+    if own is not None:
+        shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
+        if not shown:
+            raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
@@ -112,7 +121,7 @@ def evaluate(
             exposed = replace(taken, exposure_s=plan.longest_s if at.automatic else taken.exposure_s)
             limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
     with Store(folder.path, create=True) as store:
-        open_run(store, opened, seen_by, shown, plan, facts)
+        open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = sweep.run(
                 opened,
@@ -241,13 +250,19 @@ class Evaluation:
             summary |= {"workers_died": done.workers_died}
         return summary
 
+    def parquet(self) -> list[Path]:
+        """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
+        self.output.mkdir(parents=True, exist_ok=True)
+        with Store(self.folder) as store:
+            return write_parquet(store, self.output)
+
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
         from blurnoise_eval.report import write_report  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder) as store:
-            store.export(self.output)
+            write_exports(store, self.output)
         write_tables(self.data, self.output)
         write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
         return write_report(self._shown, self.output)

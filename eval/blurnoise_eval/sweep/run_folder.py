@@ -15,6 +15,7 @@ from blurnoise_eval.detectors.model_files import shown
 from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
+from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report import RunData
 from blurnoise_eval.report.findings import ego_text, path_text
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
@@ -28,6 +29,7 @@ from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.scoring.standings import AtBest, standings
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.exports import has_json
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
@@ -51,12 +53,15 @@ def open_run(
     pictures: PictureSet,
     plan: Plan,
     facts: dict[str, Any],
+    *,
+    whole: PictureSet | None = None,
+    part: Part | None = None,
 ) -> None:
     """Note in the store what the run is; a store that holds another run's answers is refused.
 
     One without any answer, of a first attempt with the wrong model or pictures, is taken over.
-    ``facts``: what else the report shows (command, threads). Raises :class:`StoreError` that lists what
-    differs, ``ValueError`` for two models of one name.
+    ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are.
+    Raises :class:`StoreError` that lists what differs, ``ValueError`` for two models of one name.
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
@@ -68,16 +73,18 @@ def open_run(
         ],
         "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
-        "pictures": _digest(repr([picture.name for picture in pictures])),
-        "choice of targets": _digest(repr([picture.targets for picture in pictures])),
+        "pictures": _digest(repr([picture.name for picture in whole or pictures])),
+        "choice of targets": _digest(repr([picture.targets for picture in whole or pictures])),
     }
+    if part is not None and part.count > 1:
+        identity["part"] = str(part)
     identity = _as_json(identity)
     held = store.about("identity")
     if held is not None and held != identity and not queries.has_answers(store):
         store.clear()
         held = None
     if held is not None and held != identity:
-        differing = [key for key in identity if held.get(key) != identity[key]]
+        differing = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
         differing = [_contracts(held[key], identity[key]) if key == "model" else key for key in differing]
         raise _another(store, " and ".join(differing))
     for picture in _replaced(pictures, store):
@@ -213,6 +220,7 @@ def read_run(
     manifest |= {"criterion": criterion.row(), "threshold": criterion.level, "withheld": withheld}
     manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
+    manifest["json_left_out"] = not has_json(store)
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,

@@ -5,26 +5,30 @@ Domain: criteria as in :mod:`blurnoise_eval.scoring.criterion`; names of picture
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
-from itertools import groupby
-from typing import Any
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
 from blurnoise.picture.develop import tones_8bit
+from blurnoise_eval.grid.axes import setting_of, velocity_of
 from blurnoise_eval.scoring import criterion as criteria
 from blurnoise_eval.scoring.alarm_rate import confidence_at
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.judged import Judged
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.surfaces import Surface, surfaces
+from blurnoise_eval.scoring.surfaces import Measured, Surface, surface_of
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 from blurnoise_eval.sweep.coco_export import truths
 
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
-Row = Mapping[str, Any]
 
 
 def criterion_of(
@@ -45,17 +49,69 @@ def grouped_surfaces(store: Store, criterion: Criterion, cluster: str | None) ->
 
     Of a score of targets; those of AP are :func:`~.scoring.score_surfaces.score_surfaces`.
     """
-    value_of = _value_of(store, criterion)
-    clean = {_target(row): value_of(row) for row in queries.untouched_targets(store)}
-    every = surfaces(
-        queries.exposed_targets(store),
-        value_of,
-        partial(cluster_of, pattern=cluster),
-        clean_of=lambda row: clean.get(_target(row)),
-        kept=criterion.kept,
-    )
-    for _, of_group in groupby(every, key=lambda each: (each.model, each.group)):
-        yield list(of_group)
+    for model in queries.models_seen(store):
+        yield from _of_model(store, model, criterion, cluster)
+
+
+def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | None) -> Iterator[list[Surface]]:
+    """One model's, group after group."""
+    columns = target_columns(store, model)
+    values = _values(store, model, columns, criterion)
+    rows = [dict(zip(CONDITIONS, each, strict=True)) for each in columns.conditions]
+    is_clean = np.array([bool(row["clean"]) for row in rows], bool)
+    untouched = is_clean[columns.condition] if len(rows) else np.zeros(0, bool)
+    clean = _clean_values(columns, values, untouched)
+    exposed = [row for row in rows if not row["clean"]]
+    as_set = iter(queries.as_set(store, exposed))
+    taken = [row if row["clean"] else next(as_set) for row in rows]
+    settings = [None if row["clean"] else setting_of(row) for row in rows]
+    unlike = sorted({setting for setting in settings if setting is not None})
+    exposure_s = np.array([np.nan if row["clean"] else row["exposure_s"] for row in taken], float)
+    velocity = np.array([(np.nan, np.nan) if row["clean"] else velocity_of(row) for row in rows], float)
+    of_setting = np.array([-1 if each is None else unlike.index(each) for each in settings], np.int64)
+    alike = columns.group.astype(np.int64) * max(len(unlike), 1) + of_setting[columns.condition]
+    order = np.lexsort((columns.target_id, columns.repeat, columns.picture, np.where(untouched, -1, alike)))
+    order = order[np.count_nonzero(untouched) :]
+    ends = np.append(np.flatnonzero(np.diff(alike[order], prepend=-1)), len(order))
+    found: dict[str, list[Surface]] = {}
+    for start, stop in pairwise(ends.tolist()):
+        here = order[start:stop]
+        group, setting = divmod(int(alike[here[0]]), len(unlike))
+        some, at = columns.rows(here), columns.condition[here]
+        measured = Measured(
+            columns.pictures,
+            some.picture,
+            some.repeat,
+            some.target_id,
+            exposure_s[at],
+            velocity[at].reshape(-1, 2),
+            values[here],
+            clean[here],
+            some.saturated,
+            some.brightness,
+        )
+        name = columns.groups[group]
+        own = surface_of(
+            model, name, unlike[setting], measured, partial(cluster_of, pattern=cluster), kept=criterion.kept
+        )
+        if own is not None:
+            found.setdefault(name, []).append(own)
+    yield from found.values()
+
+
+def _clean_values(
+    columns: TargetColumns, values: NDArray[np.float64], untouched: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """What the target of each row has in the untouched picture, NaN where that is not known."""
+    most = 1 + int(columns.target_id.max(initial=0))
+    key = columns.picture.astype(np.int64) * most + columns.target_id
+    of_clean = key[untouched]
+    order = np.argsort(of_clean, kind="stable")
+    if not len(order):
+        return np.full(len(key), np.nan)
+    place = np.minimum(np.searchsorted(of_clean[order], key), len(order) - 1)
+    found = of_clean[order][place] == key
+    return np.where(found, values[untouched][order][place], np.nan)
 
 
 def too_little(surface: Surface) -> bool:
@@ -71,21 +127,16 @@ def dark_below(camera: Camera) -> float:
     return int(tones_8bit(camera)[place]) / 255
 
 
-def _target(row: Row) -> tuple[str, str, int]:
-    return row["model"], row["image"], row["target_id"]
-
-
-def _value_of(store: Store, criterion: Criterion) -> Callable[[Row], float | None]:
-    """A row's score."""
+def _values(store: Store, model: str, columns: TargetColumns, criterion: Criterion) -> NDArray[np.float64]:
+    """Each row's score, NaN where it has none."""
     if criterion.score == criteria.MATCHES:
-        return lambda row: None if row["truth"] is None else float(row["text"] == row["truth"])
+        return columns.exact
     if criterion.score == criteria.RATE:
-        return lambda row: float(row["confidence"] >= FOUND_SCORE)
+        return (columns.confidence >= FOUND_SCORE).astype(float)
     rate = criterion.alarms_per_picture
     if rate is None:
-        return lambda row: float(row["confidence"])
-    beyond = alarm_confidences(store, rate)
-    return lambda row: float(row["confidence"] > beyond[row["model"]])
+        return columns.confidence
+    return (columns.confidence > alarm_confidences(store, rate)[model]).astype(float)
 
 
 def alarm_confidences(store: Store, rate: float) -> dict[str, float]:

@@ -20,6 +20,7 @@ from blurnoise_eval.scoring.curves import endurances, endurances_across
 from blurnoise_eval.scoring.exposure_window import answers
 from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.coco_export import write_detections
@@ -131,7 +132,7 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
             for row in means:
                 ((_, _, detections),) = queries.detections_at(store, "m", row)
                 assert detections.scores.tolist() == [sums[tuple(row[name] for name in CONDITIONS)]]
-            store.export()
+            write_exports(store)
             header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
             assert [name for name in header if name in NAMES] == list(NAMES)
 

@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
-from blurnoise_eval.scoring.precision import Answered, precision
+from blurnoise_eval.scoring.pairs import Targets
+from blurnoise_eval.scoring.precision import Precision
+from blurnoise_eval.scoring.precision import precision as pooled
 from faster_coco_eval import COCO, COCOeval_faster
 
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}
+
+
+class Answered(NamedTuple):
+    """One picture as it was answered."""
+
+    cluster: int
+    detections: Detections
+    targets: Sequence[Mapping[str, Any]]
+
+
+def precision(pictures: Sequence[Answered], category_of: Mapping[int, int], clusters: int) -> Precision:
+    return pooled(
+        Answers.of([(str(place), 0, each.detections) for place, each in enumerate(pictures)]),
+        np.array([each.cluster for each in pictures], np.int64),
+        Targets.of([each.targets for each in pictures]),
+        category_of,
+        clusters,
+    )
 
 
 def crowded(seed: int, pictures: int = 10) -> list[Answered]:
@@ -82,14 +103,6 @@ def test_every_cluster_left_out_is_cocos_of_the_others(seed: int) -> None:
             expected, abs=1e-9
         )
     assert len({round(float(value), 9) for value in found.precision[:, 0, 0]}) > 3  # clusters do matter
-
-
-def test_most_numbers_at_once_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures = crowded(7)
-    whole = precision(pictures, CATEGORY_OF, 5)
-    monkeypatch.setattr("blurnoise_eval.scoring.precision._AT_ONCE", 50)
-    again = precision(pictures, CATEGORY_OF, 5)
-    np.testing.assert_allclose(again.precision, whole.precision, rtol=1e-12)
 
 
 def test_nothing_found_and_nothing_there() -> None:

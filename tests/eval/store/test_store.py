@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import json
 import math
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,59 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.store.store import CellResult, Store, StoreError
+from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
-from plans import OWN
-
-NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-
-
-def row(index: int, **changes: Any) -> dict[str, Any]:
-    """The columns that cells and targets share."""
-    return {
-        "cell_id": f"cell{index}",
-        "model": "m",
-        "camera": "imx250",
-        "image": f"picture {index}, \"quoted\" λ.png",
-        "repeat": 0,
-        "clean": False,
-        "exposure_s": 0.001 * (index + 1),
-        "illuminance_lux": 50.0,
-        "velocity_x_px_s": 0.0,
-        "velocity_y_px_s": 0.0,
-        **OWN,
-        "blur_px": 0.0,
-        **changes,
-    }  # fmt: skip
-
-
-def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **changes: Any) -> CellResult:
-    shared = row(index, **changes)
-    cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
-    cell |= {
-        "n_detections": len(detections),
-        "saturated": 0.25,
-        "applied_exposure_s": 0.01,
-        "applied_gain_db": 6.0,
-        "snr_db": 20.0,
-        "brightness": 0.4,
-        "invented_share": 0.125,
-        "simulate_ms": 1.5,
-        "infer_ms": 2.5,
-        "error": None,
-    }
-    target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
-    target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
-    target |= {"confidence_swept": 0.05, "invented_share": 0.125}
-    target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
-    rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
-    return CellResult({**shared, **cell, "example": None}, rows, detections)
-
-
-def clean_result(index: int) -> CellResult:
-    nothing = dict.fromkeys((*NAMES, "blur_px"))
-    return result(index, clean=True, **nothing)
+from stored_rows import clean_result, result
 
 
 def test_cells_and_detections_come_back(tmp_path: Path) -> None:
@@ -225,13 +174,13 @@ def test_damage_inside_is_told_when_it_is_met(tmp_path: Path) -> None:
     data[len(data) // 4 : len(data) // 2] = b"\xa5" * (len(data) // 2 - len(data) // 4)
     path.write_bytes(data)
     with pytest.raises(StoreError, match="damaged"), Store(tmp_path) as store:
-        store.export()
+        write_exports(store)
 
 
 def test_tables_in_pandas(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([clean_result(0), result(1), result(2, targets=2)])
-        written = store.export()
+        written = write_exports(store)
     assert [path.name for path in written] == ["results.csv", "targets.csv", "results.json"]
     cells, targets = pd.read_csv(written[0]), pd.read_csv(written[1])
     from_json = pd.DataFrame(json.loads(written[2].read_text(encoding="utf-8")))
@@ -256,10 +205,10 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
 def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([result(0, targets=1)])
-        store.export()
+        write_exports(store)
         full = [list(pd.read_csv(tmp_path / name)) for name in ("results.csv", "targets.csv")]
     with Store(tmp_path / "empty", create=True) as store:
-        store.export()
+        write_exports(store)
         for name, columns in zip(("results.csv", "targets.csv"), full, strict=True):
             table = pd.read_csv(tmp_path / "empty" / name)
             assert list(table) == columns
@@ -288,12 +237,12 @@ def test_export_that_fails_keeps_the_file_of_before(
 
     with Store(tmp_path, create=True) as store:
         store.add([result(0)])
-        store.export()
+        write_exports(store)
         before = (tmp_path / name).read_bytes()
         store.add([result(1)])
         monkeypatch.setattr(Path, "open", nearly_full)
         with pytest.raises(OSError, match="No space left"):
-            store.export()
+            write_exports(store)
         monkeypatch.undo()
     assert (tmp_path / name).read_bytes() == before
     files = {path.name for path in tmp_path.iterdir()}
@@ -325,51 +274,6 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
         assert [
             store.count_different(*names) for names in (["model"], ["cell_id"], ["model", "cell_id"])
         ] == [2, 2, 3]
-
-
-def test_run_of_another_version_is_refused(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True):
-        pass
-    database = sqlite3.connect(tmp_path / RUN_FILE)
-    database.execute("PRAGMA user_version = 1")
-    database.close()
-    with pytest.raises(StoreError, match="another version"):
-        Store(tmp_path)
-
-
-@pytest.mark.parametrize("read_only", [False, True])
-@pytest.mark.parametrize("version", [5, 6, 7])
-def test_run_of_a_version_before_is_read(
-    tmp_path: Path, version: int, read_only: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """All moved, nothing was invented, no camera drove, and before 6 the exposure that was taken is the one that was
-    stated; a file that cannot be written stays as it is."""
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0), clean_result(1)])
-    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as database:
-        database.executescript("DROP INDEX cells_by_conditions")
-        for table in ("cells", "targets"):
-            for column in ("moves", "invented_share", "ego_speed_m_s")[2 if version == 7 else 0 :]:
-                database.executescript(f"ALTER TABLE {table} DROP COLUMN {column}")
-        if version == 5:
-            database.executescript("ALTER TABLE cells DROP COLUMN applied_exposure_s")
-        database.executescript(f"PRAGMA user_version = {version}")
-    before = (tmp_path / RUN_FILE).read_bytes()
-    if read_only:
-        monkeypatch.setattr("blurnoise_eval.store.store._writable", lambda path: False)
-    with Store(tmp_path) as store:
-        cells = list(store.cells())
-        if version == 5:
-            assert {cell["applied_exposure_s"] == cell["exposure_s"] for cell in cells} == {True}
-        for rows in (cells, list(store.targets())):
-            told = {(row["clean"], row["moves"], row["ego_speed_m_s"]) for row in rows}
-            assert told == {(False, 0.0, 0.0), (True, None, None)}
-            assert version == 7 or {row["invented_share"] for row in rows} == {0.0, None}
-        assert len(cells) == 2
-        assert len(list(store.targets())) > 0
-    assert ((tmp_path / RUN_FILE).read_bytes() == before) == read_only
-    with Store(tmp_path) as again:
-        assert list(again.cells()) == cells
 
 
 def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:

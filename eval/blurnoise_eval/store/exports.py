@@ -1,0 +1,152 @@
+"""Exports: the rows of a run as CSV, JSON and Parquet, each file or folder whole or not at all.
+
+Rows go from the store to the file some thousands at a time, so that memory does not grow with the run. Choices have
+their names, and "clean" is a truth value. Infinity, an axis's value where the camera sets it itself, is "auto" as
+text and infinity in Parquet, whose columns have one type each. What is not known is empty, or null.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from blurnoise_eval.grid.axes import CHOICES
+from blurnoise_eval.grid.parts import place_of
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.tables import json_lines
+
+MOST_JSON = 100_000
+"""Rows above which there is no results.json: nobody reads half a gigabyte as one value."""
+_ROWS_PER_SHARD = 1_000_000
+_PICTURES_AT_ONCE = 20
+Row = tuple[Any, ...]
+
+
+def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
+    """Write results.csv (a row per cell and model), targets.csv (a row per target of these) and results.json.
+
+    folder: by default the run's. Of more than ``MOST_JSON`` rows there is no results.json, nor one of before.
+    Raises ``OSError`` where a file cannot be written.
+    """
+    folder = folder or store.folder
+    written = []
+    for name, table in (("results.csv", "cells"), ("targets.csv", "targets")):
+        rows = _rows(store, table, clean="CASE WHEN {} THEN 'True' ELSE 'False' END")
+        parts = _csv(list(store.columns(table)), rows)
+        write_whole(folder / name, (part.encode("utf-8") for part in parts))
+        written.append(folder / name)
+    if has_json(store):
+        names = list(store.columns("cells"))
+        found = (dict(zip(names, row, strict=True)) for rows in _rows(store, "cells") for row in rows)
+        lines = json_lines({**row, "clean": bool(row["clean"])} for row in found)
+        write_whole(folder / "results.json", (line.encode("utf-8") for line in lines))
+        return [*written, folder / "results.json"]
+    (folder / "results.json").unlink(missing_ok=True)
+    return written
+
+
+def has_json(store: Store) -> bool:
+    """Whether a run is small enough for results.json."""
+    return queries.count_rows(store) <= MOST_JSON
+
+
+def check_parquet() -> None:
+    """Raise ``ValueError`` where what writes Parquet is not installed."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise ValueError("parquet: needs the package pyarrow; pip install 'blurnoise[parquet]'") from None
+
+
+def write_parquet(store: Store, folder: Path | None = None) -> list[Path]:
+    """Write the rows of results.csv and targets.csv as results.parquet and targets.parquet, folders that pandas,
+    Arrow, DuckDB and Spark read as one table.
+
+    In each ``model=NAME/shard=NN/part.parquet``, the name percent-encoded; a picture stands in the shard that the
+    hash of its name says, of as many as keep a shard near a million rows. folder: by default the run's. Raises
+    ``ValueError`` without pyarrow, ``OSError`` where it cannot be written.
+    """
+    check_parquet()
+    folder = folder or store.folder
+    shards = -(-queries.count_rows(store) // _ROWS_PER_SHARD) or 1
+    pictures: list[list[str]] = [[] for _ in range(shards)]
+    for name in queries.pictures_seen(store):
+        pictures[place_of(name, shards)].append(name)
+    written = []
+    for name, table in (("results.parquet", "cells"), ("targets.parquet", "targets")):
+        unfinished = folder / f".{name}.partial"
+        shutil.rmtree(unfinished, ignore_errors=True)
+        try:
+            for model in queries.models_seen(store):
+                for number, held in enumerate(pictures):
+                    place = unfinished / f"model={quote(model, safe='')}" / f"shard={number:02}"
+                    place.mkdir(parents=True)
+                    _write_part(store, table, model, held, place / "part.parquet")
+            shutil.rmtree(folder / name, ignore_errors=True)
+            unfinished.replace(folder / name)
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        written.append(folder / name)
+    return written
+
+
+def _write_part(store: Store, table: str, model: str, pictures: Sequence[str], path: Path) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    kinds = {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}
+    columns = {name: kind for name, kind in store.columns(table).items() if name != "model"}
+    own = {"clean": pa.bool_(), **dict.fromkeys(CHOICES, pa.string())}
+    schema = pa.schema([(name, own.get(name, kinds[kind])) for name, kind in columns.items()])
+    of = queries.OF[table]
+    asked = [_named(name, of, f'{of}."{name}"') for name in columns]
+    with parquet.ParquetWriter(path, schema) as writer:
+        for first in range(0, len(pictures), _PICTURES_AT_ONCE):
+            some = pictures[first : first + _PICTURES_AT_ONCE]
+            for rows in queries.rows_of_pictures(store, table, asked, model, some):
+                values = [
+                    pa.array([bool(each) for each in column] if name == "clean" else column, kind)
+                    for (name, kind), column in zip(
+                        zip(schema.names, schema.types, strict=True), zip(*rows, strict=True), strict=True
+                    )
+                ]
+                writer.write_batch(pa.record_batch(values, schema=schema))
+
+
+def _rows(store: Store, table: str, *, clean: str = "{}") -> Iterator[list[Row]]:
+    """All rows as people read them, in the order of images and conditions."""
+    asked = []
+    of = queries.OF[table]
+    for name, kind in store.columns(table).items():
+        value = f'{of}."{name}"'
+        if kind == "REAL":
+            value = f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END"
+        asked.append(clean.format(value) if name == "clean" else _named(name, of, value))
+    return queries.every_row(store, table, asked)
+
+
+def _named(name: str, of: str, value: str) -> str:
+    """A column's value, of a choice its name."""
+    if name not in CHOICES:
+        return value
+    places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(CHOICES[name]))
+    return f'CASE {of}."{name}" {places} END'
+
+
+def _csv(columns: Sequence[str], blocks: Iterator[list[Row]]) -> Iterator[str]:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for rows in blocks:
+        writer.writerows(rows)
+        yield text.getvalue()
+        text.seek(0)
+        text.truncate()
+    yield text.getvalue()

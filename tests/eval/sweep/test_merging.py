@@ -1,0 +1,134 @@
+"""Merging: the runs of parts are the run of the whole, every cell once; what cannot be one run is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from blurnoise_eval import datasets
+from blurnoise_eval.cli import main
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.parts import Part
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
+from blurnoise_eval.sweep.merging import merge
+
+PLAN = SweepPlan({"exposure_s": (0.005, 0.05), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)})
+TIMES = {"simulate_ms", "infer_ms", "example", "latency_ms", "latency_p95_ms"}
+
+
+def signs(count: int = 6) -> datasets.PictureSet:
+    every = datasets.rendered_signs()
+    return replace(every, pictures=every.pictures[:count])
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1).report()
+    for part in ("1/2", "2/2"):
+        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part)
+    return folder
+
+
+def table(folder: Path, name: str) -> pd.DataFrame:
+    read = pd.read_csv(folder / name)
+    return read[[column for column in read if column not in TIMES]]
+
+
+@pytest.mark.parametrize(
+    "order", ["12", pytest.param("21", marks=pytest.mark.slow), pytest.param("1212", marks=pytest.mark.slow)]
+)
+def test_run_of_parts_is_that_of_the_whole(runs: Path, order: str, tmp_path: Path) -> None:
+    """Rows, scores, curves and answers, in whatever order and however often they are given."""
+    done = merge([runs / part for part in order], tmp_path / "run")
+    assert done == (30, 6, 0)
+    Evaluation(tmp_path / "run").report()
+    for name in ("results.csv", "targets.csv", "scores.csv", "answers.csv", "curves.csv", "models.csv"):
+        found, expected = table(tmp_path / "run", name), table(runs / "whole", name)
+        pd.testing.assert_frame_equal(found, expected, check_exact=False, rtol=1e-12)
+    with Store(tmp_path / "run") as merged, Store(runs / "whole") as whole:
+        assert merged.about("identity") == whole.about("identity")
+        shown = [cell["example"] for cell in merged.cells() if cell["example"]]
+    assert shown
+    assert all((tmp_path / "run" / name).is_file() for name in shown)
+
+
+@pytest.mark.slow
+def test_merged_run_goes_on(runs: Path, tmp_path: Path) -> None:
+    """The command of the whole resumes it; one part alone is a part, and says what it lacks."""
+    merge([runs / "1", runs / "2"], tmp_path / "run")
+    again = evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "run", threads=1)
+    assert again.outcome is not None
+    assert (again.outcome.computed, again.outcome.resumed) == (0, 30)
+    merge([runs / "1"], tmp_path / "part")
+    with pytest.raises(StoreError, match="another part"):
+        evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "part", threads=1)
+
+
+@pytest.mark.slow
+def test_other_conditions_and_repeats_are_joined(tmp_path: Path) -> None:
+    at = {"exposure_s": (0.005, 0.02), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)}
+    evaluate(pictures=signs(2), plan=PLAN, output=tmp_path / "a", threads=1)
+    evaluate(pictures=signs(2), plan=SweepPlan(at, repeats=2), output=tmp_path / "b", threads=1)
+    done = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
+    assert done == (2 * (1 + 6 + 4), 2, 2 * (1 + 2))
+    found = Evaluation(tmp_path / "run")
+    assert found.data.manifest["missing_cells"] == 2 * 2  # the second noise of 0.05 s
+    with Store(tmp_path / "run") as store:
+        assert store.about("identity")["plan"]["grid"]["exposure_s"] == [0.005, 0.02, 0.05]
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"plan": replace(PLAN, seed=1)}, "differs from .* in seed"),
+        ({"camera": "ar0237"}, "differs from .* in camera"),
+        ({"plan": replace(PLAN, grey_anchor="mean")}, "in grey_anchor"),
+    ],
+)
+def test_runs_that_differ_are_refused(
+    runs: Path, changes: dict[str, Any], named: str, tmp_path: Path
+) -> None:
+    evaluate(**{"pictures": signs(1), "plan": PLAN, "output": tmp_path / "other", "threads": 1, **changes})
+    with pytest.raises(StoreError, match=named):
+        merge([runs / "1", tmp_path / "other"], tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_another_picture_under_a_name_is_refused(tmp_path: Path) -> None:
+    for number in (0, 1):
+        (tmp_path / f"photos{number}").mkdir()
+        image = np.random.default_rng(number).integers(0, 255, (80, 90, 3), np.uint8)
+        cv2.imwrite(str(tmp_path / f"photos{number}" / "a.png"), image)
+        photos = datasets.image_folder(tmp_path / f"photos{number}")
+        evaluate(pictures=photos, plan=PLAN, output=tmp_path / f"{number}", threads=1)
+    with pytest.raises(StoreError, match=r"picture 'a\.png' is not what it is in"):
+        merge([tmp_path / "0", tmp_path / "1"], tmp_path / "run")
+
+
+def test_what_is_there_stays(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["merge", str(runs / "1"), "-o", str(runs / "2")]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert main(["merge", str(runs / "1"), str(runs / "2"), "-o", str(tmp_path / "run")]) == 0
+    assert capsys.readouterr().out.startswith("30 rows of cells of 6 pictures")
+    command = json.loads(json.dumps(Evaluation(tmp_path / "run").data.manifest["command"]))
+    assert command.startswith("blurnoise merge ")
+
+
+def test_parts_have_every_picture_once_and_depend_on_its_name_alone() -> None:
+    names = [f"{number}.png" for number in range(400)]
+    parts = [[name for name in names if Part(number, 4).has(name)] for number in (1, 2, 3, 4)]
+    assert sorted(name for part in parts for name in part) == sorted(names)
+    assert min(map(len, parts)) > 70  # binomial, n = 400, p = 1/4: 100 - 3.5 sd of 8.7
+    assert Part.parse("2/4").has("3.png") == ("3.png" in parts[1])
+    for wrong in ("0/4", "5/4", "1", "a/b", "1/0", "-1/2"):
+        with pytest.raises(ValueError, match="must be K/N"):
+            Part.parse(wrong)
