@@ -28,7 +28,9 @@ from blurnoise_eval.sweep.worker_process import Told
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
 IN_FLIGHT = 2  # blocks for each worker: one that it works on, one that waits
 _PAUSE_S = 1.0  # before another worker is asked for in place of one that died before it was ready
-_OPENINGS = 3  # where there is no patience: workers that die one after the other before they are ready, until no other takes their place
+_OPENINGS = (
+    3  # without patience: deaths before being ready, one after the other, until nobody is asked any more
+)
 
 
 class WorkerDied(Exception):
@@ -109,14 +111,20 @@ class _Flight:
             slot = self._events.get()
             self._hope_s = time.monotonic()
             return slot
-        left_s = self._crew.patience_s and max(self._hope_s + self._crew.patience_s - time.monotonic(), 0.0)
         try:
-            return self._events.get(timeout=left_s)
+            return self._events.get(timeout=self._patience_left_s())
         except Empty:
-            raise ChildProcessError(
-                f"engine = {self._crew.name!r}: no worker could be had for {self._crew.patience_s} s; "
-                "what was finished is kept"
-            ) from None
+            raise self._out_of_patience() from None
+
+    def _patience_left_s(self) -> float | None:
+        patience_s = self._crew.patience_s
+        return None if patience_s is None else max(self._hope_s + patience_s - time.monotonic(), 0.0)
+
+    def _out_of_patience(self) -> ChildProcessError:
+        return ChildProcessError(
+            f"engine = {self._crew.name!r}: no worker could be had for {self._crew.patience_s} s; "
+            "what was finished is kept"
+        )
 
     def _land(self, slot: _Slot) -> Answers:
         """What is done of a slot, and then its next blocks."""
@@ -149,6 +157,8 @@ class _Flight:
         self._end(slot)
         self._died_opening += 1
         if self._crew.patience_s is not None:  # a node that was lost is offered for some seconds
+            if not self._patience_left_s() and not any(each.ready for each in self._slots):
+                raise self._out_of_patience()
             time.sleep(_PAUSE_S)
             self._hire()
             return
