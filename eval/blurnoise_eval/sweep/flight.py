@@ -109,14 +109,20 @@ class _Flight:
             slot = self._events.get()
             self._hope_s = time.monotonic()
             return slot
-        left_s = self._crew.patience_s and max(self._hope_s + self._crew.patience_s - time.monotonic(), 0.0)
         try:
-            return self._events.get(timeout=left_s)
+            return self._events.get(timeout=self._patience_left_s())
         except Empty:
-            raise ChildProcessError(
-                f"engine = {self._crew.name!r}: no worker could be had for {self._crew.patience_s} s; "
-                "what was finished is kept"
-            ) from None
+            raise self._out_of_patience() from None
+
+    def _patience_left_s(self) -> float | None:
+        patience_s = self._crew.patience_s
+        return None if patience_s is None else max(self._hope_s + patience_s - time.monotonic(), 0.0)
+
+    def _out_of_patience(self) -> ChildProcessError:
+        return ChildProcessError(
+            f"engine = {self._crew.name!r}: no worker could be had for {self._crew.patience_s} s; "
+            "what was finished is kept"
+        )
 
     def _land(self, slot: _Slot) -> Answers:
         """What is done of a slot, and then its next blocks."""
@@ -149,6 +155,8 @@ class _Flight:
         self._end(slot)
         self._died_opening += 1
         if self._crew.patience_s is not None:  # a node that was lost is offered for some seconds
+            if not self._patience_left_s() and not any(each.ready for each in self._slots):
+                raise self._out_of_patience()
             time.sleep(_PAUSE_S)
             self._hire()
             return
