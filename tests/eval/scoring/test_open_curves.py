@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.crossings import Curve
@@ -45,6 +46,13 @@ def test_a_window_is_less_sure() -> None:
     assert possible[1] < possible[0]
 
 
+SETTING_VALUES = dict.fromkeys(SETTING, 0.0) | {
+    "illuminance_lux": 50.0,
+    "temperature_c": 25.0,
+    "f_number": 1.4,
+}
+
+
 def test_regret_goes_by_what_is_open_of_differences() -> None:
     """What is off alike at every exposure changes no choice."""
     surface = Surface(
@@ -52,7 +60,9 @@ def test_regret_goes_by_what_is_open_of_differences() -> None:
         np.ones((30, 13, 1)), np.zeros((13, 1)), 30, np.zeros((13, 1)),
     )  # fmt: skip
     noisy = np.random.default_rng(4).normal(0, 0.05, surface.sums.shape)
-    surface = replace(surface, sums=surface.sums + noisy, setting=(50.0, 25.0, 1.4, 0.0, 0.0, 0.0))
+    surface = replace(
+        surface, sums=surface.sums + noisy, setting=tuple(SETTING_VALUES[name] for name in SETTING)
+    )
 
     def lost(not_known: np.ndarray | None) -> float:  # type: ignore[type-arg]
         opened = None if not_known is None else not_known[None]
