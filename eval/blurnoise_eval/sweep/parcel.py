@@ -23,6 +23,7 @@ import onnx
 from blurnoise_eval.detectors.detector import file_sha256
 from blurnoise_eval.detectors.model_files import external_files
 from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.system.files import write_whole
 
 Contents = Mapping[str, Mapping[str, bytes]]
 """By the name of a model's file: the bytes of what is beside it, by their names there, its own included."""
@@ -121,7 +122,7 @@ class _Unpacker(pickle.Unpickler):
         if not folder.exists():
             for beside, content in self._contents()[name].items():
                 (folder / beside).parent.mkdir(parents=True, exist_ok=True)
-                (folder / beside).write_bytes(content)
+                write_whole(folder / beside, content)
         return folder / here.name
 
 
