@@ -50,7 +50,10 @@ class StatedTrajectory:
             return cls(text)
         if not text or Path(text).is_dir():
             raise ValueError(f"trajectory = {shown(text)}: {_FORMS}")
-        return cls(text, Path(text).read_text(encoding="utf-8-sig"))
+        try:
+            return cls(text, Path(text).read_text(encoding="utf-8-sig"))
+        except UnicodeDecodeError:
+            raise ValueError(f"trajectory = {shown(text)}: is no text; {_FORMS}") from None
 
     @property
     def _parts(self) -> tuple[str, list[float]]:

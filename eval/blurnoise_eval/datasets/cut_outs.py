@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -86,7 +87,10 @@ def cut_out(
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
-    if plate is None and (not found or mattes.hole_of(covered).all()):
+    hole = mattes.hole_of(covered)
+    if plate is not None:  # only there: what stands, crowds too, is background
+        plate = torch.where(torch.from_numpy(hole), plate, light)
+    if plate is None and (not found or hole.all()):
         cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
     else:
         cut = mattes.cut_out(light, found, still, plate)
@@ -109,7 +113,7 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
     """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
     size = (image8.shape[0], image8.shape[1])
     if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
-        with suppress(ValueError):  # of another size, or broken: the box is left
+        with suppress(TypeError, ValueError):  # of another size, or broken: the box is left
             matte = mattes.of_annotation(target.annotation, size)
             if matte.any():
                 return matte

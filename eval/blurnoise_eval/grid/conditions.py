@@ -210,6 +210,8 @@ class SweepPlan:
             object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
         if isinstance(self.objects, Mapping):
             object.__setattr__(self, "objects", Objects(**self.objects))
+        if self.trajectory is not None and self.objects.boxes == "half":
+            raise ValueError("boxes = 'half': of straight motion; along a trajectory must be object or swept")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:

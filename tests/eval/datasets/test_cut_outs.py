@@ -87,7 +87,14 @@ def test_what_stands_is_background() -> None:
 
 @pytest.mark.parametrize(
     "segmentation",
-    [[[1.0, 2.0]], {"size": [7, 7], "counts": [49]}, [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]]],
+    [
+        [[1.0, 2.0]],
+        {"size": [7, 7], "counts": [49]},
+        {"size": 5, "counts": [1]},
+        {"size": [60, 81], "counts": [1.5, 3]},
+        {"size": [60, 81], "counts": [[1]]},
+        [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]],
+    ],
 )
 def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
     (layer,) = found(made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))).cut.layers
@@ -120,8 +127,13 @@ def test_plates_are_what_is_behind(tmp_path: Path) -> None:
     told = cut_out(
         made(box(10, 10, 40, 40)), image(), 2 * light(image()), Objects(plates=str(tmp_path)), scale=2.0
     )
-    torch.testing.assert_close(told.cut.background, 2 * light(plate))
+    seen = torch.full((HEIGHT, WIDTH), False)
+    seen[8:42, 8:42] = True  # the target, and 2 px around it
+    torch.testing.assert_close(told.cut.background, torch.where(seen, 2 * light(plate), 2 * light(image())))
     assert not told.cut.invented.any()
+    standing = made(box(10, 10, 40, 40), box(50, 20, 70, 40, label="person"), box(60, 45, 80, 55, crowd=True))
+    kept = found(standing, plates=str(tmp_path), mattes="box", speeds={"person": 0.0}).cut.background
+    assert torch.equal(kept[..., 45:], light(image())[..., 45:])
     write_picture(tmp_path / "a.png", plate[1:])
     with pytest.raises(UnreadablePicture, match=r"81 x 59 and 81 x 60 px"):
         found(made(box(10, 10, 40, 40)), plates=str(tmp_path))

@@ -14,6 +14,7 @@ from blurnoise_eval import cli, evaluate
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -173,3 +174,14 @@ def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest
     )
     with Store(tmp_path / "decide") as store:
         assert store.about("identity")["plan"]["trajectory"] == "shake:6"
+
+
+def test_a_log_that_is_no_text_is_named(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_bytes(b"time_s\xcb\xff")
+    with pytest.raises(ValueError, match=r"trajectory = .*log\.csv'?: is no text"):
+        StatedTrajectory.parse(str(tmp_path / "log.csv"))
+
+
+def test_half_of_the_exposure_is_told_of_straight_motion_alone() -> None:
+    with pytest.raises(ValueError, match="boxes = 'half': of straight motion"):
+        replace(PLAN, trajectory="sine:40,50", objects=Objects(boxes="half"))
