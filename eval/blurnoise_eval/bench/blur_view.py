@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from rich.table import Table
 
 from blurnoise_eval.bench.blur import EXACT, NO_BLUR, Bench
 from blurnoise_eval.bench.contenders import BASELINE
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _MARKERS = {
     "auto": ("#000000", "o"),
@@ -73,9 +72,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as blur.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "blur.png", picture.getvalue())
+    write_figure(folder / "blur.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -11,7 +10,7 @@ from matplotlib.patches import Patch
 from rich.table import Table
 
 from blurnoise_eval.bench.chain import BLUR, NOISE, PAPERS_TOOL_S, PICTURE, WHOLE, Bench, Case
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _COLOURS = {"blur": "#0072b2", "noise": "#e69f00", "rest": "#999999", "other libraries": "#d55e00"}
 _GREY = "0.45"
@@ -41,9 +40,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as simulate.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "simulate.png", picture.getvalue())
+    write_figure(folder / "simulate.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

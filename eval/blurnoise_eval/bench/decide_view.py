@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -10,7 +9,7 @@ from matplotlib.lines import Line2D
 from rich.table import Table
 
 from blurnoise_eval.bench.decide import GRID_EXPOSURES, METHODS, Bench, Row
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _COLOURS = dict(zip(METHODS, ("#0072b2", "#e69f00", "#000000", "#cc79a7"), strict=True))
 _MARKS = dict(zip(METHODS, "osD^", strict=True))
@@ -57,9 +56,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as decide.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "decide.png", picture.getvalue())
+    write_figure(folder / "decide.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from blurnoise_eval.bench.edges import CAUGHT, NOISE_CNR, SETTINGS, SPARED, Bench
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _WITHHELD, _FLAGGED = "#d1495b", "#f0a050"
 
@@ -43,9 +42,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as edges.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=130)
-    write_whole(folder / "edges.png", picture.getvalue())
+    write_figure(folder / "edges.png", chart(bench), dpi=130)
 
 
 def tables(bench: Bench) -> list[Table]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -14,7 +13,7 @@ from rich.table import Table
 from blurnoise_eval.bench.intervals import CANDIDATES, QUANTITIES, WANTED, Bench, taken
 from blurnoise_eval.bench.simulated import POPULATIONS
 from blurnoise_eval.scoring.certainty import CONFIDENCE, FEWEST
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _COLOURS = dict(zip(CANDIDATES, ("#cc79a7", "#e69f00", "#56b4e9", "#0072b2", "#000000"), strict=True))
 _GREY = "0.45"
@@ -60,9 +59,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as intervals.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "intervals.png", picture.getvalue())
+    write_figure(folder / "intervals.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from rich.table import Table
 
 from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, ROWS, WITH_INTERVALS
 from blurnoise_eval.bench.metrics import BIAS_LIMITS, LIMITS, MTF_MAPPER, SIC_LIMITS, Bench, Row, limit_of
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _LOOKS = {
     EXACT: ("#000000", "o"),
@@ -62,9 +61,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as metrics.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "metrics.png", picture.getvalue())
+    write_figure(folder / "metrics.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from rich.table import Table
 from blurnoise_eval.bench.motion import Bench
 from blurnoise_eval.bench.motion_job import OURS, Job, Method
 from blurnoise_eval.bench.motion_peers import FRAMES
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _MARKERS = {
     OURS: ("#000000", "o", "ours"),
@@ -68,9 +67,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as motion.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "motion.png", picture.getvalue())
+    write_figure(folder / "motion.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

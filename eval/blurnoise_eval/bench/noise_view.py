@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from rich.table import Table
 
 from blurnoise_eval.bench.noise import YARDSTICK, Bench, Row
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _MARKERS = {
     "auto": ("#000000", "o"),
@@ -70,9 +69,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as noise.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "noise.png", picture.getvalue())
+    write_figure(folder / "noise.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

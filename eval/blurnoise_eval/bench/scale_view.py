@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
 from rich.table import Table
 
 from blurnoise_eval.bench.scale import CELL_S, CORES, Bench
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 _COLOURS = ("#0072b2", "#009e73", "#e69f00", "#cc79a7")
 _GREY = "0.45"
@@ -40,9 +39,7 @@ def chart(bench: Bench) -> Figure:
 
 def write(bench: Bench, folder: Path) -> None:
     """Write the chart as scale.png; raises ``OSError``."""
-    picture = io.BytesIO()
-    chart(bench).savefig(picture, format="png", dpi=150)
-    write_whole(folder / "scale.png", picture.getvalue())
+    write_figure(folder / "scale.png", chart(bench), dpi=150)
 
 
 def tables(bench: Bench) -> list[Table]:

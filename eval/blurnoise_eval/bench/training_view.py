@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +17,7 @@ from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.bench.compared import FAILS, MOVING, THRESHOLD
 from blurnoise_eval.bench.training import CAMERA, OURS, Bench, Difference
 from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure, write_whole
 
 _COLOURS = ("#7a7a7a", "#d55e00", "#0072b2", "#009e73", "#cc79a7")
 _GREY = "0.45"
@@ -68,10 +67,8 @@ def write(bench: Bench, folder: Path) -> list[Path]:
     """
     charts = []
     for part in bench.sets:
-        picture = io.BytesIO()
-        chart(bench, part).savefig(picture, format="png", dpi=150)
         charts.append(folder / _file(bench, part))
-        write_whole(charts[-1], picture.getvalue())
+        write_figure(charts[-1], chart(bench, part), dpi=150)
     write_whole(folder / "training.md", page(bench).encode())
     return charts
 

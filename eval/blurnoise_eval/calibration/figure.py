@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from blurnoise_eval.calibration.measurement import Measurement
 from blurnoise_eval.calibration.transfer import Z
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 if TYPE_CHECKING:
@@ -22,9 +21,7 @@ _FLAT, _DARK, _LEFT_OUT = "#0072b2", "#000000", "#d55e00"
 
 def write(found: Measurement, name: str, path: Path) -> None:
     """Write :func:`draw`'s figure. Raises ``OSError``."""
-    picture = io.BytesIO()
-    draw(found, name).savefig(picture, format=path.suffix.lower()[1:], dpi=150)
-    write_whole(path, picture.getvalue())
+    write_figure(path, draw(found, name), dpi=150)
 
 
 def draw(found: Measurement, name: str) -> Figure:

@@ -6,7 +6,6 @@ noise looks as large as it is.
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -24,7 +23,7 @@ from blurnoise.augment import ExposureRanges, expose_pictures
 from blurnoise.camera import Camera
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import EXPOSURE
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 MAX_TILES = 60
@@ -149,9 +148,7 @@ def draw(coded: NDArray[np.float32], made: list[Tile]) -> Figure:
 
 def write(figure: Figure, path: Path) -> None:
     """Write the figure, whole or not at all, in the format of the suffix. Raises ``OSError``."""
-    data = io.BytesIO()
-    figure.savefig(data, format=path.suffix[1:].lower(), dpi=_DPI)
-    write_whole(path, data.getvalue())
+    write_figure(path, figure, dpi=_DPI)
 
 
 def _columns(count: int, ratio: float) -> int:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from blurnoise._core.limits import limited
 from blurnoise.ego_motion import EgoMotion, Floats, Mount, View, longest_exposure_s, range_of_depth_m
 from blurnoise_eval.drawing.photon_transfer import plot_suffix
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import plain
 
@@ -164,10 +164,8 @@ def write(
     maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, title: str, path: Path
 ) -> None:
     """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``OSError``, ``ValueError``."""
-    suffix = plot_suffix(path)
-    picture = io.BytesIO()
-    draw(maps, view, mount, blur_px, title).savefig(picture, format=suffix[1:], dpi=150)
-    write_whole(path, picture.getvalue())
+    plot_suffix(path)  # raises before anything is drawn
+    write_figure(path, draw(maps, view, mount, blur_px, title), dpi=150)
 
 
 def draw(maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, title: str) -> Figure:

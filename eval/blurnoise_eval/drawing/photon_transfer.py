@@ -6,7 +6,6 @@ variance of their difference is the temporal variance, free of the fixed pattern
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -231,12 +230,10 @@ def draw(camera: Camera) -> Figure:
 
 def write(camera: Camera, path: Path) -> None:
     """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``ValueError`` (suffix) or ``OSError``."""
-    from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.files import write_figure
 
-    suffix = plot_suffix(path)
-    picture = io.BytesIO()
-    draw(camera).savefig(picture, format=suffix[1:], dpi=150)
-    write_whole(path, picture.getvalue())
+    plot_suffix(path)  # raises before anything is drawn
+    write_figure(path, draw(camera), dpi=150)
 
 
 def plot_suffix(path: Path) -> str:

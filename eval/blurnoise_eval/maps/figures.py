@@ -8,7 +8,6 @@ far conditions lie off it, since several of one metric and exposure may differ i
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -28,7 +27,7 @@ from blurnoise_eval.maps.scored import NodeScores
 from blurnoise_eval.quality.figures import LOGARITHMIC
 from blurnoise_eval.quality.measure import METRICS, Metric
 from blurnoise_eval.scoring.plane import STILL_PX
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 MOST_GROUPS = 3
@@ -61,10 +60,8 @@ def write(maps: Maps, score: str, folder: Path) -> list[Path]:
                 )
             }
         for name, figure in drawn.items():
-            picture = io.BytesIO()
-            figure.savefig(picture, format="png", dpi=110)
             written.append(folder / f"{name}.png")
-            write_whole(written[-1], picture.getvalue())
+            write_figure(written[-1], figure, dpi=110)
     return written
 
 

@@ -3,7 +3,6 @@ marked; below it what the program gives, beside what else a camera may do."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,7 @@ from blurnoise_eval.program.making import Program
 from blurnoise_eval.program.metering import Metering
 from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.program.text import named
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 if TYPE_CHECKING:
@@ -30,9 +29,7 @@ def write(
     program: Program, scenario: Scenario, limits: Limits, metering: Metering, title: str, path: Path
 ) -> Path:
     """Write :func:`draw`'s figure as PNG. Raises ``OSError``."""
-    picture = io.BytesIO()
-    draw(program, scenario, limits, metering, title).savefig(picture, format="png", dpi=150)
-    write_whole(path, picture.getvalue())
+    write_figure(path, draw(program, scenario, limits, metering, title), dpi=150)
     return path
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blurnoise_eval.quality.comparison import Compared
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -64,6 +63,4 @@ def draw(found: Compared) -> Figure:
 
 def write(found: Compared, path: Path) -> None:
     """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``OSError``."""
-    picture = io.BytesIO()
-    draw(found).savefig(picture, format=path.suffix.lower()[1:], dpi=150)
-    write_whole(path, picture.getvalue())
+    write_figure(path, draw(found), dpi=150)

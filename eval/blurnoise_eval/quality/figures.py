@@ -5,7 +5,6 @@ A number that is withheld is a gap in its line, with a cross in the line's colou
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from itertools import pairwise
@@ -24,7 +23,7 @@ from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, vel
 from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
 from blurnoise_eval.report.figures import MAX_LINES
 from blurnoise_eval.report.measured import line_colours, spread
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 L = TypeVar("L", bound=Hashable)
@@ -93,11 +92,9 @@ def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
             figures["blur"] = against_blur(alike, camera, named)
         slug = "-".join(axis(name).slug(alike[0].at[name]) for name in named)
         for name, figure in figures.items():
-            picture = io.BytesIO()
-            figure.savefig(picture, format="png", dpi=120)
             path = folder / f"{name}-{slug}.png"
             written.append(path if path not in written else folder / f"{name}-{slug}-{len(written)}.png")
-            write_whole(written[-1], picture.getvalue())
+            write_figure(written[-1], figure, dpi=120)
     return written
 
 

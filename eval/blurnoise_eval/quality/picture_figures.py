@@ -5,7 +5,6 @@ Domain: :class:`Linear` pictures and what :func:`measure` says of them; frequenc
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from blurnoise.encoding import srgb_from_linear
 from blurnoise_eval.quality.picture import Linear, Measured
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,9 +53,7 @@ def draw(light: Linear, measured: Sequence[Measured]) -> Figure:
 
 def write(light: Linear, measured: Sequence[Measured], path: Path) -> None:
     """Write :func:`draw`'s figure, whole or not at all, in the format of the suffix. Raises ``OSError``."""
-    data = io.BytesIO()
-    draw(light, measured).savefig(data, format=path.suffix[1:].lower(), dpi=110)
-    write_whole(path, data.getvalue())
+    write_figure(path, draw(light, measured), dpi=110)
 
 
 def _shown(light: Linear) -> NDArray[np.float32]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import io
 import stat
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 RUN_FILE = "results.sqlite"
 """The file by which a folder is known to be a sweep's."""
@@ -29,6 +31,13 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     finally:
         with suppress(OSError):
             unfinished.unlink()
+
+
+def write_figure(path: Path, figure: Any, *, dpi: int) -> None:
+    """Write a figure of matplotlib's in the format of ``path``'s suffix, as :func:`write_whole` does."""
+    picture = io.BytesIO()
+    figure.savefig(picture, format=path.suffix[1:].lower(), dpi=dpi)
+    write_whole(path, picture.getvalue())
 
 
 def check_regular(path: Path) -> None:
