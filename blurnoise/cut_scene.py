@@ -53,8 +53,14 @@ class CutScene(ExposedScene):
         x, y = (along * exposure.exposure_s for along in exposure.velocity_px_s)
         with self._shares_lock:
             if (x, y) not in self._shares:
-                each = zip(self._cut.layers, self._own_speeds, strict=True)
-                self._shares[x, y] = tuple(_seen(layer, (s * x, s * y)) for layer, s in each)
+                movers = [
+                    (layer, (speed * x, speed * y))
+                    for layer, speed in zip(self._layers[0], self._speeds, strict=True)
+                ]
+                self._shares[x, y] = tuple(
+                    seen_behind(layer, (x, y), size=self._size, movers=movers) if speed and (x or y) else 0.0
+                    for layer, speed in zip(self._cut.layers, self._own_speeds, strict=True)
+                )
             return self._shares[x, y]
 
     def _velocity(self, exposure: Exposure) -> tuple[float, float]:
@@ -84,7 +90,3 @@ def _in_order(group: Sequence[Layer], layers: Sequence[Layer]) -> list[Layer]:
 
 def _near(one: Layer, other: Layer) -> bool:
     return window_at_rest(one).grown(_NEAR_PX, _NEAR_PX).meets(window_at_rest(other))
-
-
-def _seen(layer: Layer, displacement_px: tuple[float, float]) -> float:
-    return seen_behind(layer, displacement_px) if any(displacement_px) else 0.0

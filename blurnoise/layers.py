@@ -18,7 +18,7 @@ from blurnoise import blur
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import an_instance, finite, integer, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS
-from blurnoise._core.windows import Window, placed
+from blurnoise._core.windows import Window, cut, placed
 
 BoxKind = Literal["object", "half", "swept"]
 BOX_KINDS = ("object", "half", "swept")
@@ -135,19 +135,52 @@ def window_at_rest(layer: Layer) -> Window:
     return Window(top, left, *layer.alpha.shape)
 
 
-def seen_behind(layer: Layer, displacement_px: Iterable[float]) -> float:
+def seen_behind(
+    layer: Layer,
+    displacement_px: Iterable[float],
+    *,
+    size: tuple[int, int] | None = None,
+    movers: Sequence[tuple[Layer, Iterable[float]]] | None = None,
+) -> float:
     """Of what is behind the object, at mid-exposure, the share that is seen: sum of alpha (1 - a) / sum of alpha.
 
     displacement_px: of the object against what is behind it. a is the share of the exposure for which it covers a
     pixel. For a w px wide object that moves L along its width L / 4w up to L = 2w, then 1 - w / L.
+
+    size: of the picture (H, W) whose border an object that ends there goes on beyond, as its reflection does; None:
+    it ends. movers: everything before the background, the object too, each with its displacement; those of different
+    motions as if they came in each other's way at random. None: the object alone.
     """
-    alpha = layer.alpha.detach().double()[None, None]
+    rest = window_at_rest(layer)
+    if size is not None:
+        rest = rest.clipped(size)
+    if rest.height <= 0 or rest.width <= 0:
+        return 0.0
+    alpha = _matte_in(layer, rest, size)
     total = float(alpha.sum())
     if total == 0:
         return 0.0
-    moved = real_tensor("displacement_px", displacement_px).detach().double()
-    covered = blur.motion_blur(alpha, moved, border="constant").clamp(0, 1)
-    return max(0.0, 1 - float((alpha * covered).sum()) / total)
+    clear = torch.ones_like(alpha)
+    for each, moved in [(layer, displacement_px)] if movers is None else movers:
+        motion = real_tensor("displacement_px", moved).detach().double()
+        down, across = (reach_px(along) for along in motion.tolist()[::-1])
+        work = rest.grown(down, across)
+        if window_at_rest(each).meets(work):
+            covered = blur.motion_blur(_matte_in(each, work, size), motion, border="constant")
+            clear = clear * (1 - cut(covered, work, rest).clamp(0, 1))
+    return float((alpha * clear).sum()) / total
+
+
+def _matte_in(layer: Layer, window: Window, size: tuple[int, int] | None) -> Tensor:
+    """The matte in a window, (1, 1, h, w) float64, going on beyond the border of a picture of that size."""
+    alpha = layer.alpha.detach().double()[None, None]
+    if size is not None:
+        return placed(alpha, layer.place_px, window, size, "reflect")
+    left, top = (
+        along - start for along, start in zip(layer.place_px, (window.left, window.top), strict=True)
+    )
+    size = (window.height, window.width)
+    return placed(alpha, (left, top), Window(0, 0, *size), size, "constant")
 
 
 def boxes_in_motion(

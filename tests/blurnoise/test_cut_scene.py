@@ -109,8 +109,8 @@ def test_a_frame_does_not_depend_on_the_others() -> None:
 
 def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
     """A box w px wide that moves L shows L / 4w of what is behind it, whichever of the two moves."""
-    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 30))
-    cuts = Cut(ground(), (layer, layer), np.ones((HEIGHT, WIDTH), bool))
+    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
+    cuts = Cut(ground(), (layer, replace(layer, place_px=(50, 55))), np.ones((HEIGHT, WIDTH), bool))
     scene = CutScene(cuts, [1.0, 2.0])
     for moves in ("targets", "background"):
         found = scene.invented(taken(moves, velocity=(2000.0, 0.0)))
@@ -120,6 +120,29 @@ def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
         0,
         0,
     )
+
+
+@pytest.mark.parametrize(
+    ("boxes", "seen"),
+    [
+        ([(0, 0, 140, 91)], [0.0]),  # the border goes on, and so does what ends there
+        ([(0, 30, 40, 60)], [20 / 320]),  # on one side alone
+        ([(0, 0, 140, 40)], [0.0]),
+        (
+            [(40, 20, 80, 60), (60, 20, 100, 60)],
+            [20 / 320, 20 / 320],
+        ),  # as one of 60 px, each with one end of it
+    ],
+)
+def test_borders_and_other_objects_hide_what_is_behind(
+    boxes: list[tuple[int, int, int, int]], seen: list[float]
+) -> None:
+    layers = tuple(
+        Layer(torch.ones(3, y1 - y0, x1 - x0), torch.ones(y1 - y0, x1 - x0), place_px=(x0, y0))
+        for x0, y0, x1, y1 in boxes
+    )
+    scene = CutScene(Cut(ground(), layers, np.ones((HEIGHT, WIDTH), bool)))
+    assert scene.invented(taken("targets", velocity=(2000.0, 0.0))) == pytest.approx(seen, abs=0.004)
 
 
 def test_boxes_of_targets_grow_by_what_they_move() -> None:

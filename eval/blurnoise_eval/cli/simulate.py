@@ -387,7 +387,8 @@ def _of_object(
         behind = flow_px_s[:, max(0, top) :, max(0, left) :][..., : len(layer.alpha), : layer.alpha.shape[1]]
         velocity_px_s = (float(behind[0].mean()), float(behind[1].mean()))
     apart = [(own - rest) * exposure_s for own, rest in zip((x, y), velocity_px_s, strict=True)]
-    invented = seen_behind(layer, apart) if moving.invented.any() else 0.0
+    size = (moving.background.shape[-2], moving.background.shape[-1])
+    invented = seen_behind(layer, apart, size=size) if moving.invented.any() else 0.0
     return {"object_blur_px": hypot(x, y) * exposure_s, "invented_percent": 100 * invented}
 
 
