@@ -272,7 +272,7 @@ def cut_out(
         raise ValueError(
             "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
         )
-    return Cut(_filled(light, hole), tuple(layers), hole)
+    return Cut(filled(light, hole), tuple(layers), hole)
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -292,12 +292,12 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
     sure = cv2.erode(whole, np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8), borderValue=1)
     inside = sure[_MIXED_PX:-_MIXED_PX, _MIXED_PX:-_MIXED_PX] > 0
     own = light[..., box[0], box[1]]
-    colour = _filled(own, ~inside & (alpha > 0)) if inside.any() else own
+    colour = filled(own, ~inside & (alpha > 0)) if inside.any() else own
     place = (int(columns[0]), int(rows[0]))
     return Layer(colour[0], torch.from_numpy(np.ascontiguousarray(alpha)).to(light), velocity_px_s, place)
 
 
-def _filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
+def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
     """Light (1, C, H, W) with the hole filled from around it, channel by channel; the rest as it is."""
     if not hole.any():
         return light

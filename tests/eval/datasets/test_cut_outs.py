@@ -107,6 +107,19 @@ def test_who_ends_further_down_is_in_front() -> None:
     assert [layer.place_px for layer in told.cut.layers] == [(20, 5), (5, 20), (40, 10)]
 
 
+def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
+    """Where these move apart a copy of the front one would appear, on the rear one."""
+    seen = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
+    seen[15:45, 10:50], seen[20:55, 30:60] = 120, 230
+    car, person = box(10, 15, 50, 45), box(30, 20, 60, 55, label="person")
+    for speeds, rear in (({"car": 0.5}, 120), ({}, 230)):  # those that move alike never come apart
+        how = Objects(mattes="box", speeds=speeds)
+        behind, front = cut_out(made(car, person), seen, light(seen), how).cut.layers
+        level = float(light(np.full((1, 1, 3), rear, np.uint8))[0, 0, 0, 0])
+        torch.testing.assert_close(behind.light[:, 6:, 21:], torch.full((3, 24, 19), level))
+        assert torch.equal(front.light, light(seen)[0, :, 20:55, 30:60])
+
+
 def test_crowds_stay_and_texts_are_boxes() -> None:
     crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
     told = found(made(crowd, text), mattes="grabcut")
