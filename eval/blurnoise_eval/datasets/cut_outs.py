@@ -78,10 +78,9 @@ def cut_out(
         layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
         return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
     backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
-    moving = [
-        place for place in backmost if not every[place].crowd and objects.speed_of(every[place].label) != 0
-    ]
-    own = [(place, _matte(every[place], image8, objects.mattes)) for place in moving]
+    backmost = [place for place in backmost if not every[place].crowd]
+    cut_off = [place for place in backmost if _comes_apart(place, backmost, every, objects)]
+    own = [(place, _matte(every[place], image8, objects.mattes)) for place in cut_off]
     own = [(place, matte) for place, matte in own if matte.any()]
     found = [matte for _, matte in own]
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
@@ -99,6 +98,19 @@ def cut_out(
     layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
     cut = cut._replace(layers=layers)
     return _told(cut, [place for place, _ in own], every, objects)
+
+
+def _comes_apart(place: int, backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> bool:
+    """Whether a target moves, or stands before one that does or right behind it; else it is background."""
+    if objects.speed_of(every[place].label) != 0:
+        return True
+    order = backmost.index(place)
+    movers = {other for other in backmost if objects.speed_of(every[other].label) != 0}
+    x0, y0, x1, y1 = every[place].box_xyxy
+    return bool(movers.intersection(backmost[:order])) or any(
+        x0 < right and left < x1 and y0 < bottom and top < y1
+        for left, top, right, bottom in (every[other].box_xyxy for other in movers)
+    )
 
 
 def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:

@@ -83,6 +83,10 @@ def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
 
 def test_what_stands_is_background() -> None:
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
+    boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
+    persons = [box(*corners, label="person") for corners in boxes]
+    told = found(made(box(10, 15, 50, 45), *persons), mattes="box", speeds={"person": 0.0})
+    assert (told.targets, told.speeds) == ((2, 0, 3), (0.0, 1.0, 0.0))  # as these hide each other
 
 
 @pytest.mark.parametrize(
@@ -144,7 +148,7 @@ def test_plates_are_what_is_behind(tmp_path: Path) -> None:
     seen[8:42, 8:42] = True  # the target, and 2 px around it
     torch.testing.assert_close(told.cut.background, torch.where(seen, 2 * light(plate), 2 * light(image())))
     assert not told.cut.invented.any()
-    standing = made(box(10, 10, 40, 40), box(50, 20, 70, 40, label="person"), box(60, 45, 80, 55, crowd=True))
+    standing = made(box(10, 10, 40, 40), box(50, 15, 70, 35, label="person"), box(60, 45, 80, 55, crowd=True))
     kept = found(standing, plates=str(tmp_path), mattes="box", speeds={"person": 0.0}).cut.background
     assert torch.equal(kept[..., 45:], light(image())[..., 45:])
     write_picture(tmp_path / "a.png", plate[1:])
