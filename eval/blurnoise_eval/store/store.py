@@ -56,11 +56,13 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    ``read_only``: the folder, or the file in it, cannot be written; then so are the results.
+    ``read_only``: the folder, or the file in it, cannot be written; then so are the results. ``revision``: a number
+    that changes with the rows of cells and targets.
     """
 
     def __init__(self, folder: Path, *, create: bool = False) -> None:
         self.folder = folder
+        self.revision = 0
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
@@ -122,6 +124,7 @@ class Store:
 
         Their pictures have been read: they are skipped no more.
         """
+        self.revision += 1
         with self._transaction() as db:
             cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
             _insert(db, "cells", cells)
@@ -143,6 +146,7 @@ class Store:
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
+        self.revision += 1
         with self._transaction() as db:
             for table in ("cells", "targets", "pictures", "skipped"):
                 names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
@@ -154,6 +158,7 @@ class Store:
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
+        self.revision += 1
         with self._transaction() as db:
             for table in ("about", "cells", "targets", "skipped"):
                 db.execute(f"DELETE FROM {table}")
