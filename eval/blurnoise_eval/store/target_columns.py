@@ -1,7 +1,7 @@
 """Targets of a model as columns: what scores and surfaces are made of, where a dictionary for each row is too much.
 
-About 100 bytes a row, which are kept as long as the store is open and its rows stay. NaN where the store has nothing. Rows are ordered by condition, picture, repeat and target, so
-that what is added up does not depend on who computed first.
+About 100 bytes a row, kept while the store is open and its rows stay. NaN where the store has nothing. Rows are
+ordered by condition, picture, repeat and target, so that what is added up does not depend on who computed first.
 """
 
 from __future__ import annotations

@@ -250,11 +250,7 @@ def _mover(
     ) -> NDArray[np.float64]:
         moved = np.empty_like(boxes_xyxy)
         speeds = {label: objects.speed_of(label) for label in set(labels)}
-        own = (
-            [speeds[label] for label in labels]
-            if len(set(speeds.values())) > 1
-            else [*speeds.values(), 1.0][:1]
-        )
+        own = [speeds[label] for label in labels] or [1.0]
         kinds = np.column_stack([np.nan_to_num(sizes_px), np.broadcast_to(own, len(boxes_xyxy))])
         order = np.lexsort(kinds.T)
         changes = np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1
