@@ -57,10 +57,11 @@ class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
     ``read_only``: the folder, or the file in it, cannot be written; then so are the results. ``revision``: a number
-    that changes with the rows of cells and targets.
+    that changes with the rows of cells and targets. shared: other processes may have it open so too, but none that
+    sweeps.
     """
 
-    def __init__(self, folder: Path, *, create: bool = False) -> None:
+    def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
         self.folder = folder
         self.revision = 0
         path = folder / RUN_FILE
@@ -73,7 +74,8 @@ class Store:
                 self._db = opened.enter_context(closing(_connect_to_read(path, opened)))
             else:
                 self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
-                self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+                if not shared:
+                    self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             self._db.row_factory = sqlite3.Row

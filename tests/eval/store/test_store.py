@@ -284,3 +284,22 @@ def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
         store.add([result(0, image="a")])
         assert store.pictures() == {"a": ("touched since", "content")}
         assert store.picture_sizes() == {"a": (64, 48)}
+
+
+def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
+    """Before anything is read of it, too; and a sweep keeps those out that would share."""
+    with Store(tmp_path, create=True):
+        with pytest.raises(StoreError, match="another process"), Store(tmp_path, shared=True):
+            pass
+    with Store(tmp_path, shared=True), Store(tmp_path, shared=True):
+        with pytest.raises(StoreError, match="another process"), Store(tmp_path, create=True):
+            pass
+
+
+def test_columns_of_targets_are_read_again_when_rows_are_added(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        one = target_columns(store, "m")
+        assert target_columns(store, "m") is one
+        store.add([result(1)])
+        assert len(target_columns(store, "m").condition) == 2 * len(one.condition)
