@@ -138,9 +138,8 @@ def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
         monkeypatch.setattr(exports, "_ALONE", "raise SystemExit(1)")
     output = tmp_path / "output"
     output.mkdir()
-    with exports.exported_meanwhile(tmp_path, output):
-        with Store(tmp_path, shared=True) as again:
-            again.set_about("kept", [1])
+    with exports.exported_meanwhile(tmp_path, output), Store(tmp_path, shared=True) as again:
+        again.set_about("kept", [1])
     assert [(output / name).read_bytes() for name in ("results.csv", "targets.csv")] == expected
     assert not list(output.glob(".*"))
     with Store(tmp_path) as again:
