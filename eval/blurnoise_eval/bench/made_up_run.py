@@ -181,14 +181,15 @@ import json, resource, sys, time
 begun = time.perf_counter()
 from blurnoise_eval.sweep.evaluation import Evaluation
 Evaluation(sys.argv[1]).report()
-used = resource.getrusage(resource.RUSAGE_SELF)
-wall_s, cpu_s = time.perf_counter() - begun, used.ru_utime + used.ru_stime
-print(json.dumps({"wall_s": wall_s, "cpu_s": cpu_s, "peak_mb": used.ru_maxrss / 1024}))
+wall_s = time.perf_counter() - begun
+used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+cpu_s, peak_kb = sum(each.ru_utime + each.ru_stime for each in used), sum(each.ru_maxrss for each in used)
+print(json.dumps({"wall_s": wall_s, "cpu_s": cpu_s, "peak_mb": peak_kb / 1024}))
 """
 
 
 def report_cost(folder: Path) -> dict[str, float]:
-    """Seconds, seconds of a core and the most memory that the page and tables of a run take, in a process of their
+    """Seconds, seconds of a core and the most memory that the page and tables of a run take, in processes of their
     own: wall_s, cpu_s, peak_mb. Raises ``RuntimeError`` with what it says where it fails."""
     done = subprocess.run([sys.executable, "-c", _REPORT, str(folder)], capture_output=True, text=True)
     if done.returncode:

@@ -63,7 +63,7 @@ class Decision(Evaluation):
     def decided(self) -> dict[str, Any] | None:
         """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that as many exposures as
         ``grid_exposures`` would take; ``because``: why it was a full grid. None of a run without a question."""
-        with Store(self.folder) as store:
+        with Store(self.folder, shared=True) as store:
             if store.about(QUESTION) is None:
                 return None
             question, batches = Question.from_dict(store.about(QUESTION)), asked(store)

@@ -7,6 +7,7 @@ cluster of pictures changes is read off the ranking, since pictures are matched 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -195,131 +196,71 @@ def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
 def _ranked(found: _Found, targets: Array) -> Array:
     """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none.
 
-    One ranking for each area, IoU and category, a segment of all that are right; then without each cluster in turn,
-    what it counts taken off.
+    One ranking for each area, IoU and category: a row of all that is right, and one without each cluster.
     """
     clusters, _, categories = targets.shape
     areas, ious, count = found.right.shape
     right = (found.right & ~found.ignored).reshape(areas * ious, count)
     wrong = ~(found.right | found.ignored).reshape(areas * ious, count)
-    left = np.repeat(all_and_without(targets), ious, axis=1).reshape(1 + clusters, -1)
-    result = np.zeros(left.shape)
-    line, hit = np.nonzero(right)
-    if len(hit):
-        ranking = _Ranking.of(found, categories, line, hit, right, wrong)
-        table, places = _reached(left, int(ranking.hits.max()) + 1)
-        own_hits, own_misses = (
-            _by_cluster(clusters, cluster, place)
-            for cluster, place in (
-                (found.cluster[hit], np.arange(len(hit))),
-                (ranking.miss_cluster, ranking.miss_place),
-            )
-        )
-        nothing = np.zeros(0, np.int64)
-        for row in range(1 + clusters):
-            away = (own_hits[row - 1], own_misses[row - 1]) if row else (nothing, nothing)
-            result[row, ranking.segments] = ranking.averages(*away, table, places[row, ranking.segments])
+    left = all_and_without(targets)
+    result = np.zeros((1 + clusters, areas * ious, categories))
+    ends = np.searchsorted(found.category, np.arange(categories + 1)).tolist()
+    for category, (start, stop) in enumerate(pairwise(ends)):
+        cluster = found.cluster[start:stop]
+        for area in range(areas):
+            lines = range(area * ious, (area + 1) * ious)
+            hits = [np.flatnonzero(right[line, start:stop]) for line in lines]
+            table, begins = _reached(left[:, area, category], max(map(len, hits)) + 1)
+            for line, hit in zip(lines, hits, strict=True):
+                if len(hit):
+                    miss = np.flatnonzero(wrong[line, start:stop])
+                    result[:, line, category] = _average(cluster, hit, miss, clusters, table, begins)
     return result.reshape(1 + clusters, areas, ious, categories)
 
 
-class _Ranking(NamedTuple):
-    """H right detections, segment after segment.
+def _average(
+    cluster: Places, hit: Places, miss: Places, clusters: int, table: Places, begins: Places
+) -> Array:
+    """Average precision of one ranking, of all and without each cluster, (1 + clusters,).
 
-    starts, lengths, segments: (S,) of these; number: (H,) which one; hits, shown: (H,) right, and all that count, of
-    the segment down to each. miss_place: the right one that follows each wrong one.
+    cluster: of every detection, highest score first; hit, miss: places of the right ones, some, and of the wrong.
+    table, begins: of :func:`_reached`. Along right ones without a wrong one between them precision grows, whichever
+    cluster is left out: the last of each such run stands for all.
     """
-
-    starts: Places
-    lengths: Places
-    segments: Places
-    number: Places
-    hits: Places
-    shown: Places
-    miss_place: Places
-    miss_cluster: Places
-    apart: Array
-    scratch: tuple[Places, Places, Array, Places]
-
-    @classmethod
-    def of(
-        cls,
-        found: _Found,
-        categories: int,
-        line: NDArray[np.int64],
-        hit: NDArray[np.int64],
-        right: Flags,
-        wrong: Flags,
-    ) -> _Ranking:
-        segment = line * categories + found.category[hit]
-        following = np.cumsum(right.ravel(), dtype=np.int64).reshape(right.shape)
-        wrong_line, miss = np.nonzero(wrong)
-        after = following[wrong_line, miss]
-        there = after < len(hit)
-        there[there] &= segment[after[there]] == (wrong_line * categories + found.category[miss])[there]
-        place = after[there]
-        starts = np.flatnonzero(np.diff(segment, prepend=-1))
-        lengths = np.diff(starts, append=len(hit))
-        number = np.repeat(np.arange(len(starts)), lengths)
-        hits = (np.arange(len(hit)) - starts[number] + 1).astype(np.int32)
-        before = np.cumsum(np.bincount(place, minlength=len(hit)))
-        missed = np.bincount(number[place], minlength=len(starts))
-        shown = (hits + before - (np.cumsum(missed) - missed)[number]).astype(np.int32)
-        scratch = np.empty_like(hits), np.empty_like(hits), np.empty(len(hit)), np.empty_like(hits)
-        apart: Any = 2.0 * (len(starts) - 1 - number)  # so that the best further down is of the same segment
-        own: Any = starts, lengths, segment[starts], number, hits, shown
-        every: list[Any] = [*own, place, found.cluster[miss[there]], apart, scratch]
-        return cls(*every)
-
-    def averages(
-        self,
-        hits: NDArray[np.int64],
-        misses: NDArray[np.int64],
-        table: NDArray[np.int64],
-        places: NDArray[np.int64],
-    ) -> Array:
-        """Average precision of each segment without these hits, and without misses before these.
-
-        table: how many of ``RECALLS`` are reached by numbers of hits, those of a segment from its place on.
-        """
-        right, shown, share, reached = self.scratch
-        self._less(hits, hits[:0], self.hits, right)
-        self._less(hits, misses, self.shown, shown)
-        np.divide(right, np.maximum(shown, 1, out=shown), out=share)
-        share += self.apart
-        np.maximum.accumulate(share[::-1], out=share[::-1])
-        share -= self.apart
-        right += np.take(places, self.number, out=shown, mode="clip")
-        np.take(table, right, out=reached, mode="clip")
-        np.subtract(reached[1:], reached[:-1], out=shown[1:])
-        shown[self.starts] = reached[self.starts]
-        share *= shown
-        return np.asarray(np.add.reduceat(share, self.starts) / len(RECALLS))
-
-    def _less(self, hits: Places, misses: Places, numbers: Places, into: Places) -> None:
-        """The numbers (H,), each segment's less what of it is away down to each."""
-        change = np.zeros_like(numbers)
-        change[hits] = 1
-        np.add.at(change, misses, 1)
-        away = np.bincount(self.number[hits], minlength=len(self.starts))
-        away += np.bincount(self.number[misses], minlength=len(self.starts))
-        change[self.starts[1:]] -= away[:-1].astype(change.dtype)
-        np.subtract(numbers, np.cumsum(change, out=into, dtype=into.dtype), out=into)
+    follows = np.searchsorted(hit, miss)  # the right one after each wrong one
+    told = follows < len(hit)
+    follows, miss = follows[told], miss[told]
+    begun = np.zeros(len(hit), bool)
+    begun[follows] = True
+    begun[0] = False
+    run = np.cumsum(begun)
+    length = int(run[-1]) + 1
+    right = _down_to(run, cluster[hit], clusters, length)
+    share = _down_to(run[follows], cluster[miss], clusters, length)
+    share += right
+    best = right / np.maximum(share, 1, out=share)
+    np.maximum.accumulate(best[:, ::-1], axis=1, out=best[:, ::-1])
+    right += begins[:, None]
+    steps = np.take(table, right, mode="clip")
+    steps[:, 1:] -= steps[:, :-1].copy()
+    return np.asarray(np.einsum("cr,cr->c", best, steps) / len(RECALLS))
 
 
-def _by_cluster(
-    clusters: int, cluster: NDArray[np.int64], place: NDArray[np.int64]
-) -> list[NDArray[np.int64]]:
-    """The places of each cluster."""
-    order = np.argsort(cluster, kind="stable")
-    return np.split(place[order], np.cumsum(np.bincount(cluster, minlength=clusters))[:-1])
+def _down_to(run: Places, cluster: Places, clusters: int, length: int) -> Places:
+    """How many stand down to the end of each run, of all and without each cluster, (1 + clusters, length)."""
+    number = np.empty((1 + clusters, length), np.int32)
+    own = np.bincount(cluster * length + run, minlength=clusters * length).reshape(clusters, length)
+    number[0] = own.sum(axis=0)
+    np.subtract(number[0], own, out=number[1:], casting="unsafe")
+    return np.cumsum(number, axis=1, dtype=np.int32)
 
 
-def _reached(targets: Array, most: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """How many of ``RECALLS`` each number of hits below ``most`` reaches, none of no hit, for each number of targets;
-    and where the numbers of ``targets`` begin in it."""
+def _reached(targets: Array, most: int) -> tuple[Places, Places]:
+    """How many of ``RECALLS`` each number of hits below ``most`` reaches, none of no hit, for each number of targets
+    (n,); and where those of each begin in it, (n,)."""
     different, number = np.unique(targets, return_inverse=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         recall = np.nan_to_num(np.arange(most) / different[:, None])
     table = np.searchsorted(RECALLS, recall, side="right")
     table[:, 0] = 0
-    return table.ravel().astype(np.int32), (number.reshape(targets.shape) * most).astype(np.int32)
+    return table.ravel().astype(np.int32), (number * most).astype(np.int32)

@@ -10,7 +10,10 @@ from __future__ import annotations
 import csv
 import io
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -50,6 +53,45 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
         return [*written, folder / "results.json"]
     (folder / "results.json").unlink(missing_ok=True)
     return written
+
+
+_ALONE = """
+import signal, sys
+from pathlib import Path
+from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.store import Store
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # leaves no half a file
+with Store(Path(sys.argv[1]), shared=True) as store:
+    write_exports(store, Path(sys.argv[2]))
+"""
+
+
+@contextmanager
+def exported_meanwhile(run: Path, folder: Path) -> Iterator[None]:
+    """:func:`write_exports` of a run, which nothing else may hold open unless shared.
+
+    Of more than ``MOST_JSON`` rows by a process of its own, in the time that the body takes; where that fails, here
+    once the body is done. Raises ``OSError`` where a file cannot be written.
+    """
+    with Store(run, shared=True) as store:
+        small = has_json(store)
+        if small:
+            write_exports(store, folder)
+    if small:
+        yield
+        return
+    nothing = subprocess.DEVNULL
+    command = [sys.executable, "-c", _ALONE, str(run), str(folder)]
+    with subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing) as alone:
+        try:
+            yield
+        except BaseException:
+            alone.terminate()
+            raise
+        failed = alone.wait() != 0
+    if failed:
+        with Store(run, shared=True) as store:
+            write_exports(store, folder)
 
 
 def has_json(store: Store) -> bool:

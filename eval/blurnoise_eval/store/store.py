@@ -56,11 +56,14 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    ``read_only``: the folder, or the file in it, cannot be written; then so are the results.
+    ``read_only``: the folder, or the file in it, cannot be written; then so are the results. ``revision``: a number
+    that changes with the rows of cells and targets. shared: other processes may have it open so too, but none that
+    sweeps.
     """
 
-    def __init__(self, folder: Path, *, create: bool = False) -> None:
+    def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
         self.folder = folder
+        self.revision = 0
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
@@ -71,7 +74,8 @@ class Store:
                 self._db = opened.enter_context(closing(_connect_to_read(path, opened)))
             else:
                 self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
-                self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+                if not shared:
+                    self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             self._db.row_factory = sqlite3.Row
@@ -122,6 +126,7 @@ class Store:
 
         Their pictures have been read: they are skipped no more.
         """
+        self.revision += 1
         with self._transaction() as db:
             cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
             _insert(db, "cells", cells)
@@ -143,6 +148,7 @@ class Store:
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
+        self.revision += 1
         with self._transaction() as db:
             for table in ("cells", "targets", "pictures", "skipped"):
                 names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
@@ -154,6 +160,7 @@ class Store:
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
+        self.revision += 1
         with self._transaction() as db:
             for table in ("about", "cells", "targets", "skipped"):
                 db.execute(f"DELETE FROM {table}")

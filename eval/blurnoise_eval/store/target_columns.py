@@ -1,13 +1,14 @@
 """Targets of a model as columns: what scores and surfaces are made of, where a dictionary for each row is too much.
 
-About 100 bytes a row. NaN where the store has nothing. Rows are ordered by condition, picture, repeat and target, so
-that what is added up does not depend on who computed first.
+About 100 bytes a row, kept while the store is open and its rows stay. NaN where the store has nothing. Rows are
+ordered by condition, picture, repeat and target, so that what is added up does not depend on who computed first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ _NUMBERS = (
     "saturated",
     "brightness",
 )
+_MOST_KEPT = 5_000_000
+"""Rows of a store, of all models."""
 
 
 class TargetColumns(NamedTuple):
@@ -55,8 +58,25 @@ class TargetColumns(NamedTuple):
         return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
 
 
+_Kept = dict[tuple[str, int], TargetColumns]
+_KEPT: WeakKeyDictionary[Store, _Kept] = WeakKeyDictionary()
+"""By store; by model and revision."""
+
+
 def target_columns(store: Store, model: str) -> TargetColumns:
-    """All targets of a model."""
+    """All targets of a model, read once for scores and surfaces."""
+    kept = {key: each for key, each in _KEPT.get(store, {}).items() if key[1] == store.revision}
+    key = model, store.revision
+    if key not in kept:
+        found = _read(store, model)
+        if sum(len(each.condition) for each in (found, *kept.values())) > _MOST_KEPT:
+            return found
+        kept[key] = found
+    _KEPT[store] = kept
+    return kept[key]
+
+
+def _read(store: Store, model: str) -> TargetColumns:
     numbers = [f"{'c' if name in ('saturated', 'brightness') else 't'}.{name}" for name in _NUMBERS]
     asked = [f"t.{name}" for name in CONDITIONS] + ["t.image", 't."group"', "t.repeat", "t.target_id"]
     asked += ["CASE WHEN t.truth IS NULL THEN NULL ELSE t.text IS t.truth END", *numbers]

@@ -31,7 +31,7 @@ from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import stated
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.exports import write_exports, write_parquet
+from blurnoise_eval.store.exports import exported_meanwhile, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
@@ -178,7 +178,7 @@ class Evaluation:
         self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
-        with Store(self.folder) as store:
+        with Store(self.folder, shared=True) as store:
             check_cluster(cluster, store.pictures())
             self.criterion = criterion_of(store, threshold, keep, score)
         self.threshold = self.criterion.level
@@ -186,13 +186,13 @@ class Evaluation:
     @cached_property
     def cells(self) -> Rows:
         """A row per picture, condition and model, as results.csv has them."""
-        with Store(self.folder) as store:
+        with Store(self.folder, shared=True) as store:
             return list(store.cells())
 
     @cached_property
     def targets(self) -> Rows:
         """A row per cell and target, as targets.csv has them."""
-        with Store(self.folder) as store:
+        with Store(self.folder, shared=True) as store:
             return list(store.targets())
 
     @property
@@ -253,7 +253,7 @@ class Evaluation:
     def parquet(self) -> list[Path]:
         """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
         self.output.mkdir(parents=True, exist_ok=True)
-        with Store(self.folder) as store:
+        with Store(self.folder, shared=True) as store:
             return write_parquet(store, self.output)
 
     def report(self) -> Path:
@@ -261,11 +261,11 @@ class Evaluation:
         from blurnoise_eval.report import write_report  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
-        with Store(self.folder) as store:
-            write_exports(store, self.output)
-        write_tables(self.data, self.output)
-        write_whole(self.output / "summary.json", json.dumps(self.summary, indent=1).encode("utf-8"))
-        return write_report(self._shown, self.output)
+        with exported_meanwhile(self.folder, self.output):
+            write_tables(self.data, self.output)
+            summary = json.dumps(self.summary, indent=1)
+            write_whole(self.output / "summary.json", summary.encode("utf-8"))
+            return write_report(self._shown, self.output)
 
     @property
     def _shown(self) -> RunData:
@@ -275,7 +275,7 @@ class Evaluation:
     @cached_property
     def data(self) -> RunData:
         """Everything that the page shows."""
-        with Store(self.folder) as store, ExitStack() as bar:
+        with Store(self.folder, shared=True) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(progress_bar("score", steps, self._progress))
             return read_run(

@@ -249,11 +249,13 @@ def _mover(
         boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str] = ()
     ) -> NDArray[np.float64]:
         moved = np.empty_like(boxes_xyxy)
-        alike: dict[tuple[float, float, float], list[int]] = {}
-        for place, (width, height) in enumerate(np.nan_to_num(sizes_px).tolist()):
-            speed = objects.speed_of(labels[place]) if labels else 1.0
-            alike.setdefault((width, height, speed), []).append(place)
-        for (width, height, speed), of in alike.items():
+        speeds = {label: objects.speed_of(label) for label in set(labels)}
+        own = [speeds[label] for label in labels] or [1.0]
+        kinds = np.column_stack([np.nan_to_num(sizes_px), np.broadcast_to(own, len(boxes_xyxy))])
+        order = np.lexsort(kinds.T)
+        changes = np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1
+        for of in np.split(order, changes) if len(order) else ():
+            width, height, speed = kinds[of[0]].tolist()
             size = (int(height), int(width)) if width else None
             moved[of] = how(taken.of_targets(speed))(torch.from_numpy(boxes_xyxy[of]), size).numpy()
         if within:

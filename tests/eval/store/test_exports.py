@@ -122,3 +122,25 @@ def test_json_is_left_out_of_a_large_run(
     monkeypatch.setattr(exports, "MOST_JSON", 85)
     assert [path.name for path in write_exports(store)] == ["results.csv", "targets.csv"]
     assert not (tmp_path / "results.json").exists()  # one of before would be of other rows
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
+) -> None:
+    """The same bytes, while the run is read and written to here; where no process can, here."""
+    expected = [path.read_bytes() for path in write_exports(store, tmp_path)[:2]]
+    store.__exit__(None, None, None)
+    monkeypatch.setattr(exports, "MOST_JSON", 10)
+    if alone:
+        monkeypatch.setattr(exports, "write_exports", lambda *_: pytest.fail("written here"))
+    else:
+        monkeypatch.setattr(exports, "_ALONE", "raise SystemExit(1)")
+    output = tmp_path / "output"
+    output.mkdir()
+    with exports.exported_meanwhile(tmp_path, output), Store(tmp_path, shared=True) as again:
+        again.set_about("kept", [1])
+    assert [(output / name).read_bytes() for name in ("results.csv", "targets.csv")] == expected
+    assert not list(output.glob(".*"))
+    with Store(tmp_path) as again:
+        assert again.about("kept") == [1]

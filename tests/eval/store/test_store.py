@@ -16,6 +16,7 @@ import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.target_columns import target_columns
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
 
@@ -284,3 +285,21 @@ def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
         store.add([result(0, image="a")])
         assert store.pictures() == {"a": ("touched since", "content")}
         assert store.picture_sizes() == {"a": (64, 48)}
+
+
+def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
+    """And a sweep keeps those out that would share."""
+    refused = pytest.raises(StoreError, match="another process")
+    with Store(tmp_path, create=True), refused, Store(tmp_path, shared=True):
+        pass
+    with Store(tmp_path, shared=True), Store(tmp_path, shared=True), refused, Store(tmp_path, create=True):
+        pass
+
+
+def test_columns_of_targets_are_read_again_when_rows_are_added(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0)])
+        one = target_columns(store, "m")
+        assert target_columns(store, "m") is one
+        store.add([result(1)])
+        assert len(target_columns(store, "m").condition) == 2 * len(one.condition)
