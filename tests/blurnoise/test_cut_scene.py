@@ -71,6 +71,7 @@ def rms(one: Any, other: Any) -> float:
     return float(np.sqrt(np.mean((one[inside] - other[inside]) ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", ["all", "targets", "background"])
 def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves: str) -> None:
     expected = {kind: averaged(kind) for kind in ("all", "targets", "background")}

@@ -39,6 +39,7 @@ def dense(image: torch.Tensor, radius_px: Any, border: Any = "reflect") -> torch
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("centre", "corner"), [(0.0, 1.0), (0.3, 3.3), (2.0, 0.0), (1.0, -1.5), (4.0, 6.0)])
 def test_every_pixel_has_its_own_disc(centre: float, corner: float) -> None:
     """Within the tolerance, which is that of the worst disc in the field; known to a tenth from this many pixels."""
@@ -48,6 +49,7 @@ def test_every_pixel_has_its_own_disc(centre: float, corner: float) -> None:
     assert float(off.abs().max()) < 10 * TOLERANCE
 
 
+@pytest.mark.slow
 def test_too_few_discs_are_seen() -> None:
     image, radius = picture(), radii(0.0, 3.0)
     few = plan(radius, 100 * TOLERANCE)
@@ -106,6 +108,7 @@ def test_the_same_disc_everywhere_is_one_blur() -> None:
     assert float(off) < 3 * TOLERANCE  # the tails beyond the margins, in a picture that is all border
 
 
+@pytest.mark.slow
 def test_white_stays_white() -> None:
     seen = defocus(torch.ones(1, 1, H, W, dtype=torch.float64), radii(0.2, 4.0))
     torch.testing.assert_close(seen, torch.ones_like(seen), atol=1e-9, rtol=0)

@@ -38,6 +38,7 @@ def dn(first: Tensor, second: Tensor) -> float:
     return float((a - b).square().mean().sqrt())
 
 
+@pytest.mark.slow
 def test_a_road_by_exact_sub_exposures() -> None:
     """128 exact paths of the road, seen through splines, are met to 1.5 DN; no blur and one blur are far off."""
     image, mount = scene(), Mount(1.4)

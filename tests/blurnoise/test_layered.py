@@ -88,6 +88,7 @@ def test_exposures_are_the_mean_of_moments(moved: Motion, background: Motion) ->
         assert sub_exposures.rms_dn(wrong[middle], truth[middle]) > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("background", [STILL, (8.0, 3.0)])
 def test_objects_that_overlap_cover_each_other_as_they_pass(background: Motion) -> None:
     layers = [Layer(OBJECT, MATTE, (24.0, 0.0)), Layer(OTHER, SECOND, (-10.0, 6.0))]

@@ -35,6 +35,7 @@ def same(a: Scene, b: Scene) -> bool:
     return np.array_equal(a.picture, b.picture) and np.array_equal(a.boxes_xyxy, b.boxes_xyxy)
 
 
+@pytest.mark.slow
 def test_a_scene_depends_on_seed_and_index_alone() -> None:
     indices = list(range(6))
     first = [scene(SEED, index, size_px=160) for index in indices]
@@ -142,6 +143,7 @@ def test_an_upright_sprite_lands_where_it_is_put() -> None:
     assert (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1) == (5, 13, 10, 26)
 
 
+@pytest.mark.slow
 def test_shares_sizes_and_angles_are_as_promised(bare: None) -> None:
     """900 scenes: a share of 0.35 is known within 5 sqrt(0.35 * 0.65 / 900) = 0.08."""
     many = [scene(SEED, index, size_px=160) for index in range(900)]

@@ -243,6 +243,7 @@ def disagreements(found: Mapping[str, float], expected: Mapping[str, float]) -> 
     return {name for name, value in expected.items() if not abs(found[name] / value - 1) <= TOLERANCE[name]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 @pytest.mark.parametrize("name", CAMERAS)
 def test_the_camera_is_found_in_its_frames(name: str, fidelity: sensor.Fidelity) -> None:
@@ -267,6 +268,7 @@ def test_gain_and_read_noise_are_found_at_three_gains(gain_db: float) -> None:
     assert not disagreements(found, bench.expected(camera)), found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("field", "factor", "noticed"),
     [

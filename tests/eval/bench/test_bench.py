@@ -357,6 +357,7 @@ def test_losses_are_told() -> None:
     assert unjudged.losses() == ["6 px: opencv has 0.25 of auto's time"]
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(blur, "QUICK", TINY)
     folder = tmp_path / "new" / "bench"

@@ -128,6 +128,7 @@ def test_bench_is_written_whole(tiny: tuple[Bench, float], tmp_path: Path) -> No
     assert picture.std() > 10
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chain, "QUICK", TINY)
     folder = tmp_path / "new" / "bench"

@@ -26,6 +26,7 @@ def test_no_plain_wrong_number(case: Case) -> None:
     assert row.caught == 1, row
 
 
+@pytest.mark.slow
 def test_honest_edges_are_left_alone() -> None:
     for case in HONEST:
         row = judged(case, range(1))

@@ -104,6 +104,7 @@ def test_noise_tells_the_methods_apart(bench: Bench) -> None:
     assert bench.of("cnr, sharp", "coverage", ISO) == []
 
 
+@pytest.mark.slow
 def test_errors_hang_on_no_clock(bench: Bench) -> None:
     again = metrics.measure(TINY, threads=1)
     assert [row for row in again.rows if row.varied != "time"] == [
@@ -195,6 +196,7 @@ def test_who_is_better_is_said(winning: Bench) -> None:
 # --- files, the chart, the command --------------------------------------------
 
 
+@pytest.mark.slow
 def test_files_say_what_was_measured(bench: Bench, tmp_path: Path) -> None:
     broken = replace(
         bench, rows=[*bench.rows, Row("cnr, moved", 1.0, ISO, "bias", math.nan, flags="withheld")]

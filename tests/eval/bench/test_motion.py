@@ -262,6 +262,7 @@ def test_methods_are_named_once_and_drawn() -> None:
         assert {method.family for method in job.methods} <= set(motion_view._MARKERS)
 
 
+@pytest.mark.slow
 def test_files(tiny: tuple[Bench, float], tmp_path: Path) -> None:
     bench, _ = tiny
     motion.write(bench, tmp_path)

@@ -210,6 +210,7 @@ def test_losses_are_told() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(noise, "QUICK", TINY)
     monkeypatch.chdir(tmp_path)

@@ -204,6 +204,7 @@ def test_same_sweep_again_computes_nothing(
     assert "pictures skipped: 1" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_report_at_another_threshold(run: Path, capsys: Output) -> None:
     (run / "report.html").unlink()
     summary = told(capsys, "report", run, "--threshold", 1)
@@ -230,6 +231,7 @@ def test_folder_of_another_run_is_refused(
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
+@pytest.mark.slow
 def test_sweep_of_pictures_without_any_target(tmp_path: Path, capsys: Output, model: Path) -> None:
     (tmp_path / "grey").mkdir()
     write_picture(tmp_path / "grey" / "flat.png", np.full((64, 64, 3), 118, np.uint8))

@@ -38,6 +38,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_sweep_tells_names_as_they_stand(
     pictures: Path, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,6 +74,7 @@ def camera(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["png", "svg"])
 def test_a_camera_tells_its_sources_as_they_stand(camera: Path, capsys: Output, suffix: str) -> None:
     plot = camera.with_name(f"[b].{suffix}")
@@ -106,6 +108,7 @@ def test_an_error_is_one_plain_line(tmp_path: Path, capsys: Output) -> None:
     assert "\x1b" not in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8"])
 def test_any_encoding_of_the_terminal_will_do(encoding: str) -> None:
     done = subprocess.run(
@@ -116,6 +119,7 @@ def test_any_encoding_of_the_terminal_will_do(encoding: str) -> None:
     assert not done.stderr
 
 
+@pytest.mark.slow
 def test_a_damaged_picture_is_one_line_in_a_process_of_its_own(pictures: Path, tmp_path: Path) -> None:
     """OpenCV tells its own story on standard error unless told not to."""
     whole = (pictures / "a.png").read_bytes()

@@ -16,6 +16,7 @@ ROAD = [
 CROSSING = ["--speed-kmh", "50", "--distance-m", "20", "--target-width-m", "1", "--exposure-ms", "10"]
 
 
+@pytest.mark.slow
 def test_a_map_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The sky moves by f w (1 + x^2), most at the ends of the horizon; at the bottom the map's values say it."""
     picture, values = tmp_path / "map.png", tmp_path / "map.npy"
@@ -38,6 +39,7 @@ def test_a_map_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     )
 
 
+@pytest.mark.slow
 def test_a_map_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = str(tmp_path / "map.png")
     straight = [

@@ -22,6 +22,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise import charts
 
 
+@pytest.mark.slow
 def test_scenes_are_coco(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes", "-o", str(tmp_path), "--count", "4", "--size", "96", "--seed", "7"]) == 0
     listing = Path(capsys.readouterr().out.strip())

@@ -207,6 +207,7 @@ def test_completion_knows_what_there_is() -> None:
     assert sorted(FAMILIES) == sorted([*(family.NAME for family in formats.FAMILIES), "ppocr"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [

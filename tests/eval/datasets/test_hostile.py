@@ -68,6 +68,7 @@ def complaint(read: Callable[[Path], PictureSet], file: Path) -> str:
     return ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("read", "sound"), [(coco, COCO), (bdd, BDD)])
 @given(data=st.data())
 @settings(max_examples=400, deadline=None)
@@ -112,6 +113,7 @@ def test_text_lines_with_anything_in_any_place(folder: Path, data: st.DataObject
     assert "\n" not in said
 
 
+@pytest.mark.slow
 @given(
     line=st.lists(st.floats(width=16).map(str) | st.just("0") | st.text(max_size=3), max_size=9).map(" ".join)
 )

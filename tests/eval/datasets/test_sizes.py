@@ -140,6 +140,7 @@ def test_a_huge_picture_is_named(tmp_path: Path, side_px: int) -> None:
         picture.load()
 
 
+@pytest.mark.slow
 def test_a_sweep_goes_on_without_what_is_too_large_or_too_small(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

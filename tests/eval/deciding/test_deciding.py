@@ -87,6 +87,7 @@ def test_it_answers_on_every_line(done: Decision) -> None:
     assert len({answer["confidence"][0] for answer in done.answers}) > 1
 
 
+@pytest.mark.slow
 def test_it_asks_for_few_conditions_and_says_how_many(done: Decision) -> None:
     assert done.decided is not None
     with Store(done.folder) as store:
@@ -112,6 +113,7 @@ def test_asked_again_it_computes_nothing(done: Decision, detector: Detector) -> 
     assert again.answers == done.answers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [3, 25, 60])
 def test_interrupted_it_goes_on_to_the_same_rows(
     done: Decision, detector: Detector, tmp_path: Path, after: int
@@ -234,6 +236,7 @@ def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> Non
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.slow
 def test_it_decides_for_targets_that_move_alone(detector: Detector, tmp_path: Path) -> None:
     """On the same plane; nothing else moves in any condition, and without labels it is refused."""
     question = Question(QUESTION.exposures_s, {**QUESTION.values, "moves": (1.0,)})

@@ -185,6 +185,7 @@ REAL = (
 )
 
 
+@pytest.mark.slow
 @REAL[0]
 @REAL[1]
 def test_real_models_with_a_wrong_range(file: str, family: str) -> None:

@@ -66,6 +66,7 @@ def test_the_known_box_is_read(recogniser: Recogniser, size_px: int) -> None:
     assert 0.97 < reading.confidence <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size_px", [100, 50, 32])
 def test_the_word_is_found_and_read(spotter: TextSpotter, size_px: int) -> None:
     image, box = sign(size_px)

@@ -87,6 +87,7 @@ def test_values_are_coarser_or_all_of_the_same_map(tmp_path: Path) -> None:
         motion_map.write_values(tmp_path / "a.txt", small, MOUNT, motion, (), 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [

@@ -168,6 +168,7 @@ def test_saved_edited_and_used(tmp_path: Path, capsys: Output) -> None:
     assert back["white_electrons"] == pytest.approx(preset["white_electrons"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_plot(tmp_path: Path, capsys: Output, suffix: str) -> None:
     path = tmp_path / f"camera.{suffix}"
@@ -242,6 +243,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         refused(capsys, named, "sweep", "--camera", *arguments, "-o", "run")
 
 
+@pytest.mark.slow
 def test_help_and_list_are_light() -> None:
     """The help imports nothing heavy; the list draws nothing."""
     code = (

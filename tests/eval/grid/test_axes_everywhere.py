@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
@@ -109,6 +110,7 @@ def test_ids_tell_cells_apart(grid: dict[str, list[float]]) -> None:
     assert SweepPlan(json.loads(json.dumps(plan.to_dict()))["grid"]).conditions() == conditions
 
 
+@pytest.mark.slow
 @given(grids())
 @some
 def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) -> None:
@@ -137,6 +139,7 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
             assert [name for name in header if name in NAMES] == list(NAMES)
 
 
+@pytest.mark.slow
 @given(grids())
 @some
 def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict[str, list[float]]) -> None:
@@ -164,6 +167,7 @@ def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict
         assert len({tuple(curve.at.values()) for curve in over}) == len(over)
 
 
+@pytest.mark.slow
 @given(grids())
 @some
 def test_every_cell_has_a_file_of_its_own(grid: dict[str, list[float]]) -> None:

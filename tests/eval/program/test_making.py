@@ -68,6 +68,7 @@ def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
     assert program.course.values[place] == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_uncertainty(program: Program) -> None:
     assert program.low is not None
     assert program.high is not None
@@ -96,6 +97,7 @@ def test_departures_are_those_of_pictures_drawn_again() -> None:
     assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", ["worst", "tail"])
 def test_the_worst_is_better_served_by_its_own_program(program: Program, objective: str) -> None:
     careful = make(made_response(objective=objective), METERING, LIMITS)
@@ -139,12 +141,14 @@ def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light() -> None:
         make(made_response(), METERING, Limits(most_gain_db=6.0, readout_s=1 / 30 - 0.03))
 
 
+@pytest.mark.slow
 def test_a_gain_limit_holds(program: Program) -> None:
     made = make(made_response(), METERING, Limits(most_gain_db=28.0))
     assert max(made.course.gains_db) <= 28.01
     assert max(program.course.gains_db) > 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "named"),
     [

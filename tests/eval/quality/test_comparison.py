@@ -80,6 +80,7 @@ def test_noise_is_the_cameras() -> None:
         assert real == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_differs_is_told_apart() -> None:
     simulated = picture(0)
     darker = verdicts(compared(simulated, picture(1, light=0.8)))
@@ -130,6 +131,7 @@ def test_pictures_that_do_not_go_together(second: np.ndarray, why: str) -> None:
         pair_of(np.zeros((63, 99), np.uint8), np.zeros((63, 99), np.uint8))
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, seed in (("a", 0), ("b", 1)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))

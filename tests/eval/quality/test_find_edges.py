@@ -64,6 +64,7 @@ def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name: str) -> 
     assert sorted(angles) == sorted([0, 1, 2, 3] * 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sharp", "moved far, noisy"])
 def test_regions_hold_no_corner_and_much_of_their_edge(name: str) -> None:
     for left, top, width, height in blurred(name)[1]:
@@ -132,6 +133,7 @@ def test_bars_are_measured_as_far_as_each_edge_is_alone() -> None:
         assert edge_of(image, roi).mtf50 == pytest.approx(chart.mtf50(5.0), rel=0.005)
 
 
+@pytest.mark.slow
 def test_black_level_and_colour_do_not_move_regions() -> None:
     grey = charts.slanted_edge(100, 140, angle_deg=7.0)
     grey[..., :20, :] = 0.5

@@ -129,6 +129,7 @@ def test_both_directions_make_the_square(tmp_path: Path, capsys: Output) -> None
     assert more["snri"] == pytest.approx(2 * rows[1]["snri"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> None:
     """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear are told."""
     linear = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])

@@ -253,6 +253,7 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) ->
     )  # can be 1
 
 
+@pytest.mark.slow
 def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
     """Of f-numbers, defocus, heat and gain each changes what physics says, against the still chart at 16 ms."""
     plain = {row.metric: row.estimate for row in rows if (row.at["exposure_s"], row.blur_px) == (0.016, 0)}
@@ -341,6 +342,7 @@ def test_the_table_and_the_document_say_the_same(rows: list[Row], tmp_path: Path
     assert (lost["told"] == 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["exposure", "blur"])
 def test_lines_have_gaps_where_numbers_are_withheld(rows: list[Row], kind: str) -> None:
     figure = getattr(quality_figures, f"against_{kind}")(rows, CAMERA.name)

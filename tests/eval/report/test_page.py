@@ -273,6 +273,7 @@ def test_a_wide_run_stays_a_light_page(tmp_path: Path) -> None:
     assert "15 of 39 examples shown" in parsed.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shape",
     [

@@ -64,6 +64,7 @@ def test_whole_periods_of_the_mains_and_the_frame_rate() -> None:
     assert times == pytest.approx([0.06, 0.06, 0.02])
 
 
+@pytest.mark.slow
 def test_rows_have_the_times_that_were_set_and_tables_their_mean(tmp_path: Path) -> None:
     plan = SweepPlan(
         {"exposure_s": ("auto",), "illuminance_lux": (20.0, 400.0), "velocity_x_px_s": (0.0, 500.0)},

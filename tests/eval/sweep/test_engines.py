@@ -111,6 +111,7 @@ def test_blocks_are_taken_as_needed(detector: Detector, pictures: PictureSet, wo
     assert answered == taken > 6
 
 
+@pytest.mark.slow
 def test_a_picture_that_kills_its_process_is_named_and_skipped(
     detector: Detector, pictures: PictureSet, tmp_path: Path
 ) -> None:
@@ -221,6 +222,7 @@ def test_no_process_outlives_its_sweep(
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
 
 
+@pytest.mark.slow
 def test_what_does_not_pickle_is_named(detector: Detector, pictures: PictureSet) -> None:
     lambdas = replace(pictures.pictures[0], name="made up", load=lambda: np.zeros((9, 9, 3), np.uint8))
     work = Work((detector,), CAMERA)
@@ -263,6 +265,7 @@ def test_ray_by_name(how: dict[str, Any]) -> None:
         engine_of("ray", 0)
 
 
+@pytest.mark.slow
 def test_ray_is_imported_late() -> None:
     code = "import sys, blurnoise_eval.sweep.engines as e; e.engine_of('threads', 1); sys.exit('ray' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

@@ -119,6 +119,7 @@ def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: 
         Evaluation(done.folder / "nowhere")
 
 
+@pytest.mark.slow
 def test_an_anchored_run_is_another_run_and_says_so(
     model: Path, pictures: PictureSet, tmp_path: Path
 ) -> None:
@@ -170,6 +171,7 @@ def test_photographs_of_another_exposure_give_the_same_cells_when_anchored(
     ]
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_when_asked_for(done: Evaluation, tmp_path: Path) -> None:
     (done.folder / "report.html").unlink(missing_ok=True)
     assert Evaluation(done.folder).figures
@@ -280,6 +282,7 @@ def test_pictures_of_one_name_part_count_as_one(done: Evaluation, tmp_path: Path
     assert done.summary["cluster"] is None
 
 
+@pytest.mark.slow
 def test_answers_are_a_table_too(done: Evaluation) -> None:
     done.report()
     table = pd.read_csv(done.output / "answers.csv")

@@ -85,6 +85,7 @@ def test_other_conditions_and_repeats_are_joined(tmp_path: Path) -> None:
         assert store.about("identity")["plan"]["grid"]["exposure_s"] == [0.005, 0.02, 0.05]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -114,6 +115,7 @@ def test_another_picture_under_a_name_is_refused(tmp_path: Path) -> None:
         merge([tmp_path / "0", tmp_path / "1"], tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_what_is_there_stays(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["merge", str(runs / "1"), "-o", str(runs / "2")]) == 2
     assert "is not empty" in capsys.readouterr().err

@@ -76,6 +76,7 @@ def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detecto
         assert {**one, "cell_id": None, "example": None} == {**other, "cell_id": None, "example": None}
 
 
+@pytest.mark.slow
 def test_rows_and_files_tell_what_moved(tmp_path: Path, detector: Detector) -> None:
     cells, targets, *_ = run(tmp_path, detector, swept(**AT, moves=MOVES.choices), labelled())
     seen = {(row["moves"], row["velocity_x_px_s"]) for row in cells}

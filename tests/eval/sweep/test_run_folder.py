@@ -367,6 +367,7 @@ def test_full_disk(
     assert json.loads(capsys.readouterr().out)["missing_cells"] == 0
 
 
+@pytest.mark.slow
 def test_figures_appear_whole_or_not_at_all(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     done = Evaluation(run)
     done.report()
