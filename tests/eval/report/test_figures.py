@@ -252,8 +252,7 @@ def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
     speeds = (0.0, 300.0, 600.0)
     data = made_run(tmp_path, n_examples=0, models=("first", "second"), speeds=speeds, moves=(0.0, 1.0, 2.0))
     figure = figures.score_moves(data)
-    drawn = [axes for axes in figure.axes if axes.lines]
-    assert len(drawn) == 2 * 3
+    assert len([axes for axes in figure.axes if axes.lines]) == 2 * 3
     beside = {label: 0.018 * 600 * (place - 1) for place, label in enumerate(MOVE_LABELS)}
     for place, exposure_s in enumerate((EXPOSURES_S[0], EXPOSURES_S[2], EXPOSURES_S[3])):
         lines = _lines(figure, place)
@@ -271,9 +270,9 @@ def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
             expected = [answer["confidence"][EXPOSURES_S.index(exposure_s)] for answer in answers]
             x, scores = lines[label]
             assert (x, scores) == ([speed + beside[label] for speed in speeds], expected)
-            for bar in bars[kind * len(speeds) : (kind + 1) * len(speeds)]:
-                score = scores[x.index(bar.get_xdata()[0])]
-                assert min(bar.get_ydata()) <= score <= max(bar.get_ydata())
+            at = EXPOSURES_S.index(exposure_s)
+            drawn = [tuple(bar.get_ydata()) for bar in bars[kind * len(speeds) : (kind + 1) * len(speeds)]]
+            assert drawn == [(answer["low"][at], answer["high"][at]) for answer in answers]
     assert "3 of 4 exposures shown" in figure.get_supxlabel()
     assert "1 of 2 settings shown" in figure.get_supxlabel()
 
