@@ -27,7 +27,6 @@ from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
 
-
 _NAMED = 5  # pictures with broken segmentations
 
 

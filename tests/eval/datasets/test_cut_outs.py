@@ -177,7 +177,9 @@ def test_what_is_missing_is_said_before_anything_is_computed(tmp_path: Path) -> 
     ]
     sound = made(box(10, 10, 40, 40, annotation=TRIANGLE), box(1, 1, 9, 9, crowd=True))
     check_cut(PictureSet("coco", "here", (sound,)), Objects(mattes="segmentation"))
-    with pytest.raises(ValueError, match=r"3 targets of 3 pictures have broken ones: 0\.png, 1\.png, 2\.png; must"):
+    with pytest.raises(
+        ValueError, match=r"3 targets of 3 pictures have broken ones: 0\.png, 1\.png, 2\.png; must"
+    ):
         check_cut(PictureSet("coco", "here", (sound, *broken)), Objects(mattes="segmentation"))
     check_cut(PictureSet("coco", "here", (sound, *broken)), Objects())
     other = made(box(10, 10, 40, 40, annotation={"segmentation": {"size": [2, 3], "counts": [6]}}))
