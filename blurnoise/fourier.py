@@ -155,7 +155,8 @@ def multiply(
         for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
             _multiply_planes(picture, motion, optics, plan, border, target, threads)
         return out
-    return filtered(image, _response(displacement_px, optics, plan), plan, border, out)
+    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
+    return filtered(image, response(displacement_px, optics, lengths), plan, border, out)
 
 
 def check_span(plan: TransformPlan, border: Border, moved: str) -> None:
@@ -274,24 +275,23 @@ def row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Pla
     return factors
 
 
-def _response(displacement_px: Tensor, optics: Optics, plan: TransformPlan) -> Tensor:
-    """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
-    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
+def response(displacement_px: Tensor, optics: Optics, lengths: tuple[int, int]) -> Tensor:
+    """Transfer functions (B, 1, h, w) of motions (B, 2) and a lens, at :func:`frequencies` of ``lengths``."""
     fy, fx = (torch.from_numpy(f).to(displacement_px) for f in frequencies(lengths))
 
     def motion(fx: Tensor, fy: Tensor) -> Tensor:
         return transfer.motion(fx, fy[:, None], displacement_px)
 
-    response = joined(motion, fx, fy, lengths)
+    seen = joined(motion, fx, fy, lengths)
     if optics != SHARP:
-        response = response * optics.response(fx, fy[:, None])
-    return response[:, None]
+        seen = seen * optics.response(fx, fy[:, None])
+    return seen[:, None]
 
 
 def _plane_factors(
     motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: packed.Plane
 ) -> None:
-    """What ``_response`` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
+    """What :func:`response` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
     fy, fx = frequencies(lengths)
     dx, dy = (math.pi * along for along in motion_px)
     kind = out.dtype

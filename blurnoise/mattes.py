@@ -47,20 +47,7 @@ class Cut(NamedTuple):
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
-    size = _size(size)
-    if not isinstance(polygons, (list, tuple)) or not polygons:
-        raise ValueError("segmentation: must hold at least one polygon")
-    corners = []
-    for polygon in polygons:
-        try:
-            flat = np.asarray(polygon, np.float64)
-        except (TypeError, ValueError, OverflowError):  # lists in it, text, an integer beyond 1e308
-            flat = np.zeros(0)
-        if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
-            raise ValueError(
-                f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
-            )
-        corners.append(flat.reshape(-1, 2).clip(-_LARGEST_PX, _LARGEST_PX))
+    size, corners = _size(size), _corners(polygons)
     matte = np.zeros(size, np.float32)
     every = np.concatenate(corners)
     left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
@@ -75,6 +62,24 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
     area = fine.reshape(bottom - top, _FINER, right - left, _FINER).mean((1, 3), dtype=np.float32)
     matte[top:bottom, left:right] = area
     return matte
+
+
+def _corners(polygons: Sequence[Sequence[float]]) -> list[NDArray[np.float64]]:
+    """Those of each polygon, (N, 2). Raises ``ValueError``."""
+    if not isinstance(polygons, (list, tuple)) or not polygons:
+        raise ValueError("segmentation: must hold at least one polygon")
+    corners = []
+    for polygon in polygons:
+        try:
+            flat = np.asarray(polygon, np.float64)
+        except (TypeError, ValueError, OverflowError):  # lists in it, text, an integer beyond 1e308
+            flat = np.zeros(0)
+        if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
+            raise ValueError(
+                f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
+            )
+        corners.append(flat.reshape(-1, 2).clip(-_LARGEST_PX, _LARGEST_PX))
+    return corners
 
 
 def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.uint8]:
@@ -216,6 +221,18 @@ def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
     if not segmentation:
         raise ValueError("segmentation: there is none")
     return of_polygons(segmentation, size)
+
+
+def check_annotation(annotation: Mapping[str, Any]) -> None:
+    """Raise what :func:`of_annotation` does in a picture of whatever size; of polygons without drawing them."""
+    segmentation = annotation.get("segmentation")
+    if not isinstance(segmentation, Mapping):
+        _corners(segmentation or ())
+        return
+    size = segmentation.get("size")
+    if not isinstance(size, (list, tuple)):
+        raise ValueError(f"segmentation: size = {shown(size)}: must be [height, width]")
+    of_annotation(annotation, _size(tuple(size)))
 
 
 def layer_of_rgba(

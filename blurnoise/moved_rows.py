@@ -1,7 +1,7 @@
 """Rows moved by numbers of pixels of their own, along and across, in pictures (B, C, H, W) of linear light.
 
 Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
-twelve taps, or by taps that are given.
+twelve taps, by its mean over what a row passes (:func:`swept_taps`), or by taps that are given.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ CLOSING_PX = 32  # of the margin, at its end
 STRIP = 1 << 16  # values of a strip of rows
 _BLOCK = 32  # rows whose phases are a product
 _TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
+_STILL_PX = 1e-3  # passed by a row that is as good as in its place
+_FINE = 4096  # places within a pixel at which the window's integral is known
 
 
 def shifted_rows(
@@ -109,17 +111,20 @@ def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Bord
 
 @lru_cache(maxsize=4)
 def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along_px: float) -> NDArray[Any]:
-    """Packed phases of rows' displacements, times a blur along them: products of a few, where these grow evenly; not
-    to be written to."""
-    shifts = np.array(shift_px)
-    turn = -2j * np.pi * np.arange(length // 2 + 1) / length
-    step = (shifts[-1] - shifts[0]) / max(1, len(shifts) - 1)
-    if np.abs(shifts - shifts[0] - step * np.arange(len(shifts))).max() > 1e-9:
-        return _spread(packed_factors(np.exp(np.outer(shifts, turn)), length, kind), along_px)
-    within = np.exp(np.outer(np.arange(min(_BLOCK, len(shifts))) * step, turn))
-    blocks = np.exp(np.outer(shifts[::_BLOCK], turn))
-    phases = (blocks[:, None] * within).reshape(-1, len(turn))[: len(shifts)]
+    """Packed phases of rows' displacements, times a blur along them; not to be written to."""
+    phases = row_phases(np.array(shift_px), length, np.complex64 if kind == np.float32 else np.complex128)
     return _spread(packed_factors(phases, length, kind), along_px)
+
+
+def row_phases(shift_px: Floats, length: int, kind: type[np.complexfloating] = np.complex128) -> NDArray[Any]:
+    """Phases (H, L / 2 + 1) of rows' displacements (H,): products of a few, where these grow evenly."""
+    turn = -2j * np.pi * np.arange(length // 2 + 1) / length
+    step = (shift_px[-1] - shift_px[0]) / max(1, len(shift_px) - 1)
+    if np.abs(shift_px - shift_px[0] - step * np.arange(len(shift_px))).max() > 1e-9:
+        return np.asarray(np.exp(np.outer(shift_px, turn)), kind)
+    within = np.exp(np.outer(np.arange(min(_BLOCK, len(shift_px))) * step, turn)).astype(kind)
+    blocks = np.exp(np.outer(shift_px[::_BLOCK], turn)).astype(kind)
+    return np.asarray((blocks[:, None] * within).reshape(-1, len(turn))[: len(shift_px)])
 
 
 def _spread(packed: NDArray[Any], along_px: float) -> NDArray[Any]:
@@ -129,17 +134,18 @@ def _spread(packed: NDArray[Any], along_px: float) -> NDArray[Any]:
     return packed
 
 
-def packed_factors(factors: NDArray[np.complex128], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
+def packed_factors(factors: NDArray[Any], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
     """Rows of factors at the frequencies of ``rfft``, as OpenCV packs them; length even."""
+    parts = np.ascontiguousarray(factors).view(factors.real.dtype)  # real, imaginary, real, ...
     packed = np.empty((len(factors), length), kind)
-    packed[:, 0], packed[:, -1] = factors[:, 0].real, factors[:, -1].real
-    packed[:, 1:-1:2], packed[:, 2:-1:2] = factors[:, 1:-1].real, factors[:, 1:-1].imag
+    packed[:, 0] = parts[:, 0]
+    packed[:, 1:] = parts[:, 2:-1]
     packed /= length
     return packed
 
 
 def resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
-    """Row i as seen at i + shift_px (H,), between rows by Lanczos's taps."""
+    """Row i as seen at i + shift_px, for every i of those, between rows by Lanczos's taps."""
     whole = torch.floor(shift_px.detach())
     taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=light.device)
     weights = lanczos((shift_px - whole)[:, None] - taps)
@@ -151,15 +157,39 @@ def resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
     return rows_mixed(light, first.numpy(), weights.numpy(), border)
 
 
+def swept_taps(middle_px: Floats, along_px: float) -> tuple[NDArray[np.int64], Floats]:
+    """Where each row's taps begin, from itself: means of Lanczos's window over along_px >= 0 about middle_px (H,).
+
+    By the window's integral, a table linear to 1e-8 between its places: exact for any motion that is worth a blur.
+    """
+    first = np.floor(middle_px - along_px / 2).astype(np.int64) + 1 - LOBES
+    off = first[:, None] - middle_px[:, None] + np.arange(math.ceil(along_px) + 2 * LOBES)
+    if along_px < _STILL_PX:
+        weights = lanczos(off)
+    else:
+        places, integral = _integral()
+        far, near = (np.interp(off + by, places, integral) for by in (along_px / 2, -along_px / 2))
+        weights = far - near
+    return first, weights / weights.sum(1, keepdims=True)
+
+
+@lru_cache(maxsize=1)
+def _integral() -> tuple[Floats, Floats]:
+    """Places over Lanczos's window, and its integral up to them."""
+    places = np.linspace(-LOBES, LOBES, 2 * LOBES * _FINE + 1)
+    values = lanczos(places)
+    return places, np.concatenate([[0.0], np.cumsum(values[1:] + values[:-1])]) / (2 * _FINE)
+
+
 def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
-    """Row i: the sum over k of weights[i, k] times row i + first[i] + k."""
+    """Row i, as many as first: the sum over k of weights[i, k] times row i + first[i] + k."""
     height, width = light.shape[-2:]
     before, after = ends(
         first.numpy() if first.device.type == "cpu" else first.cpu().numpy(), weights.shape[1]
     )
     plane = extended(light, (before, 0), (before + height + after, width), border)
-    rows = torch.arange(height, device=light.device) + first + before
-    total = torch.zeros_like(light)
+    rows = torch.arange(len(first), device=light.device) + first + before
+    total = light.new_zeros(())
     for tap, weight in enumerate(weights.to(light).unbind(1)):
         total = total + plane.index_select(-2, rows + tap) * weight[:, None]
     return total
@@ -169,26 +199,21 @@ def rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border
     """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
     if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
         return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
-    height, taps = light.shape[-2], weights.shape[1]
+    (height, width), (count, taps) = light.shape[-2:], weights.shape
     sources = light.detach().contiguous().flatten(0, 1).numpy()
-    out = torch.empty_like(light, memory_format=torch.contiguous_format)
+    out = light.new_empty(*light.shape[:2], count, width)
     targets = out.flatten(0, 1).numpy()
-    before, after = ends(first, taps)
-    inside = index_of(height, before, before + height + after, border).numpy()
+    begins = first + np.arange(count)
     bands = []
-    for top in range(0, height, _TOGETHER):
-        rows = slice(top, top + _TOGETHER)
-        places = before + first[rows] + np.arange(height)[rows]
-        begin, end = int(places.min()), int(places.max()) + taps
-        band = np.zeros((len(places), end - begin))
-        np.put_along_axis(band, places[:, None] - begin + np.arange(taps), weights[rows], 1)
-        shown = inside[begin:end]  # rows that the border shows count where they are
-        if border == "constant":
-            band[:, (np.arange(begin, end) < before) | (np.arange(begin, end) >= before + height)] = 0
-        needed = slice(int(shown.min()), int(shown.max()) + 1)
-        folded = np.zeros((needed.stop - needed.start, len(places)), sources.dtype)
-        np.add.at(folded, shown - needed.start, band.T)
-        bands.append((rows, needed, np.ascontiguousarray(folded.T)))
+    for top in range(0, count, _TOGETHER):
+        rows = slice(top, min(count, top + _TOGETHER))
+        begin = int(begins[rows].min())
+        needed = slice(begin, int(begins[rows].max()) + taps)
+        band = np.zeros((rows.stop - top, needed.stop - begin), sources.dtype)
+        band[np.arange(len(band))[:, None], begins[rows, None] - begin + np.arange(taps)] = weights[rows]
+        if begin < 0 or needed.stop > height:
+            band, needed = _folded(band, begin, height, border)
+        bands.append((rows, needed, band))
 
     def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
         place, (rows, needed, band) = at
@@ -197,6 +222,20 @@ def rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border
     threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
     side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
     return out
+
+
+def _folded(band: NDArray[Any], begin: int, height: int, border: Border) -> tuple[NDArray[Any], slice]:
+    """A band of weights of rows from ``begin`` on, those that the border shows counted where they are."""
+    count = band.shape[1]
+    shown = index_of(height, -begin, count, border).numpy()
+    if border == "constant":
+        outside = np.arange(begin, begin + count)
+        band[:, (outside < 0) | (outside >= height)] = 0
+        shown = shown.clip(0, height - 1)
+    needed = slice(int(shown.min()), int(shown.max()) + 1)
+    folded = np.zeros((needed.stop - needed.start, len(band)), band.dtype)
+    np.add.at(folded, shown - needed.start, band.T)
+    return np.ascontiguousarray(folded.T), needed
 
 
 def ends(first: NDArray[Any], taps: int) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur, rolling_shutter
+from blurnoise import blur, rolled_motion
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.camera import Camera
@@ -148,7 +148,7 @@ def in_rows(at: OperatingPoint[float]) -> bool:
         return False
     camera, (x, y) = at.camera, at.displacement_px
     velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s)
-    return rolling_shutter.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
+    return rolled_motion.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
 
 
 def skewed(at: OperatingPoint[float]) -> bool:

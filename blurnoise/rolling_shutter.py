@@ -5,9 +5,10 @@ stays. Rows are read every ``row_s``, downwards > 0, upwards < 0. Row i is expos
 tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each ends ``row_s`` after the one before.
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
-first, it would have to be blurred by v T / (1 - v_y row_s).) Else each row sees the path in its own window:
-:func:`of_rows`. A picture that is blurred already, continued as its border says, is not quite what is seen there:
-where rows are displaced by a pixel and more, it is continued before, :func:`blurred_and_warped`.
+first, it would have to be blurred by v T / (1 - v_y row_s).) A picture that is blurred already, continued as its
+border says, is not quite what is seen there: where rows are displaced by a pixel and more,
+:mod:`blurnoise.rolled_motion` continues it before. In any other motion each row sees the path in its own window:
+:func:`of_rows`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import blur, fourier
+from blurnoise import fourier
 from blurnoise._core.borders import Border, extended
 from blurnoise._core.checks import finite
 from blurnoise.moved_rows import (
@@ -39,11 +40,9 @@ from blurnoise.moved_rows import (
     times_packed,
 )
 from blurnoise.trajectory import Trajectory
-from blurnoise.transfer import SHARP
 
 Floats = NDArray[np.float64]
 _STILL_PX = 1e-3  # motion across that is not worth its transform
-_BEYOND_PX = 8  # of a continued picture's blur, whose ends fall off
 _SPACING_PX = 1.0  # of sub-exposures, which err by transfer.motion_error of it at most
 # of a row's exposure, however little moves: its window ends within a cell
 _LEAST_CELLS, _LEAST_SAMPLES = 8, 16
@@ -128,58 +127,6 @@ def warped(
     if follows or abs(float(velocity[0].detach())) * readout_s > _STILL_PX:
         light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
     return light
-
-
-def along_rows(velocity_px_s: tuple[float, float], lasting_s: float) -> bool:
-    """Whether motion is along rows alone, for as long as it matters, so that :func:`blurred_rows` serves."""
-    return velocity_px_s[0] != 0 and abs(velocity_px_s[1]) * lasting_s <= _STILL_PX
-
-
-def blurred_rows(
-    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
-) -> Tensor:
-    """Pictures (B, C, H, W) blurred and :func:`warped` by motion along rows, (2,) px in an exposure (): at once."""
-    velocity = displacement_px / exposure_s
-    asked = (light, displacement_px, exposure_s)
-    if light.device.type != "cpu" or (torch.is_grad_enabled() and any(each.requires_grad for each in asked)):
-        blurred = blur.motion_blur(light, displacement_px[None].expand(len(light), 2), border=border)
-        return warped(blurred, velocity, row_s, border)
-    tau = (torch.arange(light.shape[-2], dtype=torch.float64) - (light.shape[-2] - 1) / 2) * row_s
-    return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
-
-
-def blurred_and_warped(
-    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
-) -> Tensor:
-    """Pictures (B, C, H, W) blurred and :func:`warped` by uniform motion, (2,) px in an exposure (): continued first.
-
-    What the rows bring in from beyond the border is then what was blurred there.
-    """
-    velocity = displacement_px / exposure_s
-    height, width = light.shape[-2:]
-    skewed, along = ((velocity * row_s).detach().abs() * (height - 1) / 2).tolist(), displacement_px.tolist()
-    across, down = (
-        math.ceil(skew + abs(by) / 2) + _BEYOND_PX for skew, by in zip(skewed, along, strict=True)
-    )
-    own = border == "circular" or (border == "reflect" and skewed[0] <= _STILL_PX)
-    spans = (height, width) if own else (height + 2 * down, width + 2 * across)
-    if spans[0] * spans[1] > fourier.LARGEST_PLANE:
-        raise ValueError(
-            f"displacement_px = {along}: rows that are read one after another need a plane of "
-            f"{spans[0]}x{spans[1]} pixels; at most {fourier.LARGEST_PLANE} are allowed"
-        )
-    beyond: Border = border if own else "replicate"
-    plane = light if own else extended(light, (down, across), spans, border)
-    moved = displacement_px[None].expand(len(light), 2)
-    seen = blur.exposure_blur(plane, moved, SHARP, border=beyond)
-    if own:
-        return warped(seen, velocity, row_s, border)
-    seen = warped(seen, torch.stack([velocity[0] * 0, velocity[1]]), row_s, beyond)[
-        ..., down : down + height, :
-    ]
-    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
-    seen = shifted_rows(seen, velocity[0] * tau, beyond, known_px=across)
-    return seen[..., across : across + width].contiguous()
 
 
 def of_rows(

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import rolling_shutter
+from blurnoise import rolled_motion, rolling_shutter
 from blurnoise._core.borders import Border
 from blurnoise.camera import Camera
 from blurnoise.flow_blur import flow_warp
@@ -69,10 +69,10 @@ class RollingShutter(LightEffect):
                 parts.append(_flowing(picture, flow, readout, border))
             elif in_rows(point):
                 own = displaced[item], at.exposure_s[item]
-                parts.append(rolling_shutter.blurred_rows(picture, *own, readout.row_s, border))
+                parts.append(rolled_motion.blurred_rows(picture, *own, readout.row_s, border))
             elif skewed(point):
                 own = displaced[item], at.exposure_s[item]
-                parts.append(rolling_shutter.blurred_and_warped(picture, *own, readout.row_s, border))
+                parts.append(rolled_motion.blurred_and_warped(picture, *own, readout.row_s, border))
             elif point.exposure_s:
                 velocity = displaced[item] / at.exposure_s[item]
                 parts.append(rolling_shutter.warped(picture, velocity, readout.row_s, border))

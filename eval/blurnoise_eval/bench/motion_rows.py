@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import Trajectory, motion_blur, rolling_shutter
+from blurnoise import Trajectory, motion_blur, rolled_motion, rolling_shutter
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
 from blurnoise_eval.bench.motion_peers import FRAMES, mapped, mean_of_frames
@@ -53,6 +53,11 @@ def _case(extent: Extent) -> Rows:
 
 
 def _ours(case: Rows) -> Call:
+    moved, exposure = torch.tensor(_MOVED_PX), torch.tensor(EXPOSURE_S)
+    return lambda: rolled_motion.blurred_and_warped(case.picture, moved, exposure, ROW_S, "reflect")
+
+
+def _one_by_one(case: Rows) -> Call:
     def call() -> Tensor:
         blurred = motion_blur(case.picture, _MOVED_PX)
         return rolling_shutter.warped(blurred, VELOCITY_PX_S, ROW_S, "reflect")
@@ -101,7 +106,10 @@ def job() -> Job:
         for how, flags in (("linear", cv2.INTER_LINEAR), ("cubic", cv2.INTER_CUBIC))
     ]
     ways = (
-        Method(OURS, OURS, "blurnoise.motion_blur, then rolling_shutter.warped", _ours),
+        Method(OURS, OURS, "rolled_motion.blurred_and_warped", _ours),
+        Method(
+            "ours, then warped", OURS, "motion_blur, then rolling_shutter.warped", _one_by_one, "then warped"
+        ),
         Method("ours, any path", OURS, "rolling_shutter.of_rows: row by row", _row_by_row, "any path"),
         *remaps,
         Method("sheared, no blur", "one of the two", "cv2.remap of the sharp picture", _sheared, "sheared"),

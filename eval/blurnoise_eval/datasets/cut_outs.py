@@ -7,6 +7,7 @@ was rendered, the user's where there is a plate, else invented from around it (:
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -25,6 +26,8 @@ from blurnoise.mattes import Cut, Matte
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
+
+_NAMED = 5  # pictures with broken segmentations
 
 
 class CutOut(NamedTuple):
@@ -58,10 +61,30 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             raise ValueError(
                 f"mattes = 'segmentation': {lacking} targets have none; must be auto, grabcut or box"
             )
+        _check_segmentations(pictures)
     if objects.plates is not None:
         for picture in pictures:
             if not (Path(objects.plates) / picture.name).is_file():
                 raise ValueError(f"plates = {objects.plates!r}: holds no {picture.name!r}")
+
+
+def _check_segmentations(pictures: PictureSet) -> None:
+    """Raise ``ValueError`` with the number of segmentations that are broken, and the pictures' names."""
+    broken: Counter[str] = Counter()
+    for picture in pictures:
+        for target in () if picture.cut else picture.targets or ():
+            if target.crowd:
+                continue
+            try:
+                mattes.check_annotation(target.annotation)
+            except (TypeError, ValueError):
+                broken[picture.name] += 1
+    if broken:
+        names = ", ".join([*list(broken)[:_NAMED], *(["..."] if len(broken) > _NAMED else [])])
+        raise ValueError(
+            f"mattes = 'segmentation': {broken.total()} targets of {len(broken)} pictures have broken ones: {names}; "
+            "must be auto, grabcut or box"
+        )
 
 
 def cut_out(
@@ -70,7 +93,8 @@ def cut_out(
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
     scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
-    the picture itself behind them, which is never seen. Raises ``UnreadablePicture`` for a plate that is none.
+    the picture itself behind them, which is never seen. Raises ``UnreadablePicture`` for a plate that is none, and
+    where segmentations alone are asked for and one is not of this picture.
     """
     every = picture.targets or ()
     if picture.cut is not None:
@@ -80,7 +104,10 @@ def cut_out(
     backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
     backmost = [place for place in backmost if not every[place].crowd]
     cut_off = [place for place in backmost if _comes_apart(place, backmost, every, objects)]
-    own = [(place, _matte(every[place], image8, objects.mattes)) for place in cut_off]
+    try:
+        own = [(place, _matte(every[place], image8, objects.mattes)) for place in cut_off]
+    except (TypeError, ValueError) as fault:
+        raise UnreadablePicture(f"{picture.name}: mattes = {objects.mattes!r}: {fault}") from fault
     own = [(place, matte) for place, matte in own if matte.any()]
     found = [matte for _, matte in own]
     plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
@@ -143,6 +170,8 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
     """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
     size = (image8.shape[0], image8.shape[1])
     if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
+        if how == "segmentation":
+            return mattes.of_annotation(target.annotation, size)
         with suppress(TypeError, ValueError):  # of another size, or broken: the box is left
             matte = mattes.of_annotation(target.annotation, size)
             if matte.any():

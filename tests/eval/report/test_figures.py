@@ -14,6 +14,7 @@ import pytest
 from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import axis
 from blurnoise_eval.report import captions, figures, measured
+from blurnoise_eval.report.figures.curves import MOVE_LABELS
 from blurnoise_eval.report.page import figures_of
 from blurnoise_eval.report.tradeoff import pareto_front
 from hypothesis import given
@@ -251,13 +252,14 @@ def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
     speeds = (0.0, 300.0, 600.0)
     data = made_run(tmp_path, n_examples=0, models=("first", "second"), speeds=speeds, moves=(0.0, 1.0, 2.0))
     figure = figures.score_moves(data)
-    drawn = [axes for axes in figure.axes if axes.lines]
-    assert len(drawn) == 2 * 3
+    assert len([axes for axes in figure.axes if axes.lines]) == 2 * 3
+    beside = {label: 0.018 * 600 * (place - 1) for place, label in enumerate(MOVE_LABELS)}
     for place, exposure_s in enumerate((EXPOSURES_S[0], EXPOSURES_S[2], EXPOSURES_S[3])):
         lines = _lines(figure, place)
-        assert list(lines) == ["all moves", "targets move", "background moves"]
+        assert list(lines) == list(MOVE_LABELS)
         assert "200 lux" in figure.axes[place].get_title()
-        assert len(figure.axes[place].collections) == 3
+        bars = [line for line in figure.axes[place].lines if len({*line.get_xdata()}) == 1]
+        assert len(bars) == 3 * len(speeds)
         for kind, label in enumerate(lines):
             answers = [
                 answer
@@ -266,7 +268,11 @@ def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
                 and (answer["moves"], answer["illuminance_lux"]) == (kind, 200.0)
             ]
             expected = [answer["confidence"][EXPOSURES_S.index(exposure_s)] for answer in answers]
-            assert lines[label] == (list(speeds), expected)
+            x, scores = lines[label]
+            assert (x, scores) == ([speed + beside[label] for speed in speeds], expected)
+            at = EXPOSURES_S.index(exposure_s)
+            drawn = [tuple(bar.get_ydata()) for bar in bars[kind * len(speeds) : (kind + 1) * len(speeds)]]
+            assert drawn == [(answer["low"][at], answer["high"][at]) for answer in answers]
     assert "3 of 4 exposures shown" in figure.get_supxlabel()
     assert "1 of 2 settings shown" in figure.get_supxlabel()
 

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullFormatter
 
 from blurnoise_eval.grid.axes import EXPOSURE, MOVES, SPEED, Axis, velocity_of, velocity_text
 from blurnoise_eval.report.data import RunData, by_speed
@@ -25,6 +25,12 @@ from blurnoise_eval.report.settings import Settings, axis_label
 from blurnoise_eval.report.words import WORKS
 
 MOVE_COLOURS = ("0.25", "#c23b22", "#1f77b4")  # all, targets, background
+MOVE_LABELS = (
+    "all of the picture moves",
+    "targets move, the background is still",
+    "the camera tracks the targets: the background moves",
+)
+_APART, _HIGHEST = 0.018, 1.5  # bars side by side, of the axis; intervals beyond that are cut off
 MOST_EXPOSURES = 3  # side by side
 MOST_OF_MOVES = 9  # panels: of several models the largest group, of one model three
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
@@ -111,8 +117,8 @@ def confidence_axis(data: RunData, axis: Axis) -> Figure:
 
 
 def score_moves(data: RunData) -> Figure:
-    """The score against speed, a line with its interval for each of what moves: one panel per model, group and
-    exposure, under the brightest light."""
+    """The score against speed, a line with its intervals for each of what moves: one panel per model, group and
+    exposure, under the brightest light; a row for each model where there are several."""
     place, others = data.settings.axes.index(MOVES), data.settings.without(MOVES)
     exposures = spread(data.exposures_s, MOST_EXPOSURES)
     settings = Settings(
@@ -120,15 +126,23 @@ def score_moves(data: RunData) -> Figure:
     )
     grid, measured = panels(data, settings, MOST_OF_MOVES), points(data)
     style = _style(data) if one_velocity_per_speed(data.velocities_px_s) else "o"
+    apart = _APART * max(point.speed_px_s for point in measured)
+    highest = data.highest
     for (model, group, setting), axes in grid:
         *rest, exposure_s = setting
         for value in data.settings.values(MOVES):
             own = (model, group, (*rest[:place], value, *rest[place:]))
             line = [p for p in measured if p[:3] == own and p.exposure_s == exposure_s]
             line.sort(key=lambda point: point.speed_px_s)
-            x = [point.speed_px_s for point in line]
-            _draw_line(axes, x, line, MOVE_COLOURS[int(value)], MOVES.text(value), style)
-    notes = ["Bands: 95 % intervals over pictures.", *_left_out(exposures, data.exposures_s, "exposures")]
+            x, colour = [point.speed_px_s + apart * (value - 1) for point in line], MOVE_COLOURS[int(value)]
+            _draw_line(axes, x, line, colour, MOVE_LABELS[int(value)], style, band=False)
+            for at, point in zip(x, line, strict=True):
+                if point.low is not None and point.high is not None:
+                    axes.plot([at, at], [point.low, point.high], color=colour, lw=2.4, alpha=0.35)
+                    highest = max(highest, min(_HIGHEST, point.high))
+        axes.set_ylim(-0.03, 1.03 * highest)
+        axes.yaxis.set_major_locator(MultipleLocator(0.2))
+    notes = ["Bars: 95 % intervals over pictures.", *_left_out(exposures, data.exposures_s, "exposures")]
     notes += _left_out(others.every[-1:], others.every, "settings")
     return grid.finish(axis_label(SPEED), MOVES.title, notes)
 

@@ -65,8 +65,11 @@ def panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> Panels:
         for model in shown_models for group in groups for at in shown_settings if (model, group) in asked
     ]  # fmt: skip
     columns = len(shown_settings) if len(shown_settings) > 1 else min(3, max(1, len(keys)))
+    if len(shown_settings) == 1 < len(shown_models) and 1 < len(groups) <= MAX_COLUMNS:
+        columns = len(groups)  # a row for each model
     rows = max(1, math.ceil(len(keys) / columns))
-    figure = Figure(figsize=(max(5.0, 3.5 * columns) + 0.4, 2.7 * rows + 1.5), layout="constrained")
+    wide = 3.5 if columns < MAX_COLUMNS else 3.0
+    figure = Figure(figsize=(max(5.0, wide * columns) + 0.4, 2.7 * rows + 1.5), layout="constrained")
     grid = list(figure.subplots(rows, columns, squeeze=False, sharey=True).flat)
     for axes in grid[len(keys) :]:
         axes.set_axis_off()
