@@ -11,6 +11,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 
 @contextmanager
@@ -19,6 +20,7 @@ def interrupts_held() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield  # Windows, or a thread that no interrupt reaches
         return
+    resource_tracker.ensure_running()  # of multiprocessing: begun inside, it would lift the mask below
     came: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))  # other threads may take it
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what processes begun here inherit

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from urllib.request import Request, urlopen
 
 import pytest
 
@@ -22,6 +23,8 @@ def s3_server() -> Iterator[str]:
     )
     server.start()
     host, port = server.get_host_and_port()
+    reset = Request(f"http://{host}:{port}/moto-api/reset", method="POST")
+    urlopen(reset, timeout=120).close()  # moto's servers of one process hold the same buckets
     try:
         yield f"http://{host}:{port}"
     finally:

@@ -13,16 +13,20 @@ import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import util
 from itertools import takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
+from blurnoise_models.detector import STOP_SIGN
+
+from blurnoise_eval.bench.made_up_run import scale_of_results
 from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
 from blurnoise_eval.bench.timing import machine
 from blurnoise_eval.bench.written import write_bench
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.actors import local_cluster
 from blurnoise_eval.sweep.blocks import Block
@@ -39,16 +43,18 @@ CELL_S = (0.005, 0.015, 0.08, 0.15)
 
 @dataclass(frozen=True)
 class Extent:
-    """How much is measured. workers: numbers of them. cell_s: seconds that a cell takes. seconds: of each point."""
+    """How much is measured. workers: numbers of them. cell_s: seconds that a cell takes. seconds: of each point.
+    stored: cells of the store's cost. results: cells of the made-up run whose page is made; 0: none."""
 
     workers: tuple[int, ...] = (1, 2, 4)
     cell_s: tuple[float, ...] = (0.0, 0.015, 0.08)
     seconds: float = 8.0
     stored: int = 4000
+    results: int = 1_000_000  # 2 GB on the disk meanwhile
 
 
 FULL = Extent()
-QUICK = Extent((1, 2), (0.0, 0.015), 2.0, 800)
+QUICK = Extent((1, 2), (0.0, 0.015), 2.0, 800, 20_000)
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,7 @@ class Bench:
     """What was found, and how it was made.
 
     store_ms: of a cell, in the driver. cell_bytes: of its rows as they travel; disk_bytes: as they are stored.
+    results: :func:`~blurnoise_eval.bench.made_up_run.scale_of_results`, empty where it was not asked for.
     """
 
     rows: list[Row]
@@ -85,6 +92,7 @@ class Bench:
     disk_bytes: float
     extent: Extent
     machine: dict[str, Any]
+    results: dict[str, float] = field(default_factory=dict)
 
     def cost_ms(self, engine: str) -> float:
         """Of the driver per cell, store included, with cells that take no time."""
@@ -127,6 +135,11 @@ class Bench:
                 f"{engine}, at that rate: {mb_s:.1f} MB/s of rows come in, {most * self.disk_bytes / 1e6:.1f} MB/s "
                 f"are stored; {CORES[-1]} cores x {IN_FLIGHT} blocks x {CELLS} cells hold {held:.0f} MB at most"
             )
+        if self.results:
+            told.append(
+                "page and tables of {cells:.0f} cells: {wall_s:.0f} s, {cpu_s:.0f} s of a core, {peak_mb:.0f} MB; "
+                "{store_ms:.2f} ms and {store_bytes:.0f} bytes a cell in the store".format(**self.results)
+            )
         return told
 
     def document(self) -> dict[str, Any]:
@@ -149,6 +162,7 @@ class Bench:
                 for cell_s in CELL_S
                 for cores in CORES
             ],
+            "results": self.results,
             "losses": self.losses(),
             "rows": [asdict(row) for row in self.rows],
         }
@@ -161,11 +175,11 @@ def engines() -> list[str]:
 
 def steps(extent: Extent) -> int:
     """What the shares told to ``progress`` add up to."""
-    return len(engines()) * len(extent.workers) * len(extent.cell_s) + 1
+    return len(engines()) * len(extent.workers) * len(extent.cell_s) + 1 + bool(extent.results)
 
 
 def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda share: None) -> Bench:
-    """Every engine with every number of workers and every cell; then the store."""
+    """Every engine with every number of workers and every cell; then the store, and a run's page."""
     rows = []
     for name in engines():
         with local_cluster(max(extent.workers)) if name == "ray" else nullcontext():
@@ -176,8 +190,15 @@ def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda
                         progress(1)
     store_ms, disk_bytes = _store(extent.stored)
     progress(1)
+    results_of: dict[str, float] = {}
+    if extent.results:
+        with TemporaryDirectory() as folder:
+            results_of = scale_of_results(Path(folder) / "run", extent.results, Detector(STOP_SIGN))
+        progress(1)
     sent = [pickle.dumps(results(block)) for block in made_blocks(8)]
-    return Bench(rows, store_ms, sum(map(len, sent)) / 8 / CELLS, disk_bytes, extent, machine(threads))
+    return Bench(
+        rows, store_ms, sum(map(len, sent)) / 8 / CELLS, disk_bytes, extent, machine(threads), results_of
+    )
 
 
 def write(bench: Bench, folder: Path) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ MEANS = (
     "detection_rate_swept", "read_confidence", "exact_match", "character_error_rate",
 )  # fmt: skip
 
+Moves = Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]
+"""Where the conditions of a row have moved the truth's boxes, and what these sweep."""
+
 
 class Scored(NamedTuple):
     """A row of scores, and the estimate that P, mPC and rPC are made of, its clusters those of every row; a score by
@@ -43,32 +47,56 @@ def score_rows(
     truth_of: Callable[[str], Truth | None],
     progress: Callable[[int], None] = lambda rows: None,
     *,
-    moves: Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]] = lambda row: (
-        None,
-        None,
-    ),
+    moves: Moves = lambda row: (None, None),
     cluster: str | None = None,
     by_size: str | None = None,
 ) -> Iterator[Scored]:
     """One row per model and condition, the untouched pictures first: three columns for each of ``SCORES``.
 
     NAME, NAME_low and NAME_high: the value and its 95 % interval over clusters of pictures (all repeats of a
-    picture are in one), None where it cannot be told. truth_of: a model's truth, None for a reader. moves: where
-    the conditions of a row have moved the truth's boxes, and what these sweep. cluster: a pattern on pictures'
-    names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. by_size: "ap" or "ap50" of the sizes, too.
-    Where the camera has set the exposure, a row's is the mean over its pictures. Pictures that could not be read do
-    not count; those on which the model failed count as answered by nothing.
+    picture are in one), None where it cannot be told. truth_of: a model's truth, None for a reader. cluster: a
+    pattern on pictures' names, as of :func:`~blurnoise_eval.scoring.clusters.cluster_of`. by_size: "ap" or "ap50" of
+    the sizes, too. Where the camera has set the exposure, a row's is the mean over its pictures. Pictures that could
+    not be read do not count; those on which the model failed count as answered by nothing.
     """
     clusters = numbered(queries.pictures_seen(store), cluster)
+    for each in scored(store, asked(store, models, clusters), truth_of, moves, clusters, by_size):
+        progress(1)
+        yield each
+
+
+class Asked(NamedTuple):
+    """One condition of a model: its counts and means; these with the exposure that the camera has set, on average;
+    and sums over clusters of what its targets have."""
+
+    counted: dict[str, Any]
+    as_set: dict[str, Any]
+    sums: Mapping[str, tuple[Array, Array]]
+
+
+def asked(store: Store, models: Sequence[str], clusters: Mapping[str, int]) -> Iterator[Asked]:
+    """All conditions, model by model."""
     for model in models:
-        truth = truth_of(model)
         every = _sums(target_columns(store, model), clusters)
         counted = queries.condition_counts(store, model)
         for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
+            yield Asked(row, as_set, every.get(tuple(row[name] for name in CONDITIONS), {}))
+
+
+def scored(
+    store: Store,
+    conditions: Iterable[Asked],
+    truth_of: Callable[[str], Truth | None],
+    moves: Moves,
+    clusters: Mapping[str, int],
+    by_size: str | None = None,
+) -> Iterator[Scored]:
+    """The row of each; arguments as of :func:`score_rows`."""
+    for model, own in groupby(conditions, key=lambda each: str(each.counted["model"])):
+        truth = truth_of(model)
+        for row, as_set, sums in own:
             cells = () if truth is None else queries.answers_at(store, model, row)
-            sums = every.get(tuple(row[name] for name in CONDITIONS), {})
             judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(as_set)), clusters)
-            progress(1)
             shared = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             scores = {name: value for score in SCORES for name, value in score.row(judged).items()}
             of_run = judged.mean("exact_match") if truth is None else judged.coco["ap"]

@@ -6,7 +6,7 @@ ordered by condition, picture, repeat and target, so that what is added up does 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -18,14 +18,14 @@ from blurnoise_eval.store.store import Store
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int32]
-_NUMBERS = (
-    "confidence",
-    "confidence_swept",
-    "read_confidence",
-    "character_error_rate",
-    "saturated",
-    "brightness",
+_OF_TARGET = ("confidence", "confidence_swept", "read_confidence", "character_error_rate")
+_OF_PICTURE = ("saturated", "brightness")
+_KEYS: tuple[Callable[[Any], Any], ...] = (
+    lambda at: tuple(-1.0 if value is None else value for value in at),
+    str,
+    str,
 )
+"""By what conditions, pictures and groups are sorted."""
 _MOST_KEPT = 5_000_000
 """Rows of a store, of all models."""
 
@@ -77,38 +77,55 @@ def target_columns(store: Store, model: str) -> TargetColumns:
 
 
 def _read(store: Store, model: str) -> TargetColumns:
-    numbers = [f"{'c' if name in ('saturated', 'brightness') else 't'}.{name}" for name in _NUMBERS]
-    asked = [f"t.{name}" for name in CONDITIONS] + ["t.image", 't."group"', "t.repeat", "t.target_id"]
-    asked += ["CASE WHEN t.truth IS NULL THEN NULL ELSE t.text IS t.truth END", *numbers]
-    query = f"SELECT {', '.join(asked)} FROM targets AS t JOIN cells AS c USING (cell_id, model) WHERE t.model = ?"
-    count = len(CONDITIONS)
-    seen: list[dict[Any, int]] = [{}, {}, {}]
-    parts: list[list[NDArray[Any]]] = []
-    for rows in store.tuples(query, model):
-        conditions, pictures, groups = seen
-        columns = list(zip(*rows, strict=True))
-        codes = [
-            [conditions.setdefault(row[:count], len(conditions)) for row in rows],
-            [pictures.setdefault(name, len(pictures)) for name in columns[count]],
-            [groups.setdefault(name, len(groups)) for name in columns[count + 1]],
-        ]
-        whole = [np.array(each, np.int32) for each in (*codes, *columns[count + 2 : count + 4])]
-        parts.append([*whole, *(np.array(each, float) for each in columns[count + 4 :])])
-    if not parts:
-        parts.append([np.zeros(0, np.int32)] * 5 + [np.zeros(0)] * (1 + len(_NUMBERS)))
-    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    parts.clear()
+    """Each table as it lies on the disk, in place of a join: that would look up every cell on its own."""
+    conditions, pictures, groups = seen = dict[Any, int](), dict[Any, int](), dict[Any, int]()
+    place_of: dict[str, int] = {}
+    of_cells = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * len(_OF_PICTURE)]
+    asked = ", ".join(("cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
+    for rows in store.tuples(f"SELECT {asked} FROM cells NOT INDEXED WHERE model = ?", model):
+        ids, images, repeats, *measured = list(zip(*rows, strict=True))[: -len(CONDITIONS)]
+        place_of.update(zip(ids, range(len(place_of), len(place_of) + len(ids)), strict=True))
+        codes = (
+            [conditions.setdefault(row[-len(CONDITIONS) :], len(conditions)) for row in rows],
+            [pictures.setdefault(name, len(pictures)) for name in images],
+            repeats,
+        )
+        of_cells.append([*_whole(*codes), *(np.array(each, float) for each in measured)])
+    condition, picture, repeat, *pictured = _joined(of_cells)
+    of_targets = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * (1 + len(_OF_TARGET))]
+    exact = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
+    asked = ", ".join(("cell_id", '"group"', "target_id", exact, *_OF_TARGET))
+    for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
+        ids, named, target_ids, *measured = zip(*rows, strict=True)
+        codes = (
+            [place_of[each] for each in ids],
+            [groups.setdefault(name, len(groups)) for name in named],
+            target_ids,
+        )
+        of_targets.append([*_whole(*codes), *(np.array(each, float) for each in measured)])
+    place_of.clear()
+    cell, group, target_id, *measured = _joined(of_targets)
+    joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *measured]
+    joined += [column[cell] for column in pictured]
     names: list[Any] = []
     for place, codes_of in enumerate(seen):
-        ordered = (
-            sorted(codes_of, key=lambda each: tuple(-1.0 if v is None else v for v in each))
-            if not place
-            else sorted(codes_of)
-        )
-        rank = np.empty(len(ordered), np.int32)
+        here = set(np.unique(joined[place]).tolist())  # some cells have no target
+        ordered = sorted((each for each in codes_of if codes_of[each] in here), key=_KEYS[place])
+        rank = np.zeros(len(codes_of), np.int32)
         rank[[codes_of[each] for each in ordered]] = np.arange(len(ordered))
         joined[place] = rank[joined[place]]
         names.append(ordered)
     order = np.lexsort((joined[4], joined[3], joined[1], joined[0]))
     every: list[Any] = [*names, *(column[order] for column in joined)]
     return TargetColumns(*every)
+
+
+def _whole(*columns: Sequence[int]) -> list[NDArray[Any]]:
+    return [np.array(each, np.int32) for each in columns]
+
+
+def _joined(parts: list[list[NDArray[Any]]]) -> list[NDArray[Any]]:
+    """The columns of all parts, which are let go."""
+    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    parts.clear()
+    return joined

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,15 +16,24 @@ from blurnoise.camera import Camera
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.scoring.estimates import Estimate
-from blurnoise_eval.scoring.matching import MoveBoxes
-from blurnoise_eval.scoring.per_condition import performance, score_rows
+from blurnoise_eval.scoring.per_condition import (
+    Asked,
+    Moves,
+    Scored,
+    asked,
+    numbered,
+    performance,
+    scored,
+)
 from blurnoise_eval.scoring.score_surfaces import Sized
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.coco_export import objects_of, truths, vehicle_of
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_eval.system.machine import usable_cores
 
 _VERSION = 3  # of what is kept
+_ALONE_UP_TO = 100_000  # rows of cells; another process takes seconds to begin
 
 
 class RunScores(NamedTuple):
@@ -46,11 +60,7 @@ def run_scores(
         or made_of != {name: kept.get(name) for name in made_of}
         or by_size not in (None, kept["by_size"])
     ):
-        found = list(
-            score_rows(
-                store, models, truths(store), progress, moves=_moves(store), cluster=cluster, by_size=by_size
-            )
-        )
+        found = _found(store, models, cluster, progress, by_size)
         kept = {
             **made_of,
             "by_size": by_size,
@@ -72,6 +82,56 @@ def run_scores(
     return RunScores(rows, performances, sized)
 
 
+def _found(
+    store: Store,
+    models: Sequence[str],
+    cluster: str | None,
+    progress: Callable[[int], None],
+    by_size: str | None,
+) -> list[Scored]:
+    """The rows, of many cells by two processes; what the other one does not answer is scored here."""
+    clusters = numbered(queries.pictures_seen(store), cluster)
+    conditions = list(asked(store, models, clusters))
+    ours, theirs = conditions, conditions[:0]
+    if queries.count_rows(store) > _ALONE_UP_TO and usable_cores() > 1:
+        ours, theirs = conditions[::2], conditions[1::2]
+
+    def here(some: Sequence[Asked]) -> list[Scored]:
+        found = []
+        for each in scored(store, some, truths(store), _moves(store), clusters, by_size):
+            found.append(each)
+            progress(1)
+        return found
+
+    if not theirs:
+        return here(ours)
+    question = pickle.dumps((store.folder, theirs, clusters, by_size))
+    command = [sys.executable, "-c", f"from {__name__} import answer; answer()"]
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **pipes) as other, ThreadPoolExecutor(1) as pool:
+        told = pool.submit(other.communicate, question)
+        try:
+            found = here(ours)
+            answered, _ = told.result()
+        except BaseException:
+            other.kill()
+            raise
+    if other.returncode == 0:
+        others: list[Scored] = pickle.loads(answered)
+        progress(len(others))
+    else:
+        others = here(theirs)
+    return [each for pair in zip_longest(found, others) for each in pair if each is not None]
+
+
+def answer() -> None:
+    """In a process of its own: score the conditions on standard input, to standard output."""
+    folder, conditions, clusters, by_size = pickle.load(sys.stdin.buffer)
+    with Store(folder, shared=True) as store:
+        found = list(scored(store, conditions, truths(store), _moves(store), clusters, by_size))
+    pickle.dump(found, sys.stdout.buffer)
+
+
 def _packed(estimate: Estimate) -> list[Any]:
     """As JSON has it."""
     away = estimate.departures
@@ -86,12 +146,12 @@ def _unpacked(packed: Sequence[Any]) -> Estimate:
     return Estimate(value, None if away is None else np.array(away, float))
 
 
-def _moves(store: Store) -> Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]:
+def _moves(store: Store) -> Moves:
     """Where a row's conditions take the boxes of the scene, and what these sweep."""
     camera = Camera.from_dict(store.about("manifest")["camera"])
     objects, vehicle = objects_of(store), vehicle_of(store)
 
-    def mover(row: Mapping[str, Any]) -> tuple[MoveBoxes | None, MoveBoxes | None]:
+    def mover(row: Mapping[str, Any]) -> tuple[Any, Any]:
         exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera, vehicle=vehicle)
         return box_mover(exposure, objects), box_sweeper(exposure, objects)
 

@@ -171,12 +171,19 @@ class Url:
         tried(str(self), lambda: system_of(self.scheme).pipe_file(_address(self), data))
 
     def put_new(self, data: bytes) -> bool:
-        """Make the object unless there is one, and say whether it was made. Raises ``OSError``."""
+        """Make the object unless there is one, and say whether it was made. Raises ``OSError``.
+
+        data: of the caller alone, such as with a token in it: of a request whose answer was lost, nothing else tells
+        that what is there already was made by it.
+        """
         system = system_of(self.scheme)
         try:
             tried(str(self), lambda: system.pipe_file(_address(self), data, mode="create"))
         except FileExistsError:
-            return False
+            try:
+                return self.read_fresh() == data
+            except FileNotFoundError:  # gone meanwhile
+                return False
         return True
 
     def unlink(self) -> None:

@@ -59,7 +59,7 @@ def test_made_up_rows_fit_the_store(tmp_path: Path) -> None:
 
 def test_threads_are_measured_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scale, "engines", lambda: ["threads"])
-    extent = Extent((1, 2), (0.0, 0.002), 0.1, 80)
+    extent = Extent((1, 2), (0.0, 0.002), 0.1, 80, 0)
     shares = list[float]()
     bench = scale.measure(extent, progress=shares.append)
     assert sum(shares) == scale.steps(extent)
@@ -87,9 +87,20 @@ def test_the_chart_and_the_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_page_of_a_made_up_run_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of whole pictures, 401 cells each; the page has a process of its own."""
+    monkeypatch.setattr(scale, "engines", list)
+    bench = scale.measure(Extent(stored=8, results=402))
+    assert bench.results["cells"] == 802
+    assert bench.results["peak_mb"] > 100
+    assert bench.results["cpu_s"] > 1
+    assert bench.losses()[-1].startswith("page and tables of 802 cells: ")
+
+
+@pytest.mark.slow
 def test_processes_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scale, "engines", lambda: ["processes"])
-    bench = scale.measure(Extent((2,), (0.0, 0.004), 0.5, 80))
+    bench = scale.measure(Extent((2,), (0.0, 0.004), 0.5, 80, 0))
     assert [each.engine for each in bench.rows] == ["processes"] * 2
     assert all((each.worker_mb or 0) > 50 for each in bench.rows)
     assert bench.rows[1].start_s < bench.rows[0].start_s  # the workers stayed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import pytest
 from blurnoise_eval.system import storage, transport
@@ -103,3 +104,30 @@ def test_a_listing_leaves_out_names_that_lead_elsewhere(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(storage, "system_of", lambda scheme: System())
     assert storage.listing(location("s3://b")) == {"a.png": "1 e", "c/d.png": "1 e"}
+
+
+def test_an_answer_that_is_lost_does_not_make_ours_theirs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The request is repeated, and finds what it has made itself; what another has made stays another's."""
+    system = pytest.importorskip("fsspec").filesystem("memory")
+    monkeypatch.setattr(transport, "WAITS_S", (0.0, 0.0))
+    monkeypatch.setattr(transport, "system_of", lambda scheme: Deaf())
+    monkeypatch.setattr(storage, "system_of", lambda scheme: Deaf())
+    asked = []
+
+    class Deaf:
+        async_impl = False
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(system, name)
+
+        def pipe_file(self, path: str, data: bytes, mode: str) -> None:
+            asked.append(data)
+            system.pipe_file(path, data, mode=mode)
+            raise TimeoutError
+
+    lock = location("memory://bucket/lost answer")
+    assert lock.put_new(b"mine")
+    assert not lock.put_new(b"theirs")
+    assert asked == [b"mine", b"mine", b"theirs"]
+    assert lock.read_fresh() == b"mine"
+    system.rm_file("/bucket/lost answer")

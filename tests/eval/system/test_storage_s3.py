@@ -19,7 +19,7 @@ def held() -> Iterator[Wire]:
     with pytest.MonkeyPatch.context() as patch, s3_server() as server, wire_to(server) as (address, wire):
         at(address, patch.setenv)
         transport.system_of.cache_clear()
-        transport.system_of("s3").mkdir(BUCKET)  # the first answer takes long
+        transport.system_of("s3").mkdir(BUCKET)
         patch.setattr(transport, "WAITS_S", (0.01, 0.01, 0.01, 0.01))
         patch.setattr(transport, "CONNECT_S", 5)
         patch.setattr(transport, "READ_S", 3)
