@@ -1,31 +1,28 @@
 """The fused route through the sensor's stages, on the CPU and without derivatives, a piece of a picture at a time.
 
 Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache
-through all its steps, which write in place, and every pass over it counts; exposures of one picture to several
-lights share what does not depend on the light. The physics stands in :mod:`blurnoise.sensor.stages`, whose
-reference gives the same frame to a rounding step; :func:`supports` says which stages are in here.
+through all its steps. The physics stands in :mod:`blurnoise.sensor.stages`, whose reference gives the same frame to
+a rounding step; :func:`supports` says which stages are in here. Two ways give the same bits: that of
+:mod:`blurnoise.sensor.piece`, and, where Numba is installed (``[fast]``), that of :mod:`blurnoise.sensor.compiled`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from functools import lru_cache
 
-import cv2
 import numpy as np
-import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core import rng
-from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import side_by_side
 from blurnoise.camera import Camera
-from blurnoise.sensor import stages
+from blurnoise.sensor import piece, stages
+from blurnoise.sensor.piece import Light, Plane, Planes
 from blurnoise.sensor.stage import Frames, Law, SensorStage
 
-Plane = NDArray[Any]
+__all__ = ["MOST_APART", "Light", "Plane", "expose", "planes_of", "supports"]
+_Way = Callable[[Planes, slice, Sequence[Light], Camera, Law, Plane | None], None]
 _STAGES = (
     stages.SPECTRAL_INTEGRATION,
     stages.PRNU,
@@ -40,36 +37,11 @@ _STAGES = (
 )
 """What is done here, in this order."""
 _PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
-_BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
-_FAINT_E = 1e-9  # of white: less is no unit to reckon in
 MOST_APART = 256.0
 """The brightest of several lights over the faintest, at most: light is cut once, for all of them."""
-_LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
-
-
-class Planes(NamedTuple):
-    """What varies over a picture; None where the law or the camera does not ask for it.
-
-    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it; under
-    the law "merged" for pixels whose well may be full.
-    counts: photo-electrons drawn already. gain, offset_e: the fixed pattern.
-    """
-
-    light: Plane
-    normal: Plane | None
-    read: Plane | None
-    counts: Plane | None
-    gain: Plane | None
-    offset_e: Plane | None
-
-
-class Light(NamedTuple):
-    """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
-
-    white_e: float
-    dark_e: float
-    out: Plane
-    interleaved: bool
+_WORTH_LOADING = 1 << 27
+"""Values that this process has read out when it loads the compiled way: they have taken as long as that takes."""
+_values_read_out = 0
 
 
 def supports(active: Sequence[SensorStage]) -> bool:
@@ -102,132 +74,55 @@ def expose(
     law: how noise is drawn, see :data:`blurnoise.sensor.stage.Law`; all but "none" and "merged" take one
     exposure. ``threads`` share the pieces, which changes no bit.
     """
+    global _values_read_out
     colours, pixels = planes.light.shape
     count = threads * math.ceil(colours * pixels / _PIECE / threads)
-    step = math.ceil(pixels / count)  # equal pieces: OpenCV rounds a few last values by another path
-    table = None if tones is None else _every_code(tones, camera.full_scale_dn)
+    step = math.ceil(pixels / count)
+    table = None if tones is None else piece.every_code(tones, camera.full_scale_dn)
+    way: _Way = piece.expose_piece
+    if law in ("none", "merged") and planes.light.dtype == np.float32:
+        _values_read_out += colours * pixels * len(exposures)
+        if _values_read_out >= _WORTH_LOADING:
+            way = _compiled() or way
 
-    def piece(start: int) -> None:
+    def expose_from(start: int) -> None:
         of = slice(start, start + step)
         light, *rest = planes
         parts = Planes(light[:, of], *(None if plane is None else plane[:, of] for plane in rest))
-        _expose_piece(parts, of, exposures, camera, law, table)
+        way(parts, of, exposures, camera, law, table)
 
-    side_by_side(piece, range(0, pixels, step), threads)
-
-
-def _expose_piece(
-    planes: Planes,
-    of: slice,
-    exposures: Sequence[Light],
-    camera: Camera,
-    law: Law,
-    table: Plane | None,
-) -> None:
-    light, normal, read, counts, gain, offset_e = planes
-    gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
-    with (
-        borrowed([(5, *light.shape)], light.dtype) as (work,),
-        borrowed([light.shape], np.uint16) as (codes,),
-    ):
-        lit, signal, noise, skew, bend = work
-        weakest_e = min(exposure.white_e for exposure in exposures)
-        most = _BEYOND_DN / gain_dn / max(weakest_e, _FAINT_E)
-        given = light if gain is None else np.multiply(light, gain, out=lit)
-        # NumPy would take three times as long.
-        torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
-        if law == "merged" and normal is not None:
-            np.multiply(normal, normal, out=bend)
-            bend -= 1.0
-        for white_e, dark_e, out, interleaved in exposures:
-            # Light, dark charge and noise are in units of unit_e electrons: one pass less.
-            mean, unit_e = lit, white_e
-            if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
-                mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
-                mean += dark_e
-            added, scale_e, full = mean, 0.0, None
-            if law == "merged" and normal is not None:
-                scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
-                added = noise
-                if read is not None:
-                    full = _where_full(mean, unit_e, camera, normal, read, offset_e)
-            else:
-                if law == "counts" and normal is not None:
-                    mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
-                elif counts is not None:
-                    mean, unit_e = counts, 1.0
-                added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
-                if read is not None:
-                    added, scale_e = read, camera.read_noise_e
-            if offset_e is not None:
-                mean += offset_e
-            # Gain, black level, rounding, and the limits of 16 bits.
-            of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
-            cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
-            if full is not None:
-                np.putmask(codes, *full)
-            _write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
+    side_by_side(expose_from, range(0, pixels, step), threads)
 
 
-def _where_full(
-    mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
-) -> tuple[NDArray[np.bool_], Plane] | None:
-    """Pixels whose charge may reach the full well, and all codes with theirs by its rule; None: there are none."""
-    where = mean >= stages.nearly_full_e(camera) / unit_e
-    if not where.any():
+@lru_cache(maxsize=1)
+def _compiled() -> _Way | None:
+    """The compiled way; None without Numba, or where this machine's OpenCV or PyTorch round otherwise."""
+    try:
+        from blurnoise.sensor import compiled
+    except (ImportError, RuntimeError):  # the latter where there is no folder to keep compiled code in
         return None
-    mean_e, z = (torch.from_numpy(plane[where]) for plane in (mean * unit_e, normal))
-    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.well_limit_e).numpy()
-    charge += camera.read_noise_e * read[where]
-    if offset_e is not None:
-        charge += offset_e[where]
-    charge *= camera.system_gain_dn_per_e
-    charge += camera.black_level_dn
-    codes = np.zeros(mean.shape, np.uint16)
-    codes[where] = np.rint(charge).clip(0, 65_535)
-    return where, codes
+    return compiled.expose_piece if _same_bits(piece.expose_piece, compiled.expose_piece) else None
 
 
-def _merged_noise(
-    mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
-) -> float:
-    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
-
-    mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
-    """
-    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # / unit_e
-    np.divide(mean, variance, out=skew)  # 6 k
-    noise_, skew_ = torch.from_numpy(noise), torch.from_numpy(skew)
-    noise_.addcmul_(skew_, skew_, value=-2 / 36 / unit_e)
-    cv2.sqrt(noise, dst=noise)
-    np.multiply(noise, normal, out=noise)
-    root_e = math.sqrt(unit_e)
-    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
-    return root_e
-
-
-def _write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
-    """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
-    if table is None:
-        np.minimum(codes, full_scale_dn, out=codes)
-        np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
-    elif interleaved:
-        with borrowed([codes.shape], table.dtype) as (planar,):
-            _look_up(codes, table, planar)
-            cv2.merge(list(planar[:, None]), dst=out[None])
-    else:
-        _look_up(codes, table, out)
-
-
-def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
-    if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
-        cv2.LUT(codes, table[None], dst=out)
-    else:
-        np.take(table, codes, mode="clip", out=out)
-
-
-def _every_code(tones: Plane, full_scale_dn: int) -> Plane:
-    """``tones`` for each code of 16 bits, those above ``full_scale_dn`` being its own."""
-    table = np.full(1 << 16, tones[full_scale_dn], tones.dtype)
-    table[:full_scale_dn] = tones[:full_scale_dn]
-    return table
+def _same_bits(one: _Way, other: _Way) -> bool:
+    """Whether two ways agree on light from below black to beyond the well, with and without all fields."""
+    camera = Camera(
+        "every code", 3.0, 2.0, 0.9, 0.6, 13_000.0, 4.7, 2.45, black_level_dn=6.0, bit_depth=16,
+    )  # fmt: skip
+    random = np.random.default_rng(0)
+    normal, read, gain, offset_e = random.normal(size=(4, 1, 1 << 15)).astype(np.float32)
+    light = np.linspace(-0.1, 1.2, normal.size, dtype=np.float32)[None]
+    pattern = 1 + gain / 50, offset_e
+    cases: tuple[tuple[Law, Planes], ...] = (
+        ("merged", Planes(light, normal, read, None, *pattern)),
+        ("merged", Planes(light, normal, None, None, None, None)),
+        ("none", Planes(light, None, None, None, *pattern)),
+    )
+    for law, planes in cases:
+        seen = np.empty((2, 4, *light.shape), np.float32)
+        for way, outs in zip((one, other), seen, strict=True):
+            given = zip((60.0, 12_500.0, 60.0, 12_500.0), (0.0, 0.0, 3.0, 3.0), outs, strict=True)
+            way(planes, slice(None), [Light(*each, False) for each in given], camera, law, None)
+        if not np.array_equal(*seen):
+            return False
+    return True

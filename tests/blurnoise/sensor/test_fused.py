@@ -15,6 +15,7 @@ from blurnoise import Camera
 from blurnoise._core import rng
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import fused as frames
+from blurnoise.sensor import piece
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stages import noisy_electrons
 
@@ -111,6 +112,39 @@ def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: py
         torch.set_num_threads(threads)
 
 
+@pytest.mark.parametrize("tones", [False, True])
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("white_e", [1e-12, 0.3, 800.0, 9500.0, 1e30])
+@pytest.mark.parametrize("camera", CAMERAS[:2], ids=lambda camera: camera.name)
+def test_compiled_or_not_the_bits_are_the_same(
+    camera: Camera, white_e: float, noise: bool, tones: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the dark, about the well and beyond all bounds; of lights together, in pieces of odd lengths."""
+    pytest.importorskip("numba")
+    assert frames._compiled() is not None
+    light, table = scene(61, 71).expand(2, -1, -1, -1), tones_8bit(camera) if tones else None
+    normal = rng.standard_normal([5], light[:1]).expand(2, -1, -1, -1)
+    monkeypatch.setattr(frames, "_PIECE", 10_001)
+    seen = []
+    for worth_loading in (math.inf, 0):
+        monkeypatch.setattr(frames, "_WORTH_LOADING", worth_loading)
+        given = {"white_e": [white_e, 20 * white_e], "noise": noise, "normal": normal, "tones": table}
+        seen.append(exposed(light, camera, **given))
+    assert torch.equal(*seen)
+
+
+def test_a_compiled_way_that_rounds_otherwise_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = pytest.importorskip("blurnoise.sensor.compiled")
+    assert frames._same_bits(piece.expose_piece, compiled.expose_piece)
+
+    def a_bit_off(light: Any, normal: Any, *rest: Any) -> None:
+        compiled_row(light, np.nextafter(normal, np.float32(9)), *rest)
+
+    compiled_row = compiled._codes_of_row
+    monkeypatch.setattr(compiled, "_codes_of_row", a_bit_off)
+    assert not frames._same_bits(piece.expose_piece, compiled.expose_piece)
+
+
 @by_camera
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 def test_tones_are_looked_up_for_every_number(
@@ -124,8 +158,8 @@ def test_tones_are_looked_up_for_every_number(
     beyond = 6 * 0.4 * math.hypot(camera.read_noise_e, camera.dsnu_e) + 0.5
     assert small_well.clip_dn <= int(numbers.max()) <= small_well.clip_dn + beyond < 4095
     assert int(numbers.min()) < 20
-    for wide in (frames._LOOKS_UP_16_BITS, False):
-        monkeypatch.setattr(frames, "_LOOKS_UP_16_BITS", wide)
+    for wide in (piece._LOOKS_UP_16_BITS, False):
+        monkeypatch.setattr(piece, "_LOOKS_UP_16_BITS", wide)
         assert torch.equal(exposed(scene(), small_well, tones=tones, **options), tones[numbers])
 
 
@@ -136,7 +170,7 @@ def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> N
     mean_e = np.concatenate([[0.0], np.geomspace(1e-3, 1e5, 2000)]).astype(kind)[None]
     normal = drawn.standard_normal(mean_e.shape).astype(kind)
     noise, skew = np.empty_like(mean_e), np.empty_like(mean_e)
-    scale_e = frames._merged_noise(
+    scale_e = piece._merged_noise(
         (mean_e / unit_e).astype(kind), unit_e, 1.3, normal, normal**2 - 1, noise, skew
     )
     exact = noisy_electrons(torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()).numpy()

@@ -1,0 +1,177 @@
+"""A piece of exposures, light to digital numbers by NumPy, OpenCV and PyTorch: what each of them does fastest.
+
+Convention: planes (C, n), n pixels of C colours, float32 or float64. Steps write in place, and every pass counts;
+exposures of one picture to several lights share what does not depend on the light.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from blurnoise._core import rng
+from blurnoise._core.scratch import borrowed
+from blurnoise.camera import Camera
+from blurnoise.sensor import stages
+from blurnoise.sensor.stage import Law
+
+Plane = NDArray[Any]
+FAINT_E = 1e-9  # of white: less is no unit to reckon in
+BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
+_LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
+
+
+class Planes(NamedTuple):
+    """What varies over a picture; None where the law or the camera does not ask for it.
+
+    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it; under
+    the law "merged" for pixels whose well may be full.
+    counts: photo-electrons drawn already. gain, offset_e: the fixed pattern.
+    """
+
+    light: Plane
+    normal: Plane | None
+    read: Plane | None
+    counts: Plane | None
+    gain: Plane | None
+    offset_e: Plane | None
+
+
+class Light(NamedTuple):
+    """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
+
+    white_e: float
+    dark_e: float
+    out: Plane
+    interleaved: bool
+
+
+def expose_piece(
+    planes: Planes,
+    of: slice,
+    exposures: Sequence[Light],
+    camera: Camera,
+    law: Law,
+    table: Plane | None,
+) -> None:
+    """Write pixels ``of`` of each exposure; arguments as :func:`blurnoise.sensor.fused.expose` takes them.
+
+    table: a value for every code of 16 bits, instead of the code.
+    """
+    light, normal, read, counts, gain, offset_e = planes
+    gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
+    with (
+        borrowed([(5, *light.shape)], light.dtype) as (work,),
+        borrowed([light.shape], np.uint16) as (codes,),
+    ):
+        lit, signal, noise, skew, bend = work
+        most = most_light(exposures, gain_dn)
+        given = light if gain is None else np.multiply(light, gain, out=lit)
+        # NumPy would take three times as long.
+        torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
+        if law == "merged" and normal is not None:
+            np.multiply(normal, normal, out=bend)
+            bend -= 1.0
+        for white_e, dark_e, out, interleaved in exposures:
+            # Light, dark charge and noise are in units of unit_e electrons: one pass less.
+            mean, unit_e = lit, white_e
+            if dark_e > 0.0 or white_e <= FAINT_E or law == "counts" or offset_e is not None:
+                mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
+                mean += dark_e
+            added, scale_e, full = mean, 0.0, None
+            if law == "merged" and normal is not None:
+                scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
+                added = noise
+                if read is not None:
+                    full = _where_full(mean, unit_e, camera, normal, read, offset_e)
+            else:
+                if law == "counts" and normal is not None:
+                    mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
+                elif counts is not None:
+                    mean, unit_e = counts, 1.0
+                added = mean = np.minimum(mean, min(well_e, BEYOND_DN / gain_dn) / unit_e, out=signal)
+                if read is not None:
+                    added, scale_e = read, camera.read_noise_e
+            if offset_e is not None:
+                mean += offset_e
+            # Gain, black level, rounding, and the limits of 16 bits.
+            of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
+            cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
+            if full is not None:
+                np.putmask(codes, *full)
+            write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
+
+
+def most_light(exposures: Sequence[Light], gain_dn: float) -> float:
+    """Where light is cut, once for all exposures."""
+    return BEYOND_DN / gain_dn / max(min(exposure.white_e for exposure in exposures), FAINT_E)
+
+
+def _where_full(
+    mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
+) -> tuple[NDArray[np.bool_], Plane] | None:
+    """Pixels whose charge may reach the full well, and all codes with theirs by its rule; None: there are none."""
+    where = mean >= stages.nearly_full_e(camera) / unit_e
+    if not where.any():
+        return None
+    mean_e, z = (torch.from_numpy(plane[where]) for plane in (mean * unit_e, normal))
+    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.well_limit_e).numpy()
+    charge += camera.read_noise_e * read[where]
+    if offset_e is not None:
+        charge += offset_e[where]
+    charge *= camera.system_gain_dn_per_e
+    charge += camera.black_level_dn
+    codes = np.zeros(mean.shape, np.uint16)
+    codes[where] = np.rint(charge).clip(0, 65_535)
+    return where, codes
+
+
+def _merged_noise(
+    mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
+) -> float:
+    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
+
+    mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
+    """
+    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # / unit_e
+    np.divide(mean, variance, out=skew)  # 6 k
+    noise_, skew_ = torch.from_numpy(noise), torch.from_numpy(skew)
+    noise_.addcmul_(skew_, skew_, value=-2 / 36 / unit_e)
+    cv2.sqrt(noise, dst=noise)
+    np.multiply(noise, normal, out=noise)
+    root_e = math.sqrt(unit_e)
+    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
+    return root_e
+
+
+def write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
+    """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
+    if table is None:
+        np.minimum(codes, full_scale_dn, out=codes)
+        np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
+    elif interleaved:
+        with borrowed([codes.shape], table.dtype) as (planar,):
+            _look_up(codes, table, planar)
+            cv2.merge(list(planar[:, None]), dst=out[None])
+    else:
+        _look_up(codes, table, out)
+
+
+def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
+    if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
+        cv2.LUT(codes, table[None], dst=out)
+    else:
+        np.take(table, codes, mode="clip", out=out)
+
+
+def every_code(tones: Plane, full_scale_dn: int) -> Plane:
+    """``tones`` for each code of 16 bits, those above ``full_scale_dn`` being its own."""
+    table = np.full(1 << 16, tones[full_scale_dn], tones.dtype)
+    table[:full_scale_dn] = tones[:full_scale_dn]
+    return table
