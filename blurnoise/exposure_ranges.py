@@ -104,7 +104,7 @@ class ExposureRanges(Draws):
         moves = (self.moves,) if isinstance(self.moves, str) else tuple(self.moves)
         object.__setattr__(self, "moves", tuple(one_of("moves", each, MOVES) for each in moves or ("",)))
         for name in (*DRAWN, "shake_px", *_INSTEAD):
-            if getattr(self, name) is not None:
+            if name not in _INSTEAD or getattr(self, name) is not None:
                 object.__setattr__(self, name, _bounds(name, getattr(self, name)))
         shortest, longest = _bounds("exposure_s", self.exposure_s)
         _, fastest = _bounds("speed_px_s", self.speed_px_s)

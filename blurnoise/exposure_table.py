@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import one_of, shown
+from blurnoise._core.checks import integer, one_of, shown
 from blurnoise._core.documents import json_of
 from blurnoise._core.limits import limited
 from blurnoise.auto_exposure import USUAL, AutoExposure
@@ -75,6 +75,7 @@ class ExposureTable(Draws):
                 limited(name, getattr(row, name))
             limited("displacement_px", row.exposure_s * row.speed_px_s)
             one_of("moves", row.moves, MOVES)
+            integer("camera", row.camera, 0, len(self.cameras) - 1)
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
         if len({row.gain_db is None for row in self.rows}) > 1:
@@ -98,6 +99,9 @@ class ExposureTable(Draws):
             )
         try:
             held = json_of(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"run = {str(path)!r}: {error}") from None
+        try:
             for name, reason in _NOT_DRAWN.items():
                 if held.get(name):
                     raise ValueError(f"run = {str(run)!r}: {reason}; training pictures are not taken so")

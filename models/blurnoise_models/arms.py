@@ -79,8 +79,9 @@ def train_all(
     """Train networks side by side, a process with one thread each, from the pool drawn in ``scenes``.
 
     One thread each, because several small trainings use the cores better than one that shares them out.
-    ``progress`` is told how many pictures were seen. Files appear whole as they are ready, and a
-    training that is not done has a checkpoint, so what was stopped goes on where it was. Raises ``ChildProcessError`` where a training dies.
+    ``progress`` is told how many pictures were seen. Files appear whole as they are ready, and a training that is
+    not done has a checkpoint, so what was stopped goes on where it was. Raises ``ChildProcessError`` where a
+    training dies.
     """
     context = get_context("spawn")
     told: Queue[int] = context.Queue()

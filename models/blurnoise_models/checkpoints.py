@@ -1,4 +1,4 @@
-"""Checkpoints of a training: all that the steps to come depend on, so that it goes on with the bits of an unbroken one.
+"""Checkpoints of a training: all that its next steps depend on, so that it goes on with the bits of an unbroken one.
 
 A file holds weights, optimiser, moving average, learning rate, torch's generator and the losses so far; the order of
 the pictures follows from the seed and the number of steps. It appears whole or not at all.
@@ -31,8 +31,8 @@ class Part(Protocol):
 class Checkpoint:
     """Where a training is kept, and how far it is.
 
-    path: None: it is not kept. recipe: what the training is; a file of another one is refused. parts: whose states are
-    kept, by name. losses: of the steps so far.
+    path: None: it is not kept. recipe: what the training is; a file of another one is refused. parts: whose states
+    are kept, by name. losses: of the steps so far.
     """
 
     path: Path | None
@@ -41,7 +41,7 @@ class Checkpoint:
     losses: list[float] = field(default_factory=list)
 
     def resume(self) -> None:
-        """Take over what the file holds, if there is one. Raises ``ValueError`` for another training's, or no such."""
+        """Take over what the file holds, if there is one. Raises ``ValueError`` for another training's."""
         if self.path is None or not self.path.is_file():
             return
         try:

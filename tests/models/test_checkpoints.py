@@ -90,7 +90,7 @@ def test_killed_and_continued_is_unbroken_bit_for_bit(scenes: Pool, tmp_path: Pa
                 raise Stopped
 
         with pytest.raises(Stopped):
-            train(scenes, **recipe, checkpoint=checkpoint, progress=tell)  # type: ignore[arg-type]
+            train(scenes, **recipe, checkpoint=checkpoint, progress=tell)
         return losses
 
     assert weights(file) == weights(None)
