@@ -11,7 +11,8 @@ its centroid, so what moves is swept half the displacement to either side of its
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
@@ -31,6 +32,7 @@ from blurnoise.exposure import MOVES, scene_reflectance
 from blurnoise.exposure_ranges import (
     DRAWN,
     Cameras,
+    Draws,
     ExposureRanges,
     Gain,
     Params,
@@ -38,6 +40,7 @@ from blurnoise.exposure_ranges import (
     cameras_of,
     shakes,
 )
+from blurnoise.exposure_table import ExposureTable, beside_table
 from blurnoise.mattes import Cut
 from blurnoise.moving_masks import Moves, checked, in_motion, matte_of
 from blurnoise.picture.develop import develop, in_channels
@@ -157,13 +160,13 @@ def expose_pictures(
 
 
 class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
-    """Draws from ``ranges`` by torch's global generator, as all of Kornia does: conditions and noise seeds.
+    """Draws from ``ranges``, or a table, by torch's global generator, as all of Kornia does: conditions, noise seeds.
 
-    Returns, for a batch of B, (B,) tensors: what :meth:`ExposureRanges.conditions` returns, and ``noise_seed``,
+    Returns, for a batch of B, (B,) tensors: what their ``conditions`` returns, and ``noise_seed``,
     int64. Under ``same_on_batch`` they are equal, the noise seed too, so equal pictures stay equal.
     """
 
-    def __init__(self, ranges: ExposureRanges) -> None:
+    def __init__(self, ranges: Draws) -> None:
         super().__init__()
         self.ranges = ranges
 
@@ -217,6 +220,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         gain_db: Gain = ExposureRanges.gain_db,
         shake_px: Range = ExposureRanges.shake_px,
         moves: Moves | Sequence[Moves] = ExposureRanges.moves,
+        white_e: Range | None = ExposureRanges.white_e,
+        blur_px: Range | None = ExposureRanges.blur_px,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -225,7 +230,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         keepdim: bool = False,
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
-        self.ranges = ExposureRanges(
+        self.ranges: Draws = ExposureRanges(
             camera,
             exposure_s,
             illuminance_lux,
@@ -235,6 +240,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             gain_db,
             shake_px,
             moves,
+            white_e,
+            blur_px,
         )
         self._param_generator = ExposureGenerator(self.ranges)
         self.flags = {
@@ -242,6 +249,24 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,
         }
+
+    @classmethod
+    def for_run(cls, run: str | Path, *, direction_deg: Range | None = None, **options: Any) -> Self:
+        """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
+        what moves, as :class:`blurnoise.exposure_table.ExposureTable` reads and spreads them.
+
+        run: the sweep's folder. direction_deg: of the motion, None: the run's. options: the class's that are no
+        ranges. Raises ``TypeError`` or ``ValueError`` naming the argument.
+        """
+        return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
+
+    @classmethod
+    def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
+        """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
+        augmentation = cls(**beside_table(options))
+        augmentation.ranges = table
+        augmentation._param_generator = ExposureGenerator(table)
+        return augmentation
 
     def forward(
         self, input: Tensor, params: Params | None = None, masks: Tensor | None = None, **kwargs: Any

@@ -10,7 +10,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from blurnoise.exposure_ranges import ExposureRanges, Params, shakes
+from blurnoise.exposure_ranges import Draws, Params, shakes
 from blurnoise.light import effects, motion
 from blurnoise.moving_masks import matte_of
 from blurnoise.operating_point import OperatingPoint
@@ -23,7 +23,7 @@ def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
     return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
 
 
-def swept_px(params: Params, ranges: ExposureRanges) -> Tensor:
+def swept_px(params: Params, ranges: Draws) -> Tensor:
     """What targets sweep to the left and above, and to the right and below, of their place, (B, 2, 2), px, >= 0."""
     half = motion.swept_half_px(_target_velocity_px_s(params, ranges) * params["exposure_s"][:, None])
     swept = torch.stack([half, half], 1)
@@ -35,7 +35,7 @@ def swept_px(params: Params, ranges: ExposureRanges) -> Tensor:
     return swept
 
 
-def moved_corners(corners: Tensor, params: Params, ranges: ExposureRanges, size: tuple[int, int]) -> Tensor:
+def moved_corners(corners: Tensor, params: Params, ranges: Draws, size: tuple[int, int]) -> Tensor:
     """Corners (B, N, 4, 2) or (N, 4, 2) of boxes, px, where the light effects have them at mid-exposure.
 
     Where no effect displaces the picture (H, W) = ``size``, ``corners`` itself.
@@ -59,7 +59,7 @@ def within_picture(corners: Tensor, by: Tensor, last: tuple[float, float]) -> Te
     return torch.minimum(moved, torch.maximum(corners, corners.new_tensor(last)))
 
 
-def _target_velocity_px_s(params: Params, ranges: ExposureRanges) -> Tensor:
+def _target_velocity_px_s(params: Params, ranges: Draws) -> Tensor:
     """Velocities (B, 2) of the targets: none where the camera follows them."""
     velocity = velocity_px_s(params["speed_px_s"], params["direction_deg"])
     followed = [
@@ -69,7 +69,7 @@ def _target_velocity_px_s(params: Params, ranges: ExposureRanges) -> Tensor:
     return velocity.masked_fill(torch.tensor(followed, device=velocity.device)[:, None], 0.0)
 
 
-def _points(params: Params, ranges: ExposureRanges) -> list[OperatingPoint[float]]:
+def _points(params: Params, ranges: Draws) -> list[OperatingPoint[float]]:
     """What the targets of each picture meet."""
     cameras = [ranges.cameras[index] for index in params["camera_index"].tolist()]
     numbers = [params[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import PIL.Image
 import torch
@@ -21,7 +22,8 @@ from blurnoise._core.checks import in_range, one_of
 from blurnoise.augment import ExposureGenerator, expose_pictures
 from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
 from blurnoise.encoding import Encoding
-from blurnoise.exposure_ranges import Cameras, ExposureRanges, Gain, Range, shakes
+from blurnoise.exposure_ranges import Cameras, Draws, ExposureRanges, Gain, Range, shakes
+from blurnoise.exposure_table import ExposureTable, beside_table
 from blurnoise.light import effects
 from blurnoise.moving_masks import Moves
 from blurnoise.sensor.readout import Fidelity
@@ -50,13 +52,15 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         gain_db: Gain = ExposureRanges.gain_db,
         shake_px: Range = ExposureRanges.shake_px,
         moves: Moves | Sequence[Moves] = ExposureRanges.moves,
+        white_e: Range | None = ExposureRanges.white_e,
+        blur_px: Range | None = ExposureRanges.blur_px,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         p: float = 0.5,
     ) -> None:
         super().__init__()
-        self.ranges = ExposureRanges(
+        self.ranges: Draws = ExposureRanges(
             camera,
             exposure_s,
             illuminance_lux,
@@ -66,6 +70,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
             gain_db,
             shake_px,
             moves,
+            white_e,
+            blur_px,
         )
         one_of("encoding", encoding, ("srgb", "linear"))
         one_of("fidelity", fidelity, ("auto", "full"))
@@ -74,6 +80,19 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         self.grow_boxes = grow_boxes
         self.p = in_range("p", p, 0.0, 1.0)
         self._generator = ExposureGenerator(self.ranges)
+
+    @classmethod
+    def for_run(cls, run: str | Path, *, direction_deg: Range | None = None, **options: Any) -> Self:
+        """As :meth:`blurnoise.augment.RandomExposure.for_run`."""
+        return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
+
+    @classmethod
+    def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
+        """As :meth:`blurnoise.augment.RandomExposure.for_conditions`."""
+        transform = cls(**beside_table(options))
+        transform.ranges = table
+        transform._generator = ExposureGenerator(table)
+        return transform
 
     def extra_repr(self) -> str:
         """The ranges, then the rest."""

@@ -6,6 +6,7 @@ displayed, 0 to the right.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -20,6 +21,7 @@ from blurnoise.camera import Camera
 from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
 from blurnoise.exposure import MOVES
 from blurnoise.moving_masks import Moves
+from blurnoise.radiometry import electrons_per_lux_s
 from blurnoise.trajectory import Trajectory
 
 Range = float | Sequence[float]
@@ -30,10 +32,47 @@ Gain = Range | Literal["auto"] | AutoExposure
 """dB, or what auto-exposure sets for the exposure at hand."""
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """What every picture has a value of."""
+_INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s"}
+"""Ranges to the condition that follows from them, the camera and the exposure time."""
+
+
+class Draws:
+    """What conditions of training pictures are drawn from: :class:`ExposureRanges`, or a table of conditions.
+
+    gain_db: what holds for all pictures whose ``Params`` have none. moves: what ``moves_index`` counts in. cameras:
+    what ``camera_index`` counts in. draws: how many uniform values the conditions of one picture take.
+    """
+
+    gain_db: Gain
+    moves: Moves | Sequence[Moves]
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras to choose from."""
+        raise NotImplementedError
+
+    @property
+    def draws(self) -> int:
+        """How many uniform values the conditions of one picture take."""
+        raise NotImplementedError
+
+    def conditions(self, uniform: Tensor) -> Params:
+        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each."""
+        raise NotImplementedError
+
+    def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
+        """What was drawn for these pictures, or what holds for all."""
+        return params["gain_db"][of] if "gain_db" in params else self.gain_db  # type: ignore[return-value]
+
+    def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:
+        """What the motion of these pictures is of, as drawn."""
+        if "moves_index" not in params:
+            return ["all"] * len(params["exposure_s"][of])
+        return [self.moves[index] for index in params["moves_index"][of].tolist()]
 
 
 @dataclass(frozen=True)
-class ExposureRanges:
+class ExposureRanges(Draws):
     """What conditions are drawn from; each range a number or (low, high).
 
     camera: one or several, presets by name, each as likely as the others; kept as a tuple. exposure_s and
@@ -56,19 +95,26 @@ class ExposureRanges:
     gain_db: Gain = 0.0
     shake_px: Range = 0.0
     moves: Moves | Sequence[Moves] = "all"
+    white_e: Range | None = None
+    blur_px: Range | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", cameras_of(self.camera))
         object.__setattr__(self, "gain_db", _gain(self.gain_db, self.cameras))
         moves = (self.moves,) if isinstance(self.moves, str) else tuple(self.moves)
         object.__setattr__(self, "moves", tuple(one_of("moves", each, MOVES) for each in moves or ("",)))
-        for name in (*DRAWN, "shake_px"):
-            object.__setattr__(self, name, _bounds(name, getattr(self, name)))
-        (_, longest), (_, fastest) = (
-            _bounds("exposure_s", self.exposure_s),
-            _bounds("speed_px_s", self.speed_px_s),
-        )
-        if longest * fastest > LIMITS["displacement_px"].high:
+        for name in (*DRAWN, "shake_px", *_INSTEAD):
+            if name not in _INSTEAD or getattr(self, name) is not None:
+                object.__setattr__(self, name, _bounds(name, getattr(self, name)))
+        shortest, longest = _bounds("exposure_s", self.exposure_s)
+        _, fastest = _bounds("speed_px_s", self.speed_px_s)
+        for name, most in (("white_e", self._most_lux(shortest)), ("blur_px", self._most_px_s(shortest))):
+            if most > LIMITS[_INSTEAD[name]].high:
+                raise ValueError(
+                    f"{name} = {shown(getattr(self, name))}: within {shortest:g} s they ask for {_INSTEAD[name]} = "
+                    f"{most:g}; must be <= {LIMITS[_INSTEAD[name]].high:g}"
+                )
+        if self.blur_px is None and longest * fastest > LIMITS["displacement_px"].high:
             raise ValueError(
                 f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most: their product, the motion during the "
                 f"exposure, must be <= {LIMITS['displacement_px'].high:g} px"
@@ -81,21 +127,25 @@ class ExposureRanges:
                     "rolling shutter and shake_px = 0; must be 'all'"
                 )
         if self.shaken:
-            shortest_s = _bounds("exposure_s", self.exposure_s)[0]
             for camera in self.cameras:
-                if path_duration_s(camera, shortest_s) > LONGEST_SHAKE * shortest_s:
+                if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
                     raise ValueError(
-                        f"exposure_s = {shortest_s:g}: too short for a shake over the readout of {camera.name!r}"
+                        f"exposure_s = {shortest:g}: too short for a shake over the readout of {camera.name!r}"
                     )
+
+    def _most_lux(self, shortest_s: float) -> float:
+        if self.white_e is None:
+            return 0.0
+        least_e = min(map(electrons_per_lux_s, self.cameras))
+        return _bounds("white_e", self.white_e)[1] / (least_e * shortest_s) if least_e > 0 else math.inf
+
+    def _most_px_s(self, shortest_s: float) -> float:
+        return 0.0 if self.blur_px is None else _bounds("blur_px", self.blur_px)[1] / shortest_s
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
         """The cameras to choose from; ``camera_index`` of the conditions counts in them."""
         return cameras_of(self.camera)
-
-    def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
-        """What was drawn for these pictures, or what holds for all."""
-        return params["gain_db"][of] if "gain_db" in params else self.gain_db  # type: ignore[return-value]
 
     @property
     def shaken(self) -> bool:
@@ -114,13 +164,15 @@ class ExposureRanges:
         ``moves``, unless everything moves.
         """
         shares = iter(uniform.unbind(-1))
-        drawn: Params = {}
-        for name in DRAWN:
-            low, high = getattr(self, name)
-            share = next(shares)
-            value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
-            drawn[name] = value.clamp(low, high)
+        drawn = {name: self._drawn(self._stated(name), next(shares)) for name in DRAWN}
         index = (next(shares) * len(self.cameras)).long().clamp_max(len(self.cameras) - 1)
+        exposure_s = drawn["exposure_s"]
+        if self.white_e is not None:
+            each_e = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
+            lux = drawn["illuminance_lux"] / (each_e[index] * exposure_s)
+            drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
+        if self.blur_px is not None:
+            drawn["speed_px_s"] = (drawn["speed_px_s"] / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
         for name, asked in (("gain_db", isinstance(self.gain_db, tuple)), ("shake_px", self.shaken)):
             if asked:
                 low, high = getattr(self, name)
@@ -131,15 +183,26 @@ class ExposureRanges:
             drawn["moves_index"] = torch.zeros_like(index)
         return {**drawn, "camera_index": index}
 
-    def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:
-        """What the motion of these pictures is of, as drawn."""
-        if "moves_index" not in params:
-            return ["all"] * len(params["exposure_s"][of])
-        return [self.moves[index] for index in params["moves_index"][of].tolist()]
+    def _stated(self, condition: str) -> str:
+        """The range that a condition is drawn from: its own, or what it follows from."""
+        follows = (
+            name for name, of in _INSTEAD.items() if of == condition and getattr(self, name) is not None
+        )
+        return next(follows, condition)
+
+    def _drawn(self, name: str, share: Tensor) -> Tensor:
+        low, high = _bounds(name, getattr(self, name))
+        value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
+        return value.clamp(low, high)
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
-        named = [*DRAWN, "gain_db", *["shake_px"] * self.shaken, *["moves"] * (self.moves != ("all",))]
+        named = [
+            *map(self._stated, DRAWN),
+            "gain_db",
+            *["shake_px"] * self.shaken,
+            *["moves"] * (self.moves != ("all",)),
+        ]
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 
@@ -160,12 +223,17 @@ def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> 
     ]
 
 
+_LIMIT_OF = {"blur_px": "displacement_px"}  # 0 is no blur: roads, which have the limit of its name, need some
+
+
 def _bounds(name: str, value: Range) -> tuple[float, float]:
     if isinstance(value, (int, float)):
         value = (value, value)
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
         raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
-    first, last = (limited(name, each) for each in value)
+    first, last = (limited(name, each, _LIMIT_OF.get(name)) for each in value)
+    if first < 0 and name == "blur_px":
+        raise ValueError(f"blur_px = {shown(value)}: must be >= 0")
     if first > last:
         raise ValueError(f"{name} = {shown(value)}: must be (low, high), low <= high")
     least = DRAWN_FROM.get(name, first)

@@ -105,7 +105,7 @@ LIMITS: Mapping[str, Limit] = {
 }
 LARGEST_PICTURE = 1 << 28
 """Pixels of what is made as large as stated."""
-DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6}
+DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6, "white_e": 1e-3}
 """The least that is drawn log-uniformly: from there to the limit single precision holds the ratio."""
 
 

@@ -34,6 +34,11 @@ class Recipe:
         """What the file says of its training."""
         return {"arm": self.arm, "seed": self.seed, "scenes": self.scenes, "pictures": self.pictures}
 
+    @property
+    def checkpoint(self) -> Path:
+        """The file that keeps the training until it is done."""
+        return self.path.with_suffix(".checkpoint")
+
     def is_ready(self) -> bool:
         """Whether the file is there. Raises ``ValueError`` where it comes from another training."""
         if not self.path.is_file():
@@ -74,8 +79,9 @@ def train_all(
     """Train networks side by side, a process with one thread each, from the pool drawn in ``scenes``.
 
     One thread each, because several small trainings use the cores better than one that shares them out.
-    ``progress`` is told how many pictures were seen. Files appear whole as they are ready, so what was
-    stopped goes on with the rest. Raises ``ChildProcessError`` where a training dies.
+    ``progress`` is told how many pictures were seen. Files appear whole as they are ready, and a training that is
+    not done has a checkpoint, so what was stopped goes on where it was. Raises ``ChildProcessError`` where a
+    training dies.
     """
     context = get_context("spawn")
     told: Queue[int] = context.Queue()
@@ -116,6 +122,7 @@ def _train(recipe: Recipe, scenes: Path, told: Queue[int]) -> None:
 
     network = train(
         pool(scenes, recipe.scenes), recipe.arm, pictures=recipe.pictures, seed=recipe.seed, threads=1,
-        progress=tell,
+        checkpoint=recipe.checkpoint, progress=tell,
     )  # fmt: skip
     write_onnx(network, recipe.path, facts=recipe.facts)
+    recipe.checkpoint.unlink(missing_ok=True)

@@ -28,6 +28,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from blurnoise._core import checks
 from blurnoise._core.orphans import end_with_parent, interrupts_held
+from blurnoise_models.checkpoints import Checkpoint
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 
@@ -44,6 +45,7 @@ _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
 _STEEPEST = 10.0  # gradient norm; a rare batch of odd boxes shall not throw the weights away
 _MEMORY = 0.998  # of the moving average of the weights, per step
+_KEPT_EVERY = 100  # steps, about half a minute of one core
 _CHUNK = 64  # scenes that a worker draws at a time
 
 
@@ -166,6 +168,7 @@ def train(
     pictures: int,
     seed: int = 0,
     threads: int | None = None,
+    checkpoint: Path | None = None,
     progress: Callable[[Step], None] = lambda step: None,
 ) -> SignNet:
     """Train a network on ``pictures`` pictures drawn from ``scenes`` under ``arm``; returns it in eval mode.
@@ -174,7 +177,12 @@ def train(
     weights. On processors with bfloat16 arithmetic the convolutions use it, which halves the time. The same
     arguments, machine and number of threads give the same network. The global generator, which Kornia draws
     from, is seeded inside and left as it was.
-    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, or a seed outside [0, 2^63).
+
+    checkpoint: the file that keeps a training that is not done; where it stands, that training goes on, to the same
+    bits as one that was never stopped, and ``progress`` is told of its earlier steps, too. It is left for the caller
+    to remove once the network is safe.
+    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, a seed outside [0, 2^63), or the checkpoint of
+    another training.
     """
     check(pictures, seed)
     change = augmentation(arm)
@@ -184,7 +192,10 @@ def train(
     try:
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(seed)
-            return _train(scenes, change, pictures // BATCH, seed, progress)
+            size_px = scenes.pictures.shape[1]
+            recipe = {"arm": arm, "seed": seed, "pictures": pictures}
+            recipe |= {"scenes": len(scenes.pictures), "size_px": size_px}
+            return _train(scenes, change, pictures // BATCH, seed, (checkpoint, recipe), progress)
     finally:
         torch.set_num_threads(before)
 
@@ -198,16 +209,30 @@ def check(pictures: int, seed: int) -> None:
 
 
 def _train(
-    scenes: Pool, change: nn.Module, steps: int, seed: int, progress: Callable[[Step], None]
+    scenes: Pool,
+    change: nn.Module,
+    steps: int,
+    seed: int,
+    kept: tuple[Path | None, dict[str, Any]],
+    progress: Callable[[Step], None],
 ) -> SignNet:
     network, optimiser = beginner()
     average = AveragedModel(network, avg_fn=_follow, use_buffers=True)
     cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1)
-    for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), steps), start=1):
+    parts: dict[str, Any] = {"network": network, "optimiser": optimiser, "average": average, "cycle": cycle}
+    checkpoint = Checkpoint(*kept, parts)
+    checkpoint.resume()
+    for step, value in enumerate(checkpoint.losses, start=1):
+        progress(Step(step * BATCH, value))
+    done = len(checkpoint.losses)
+    for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), done, steps), start=done + 1):
         seen, boxes = batch(scenes, chosen)
         value = learn(network, optimiser, change(seen), boxes, bfloat16=has_bfloat16())
         cycle.step()
         average.update_parameters(network)
+        checkpoint.losses.append(value)
+        if step % _KEPT_EVERY == 0:
+            checkpoint.keep()
         progress(Step(step * BATCH, value))
     return average.module.eval()  # type: ignore[return-value]
 

@@ -33,7 +33,8 @@ def train(
       blurnoise train -o trained --arm none            without the exposure augmentation, to compare
       blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
 
-    The scenes are drawn once and stay in DIR/pool. Progress: DIR/training.csv.
+    The scenes are drawn once and stay in DIR/pool. A training that was stopped goes on where it was when the
+    same command is given again, to the same weights: DIR/training.checkpoint. Losses: DIR/training.csv.
     """
     from blurnoise_models import training
     from blurnoise_models.export import write_onnx
@@ -44,6 +45,7 @@ def train(
     training.check(pictures, seed)  # before the scenes are drawn
     with ProgressBar("draw scenes", scenes) as advance:
         pool = training.pool(output / "pool", scenes, size_px=size, progress=advance)
+    checkpoint = output / "training.checkpoint"
     steps: list[training.Step] = []
     with ProgressBar("train", pictures) as advance:
 
@@ -51,9 +53,12 @@ def train(
             advance(step.pictures - (steps[-1].pictures if steps else 0))
             steps.append(step)
 
-        network = training.train(pool, arm, pictures=pictures, seed=seed, threads=workers, progress=progress)
+        network = training.train(
+            pool, arm, pictures=pictures, seed=seed, threads=workers, checkpoint=checkpoint, progress=progress
+        )
     facts = {"arm": arm, "seed": seed, "scenes": scenes, "pictures": pictures}
     path = write_onnx(network, output / "stop_sign.onnx", input_px=size, facts=facts)
     rows = "".join(f"{step.pictures},{step.loss:.6g}\n" for step in steps)
     write_whole(output / "training.csv", f"pictures,loss\n{rows}".encode())
+    checkpoint.unlink(missing_ok=True)
     print_facts({"model": str(path), **facts, "loss": steps[-1].loss}, as_json)

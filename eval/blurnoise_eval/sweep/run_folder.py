@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from blurnoise.camera import Camera
+from blurnoise.exposure_table import FILE as CONDITIONS_FILE
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import shown
@@ -34,6 +36,7 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import write_truth
+from blurnoise_eval.sweep.met_conditions import met_conditions
 from blurnoise_eval.sweep.run_scores import run_scores
 from blurnoise_eval.sweep.run_surfaces import dark_below, grouped_surfaces, too_little
 from blurnoise_eval.system.files import write_whole
@@ -218,6 +221,7 @@ def read_run(
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
     manifest |= {"criterion": criterion.row(), "threshold": criterion.level, "withheld": withheld}
+    manifest["plan"] = store.about("identity")["plan"]
     manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["json_left_out"] = not has_json(store)
@@ -238,7 +242,8 @@ def read_run(
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
-    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve) and models.csv."""
+    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv, and
+    conditions.json, which the training augmentation draws from."""
     curves = [
         {name: value for name, value in row.items() if name not in ("x", "confidence")}
         for row in data.endurances
@@ -254,7 +259,9 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
         lines = csv_lines(columns, map(named, rows))
         write_whole(folder / name, (line.encode("utf-8") for line in lines))
         written.append(folder / name)
-    return written
+    met = json.dumps(met_conditions(data.scores, data.manifest), allow_nan=False)
+    write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))
+    return [*written, folder / CONDITIONS_FILE]
 
 
 _TOLD = ("label", "confidence", "truth", "text", "read_confidence")

@@ -1,0 +1,243 @@
+"""Table of conditions to draw from: a deployment's, as a sweep's folder or a grid states them, for training pictures.
+
+Convention: speeds px/s, directions counter-clockwise as displayed. Rows are as likely as each other. Exposure, light
+and speed are drawn between a row's value and the middles to its neighbours, those that some row has (in the
+logarithm for exposure and light), so that what lies between two values of a grid is met, and nothing beyond its ends;
+a row at rest stays at rest. All else is the row's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from blurnoise._core.checks import integer, one_of, shown
+from blurnoise._core.documents import json_of
+from blurnoise._core.limits import limited
+from blurnoise.auto_exposure import USUAL, AutoExposure
+from blurnoise.camera import Camera
+from blurnoise.exposure import MOVES
+from blurnoise.exposure_ranges import DRAWN, Cameras, Draws, ExposureRanges, Gain, Params, Range, cameras_of
+from blurnoise.moving_masks import Moves
+
+FILE = "conditions.json"
+"""In a sweep's folder: its cameras, and the conditions that it has met."""
+_SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
+_NOT_DRAWN = {
+    "trajectory": "its pictures move along a trajectory",
+    "ego": "its camera drives, so that each place of a picture moves in its own way",
+    "grey_anchor": "its light is metered by a grey anchor",
+}
+
+
+class Condition(NamedTuple):
+    """One row: what a picture is taken under. camera: of the table's; gain_db: None where the camera sets it."""
+
+    exposure_s: float
+    illuminance_lux: float
+    speed_px_s: float = 0.0
+    direction_deg: float = 0.0
+    temperature_c: float = 25.0
+    gain_db: float | None = 0.0
+    moves: str = "all"
+    camera: int = 0
+
+
+@dataclass(frozen=True)
+class ExposureTable(Draws):
+    """Conditions, each as likely as the others, and the cameras that they name by number.
+
+    gain_db: the auto-exposure that sets the gain, where the rows state none. direction_deg: drawn uniformly in place
+    of the rows', None: theirs. Raises ``ValueError`` for no row, one outside the limits of conditions, or one that
+    states a gain beside one that does not.
+    """
+
+    camera: Cameras
+    rows: tuple[Condition, ...]
+    gain_db: Gain = USUAL
+    direction_deg: Range | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera", cameras_of(self.camera))
+        object.__setattr__(self, "rows", tuple(self.rows))
+        if not self.rows:
+            raise ValueError("conditions = []: must be at least one")
+        for row in self.rows:
+            for name in DRAWN:
+                limited(name, getattr(row, name))
+            limited("displacement_px", row.exposure_s * row.speed_px_s)
+            one_of("moves", row.moves, MOVES)
+            integer("camera", row.camera, 0, len(self.cameras) - 1)
+            if row.gain_db is not None:
+                self.cameras[row.camera].at_gain(row.gain_db)
+        if len({row.gain_db is None for row in self.rows}) > 1:
+            raise ValueError("gain_db: some conditions have 'auto', others a number; must be either")
+        if self.direction_deg is not None:
+            ends = ExposureRanges(direction_deg=self.direction_deg).direction_deg
+            object.__setattr__(self, "direction_deg", ends)
+
+    @classmethod
+    def of_run(cls, run: str | Path, *, direction_deg: Range | None = None) -> ExposureTable:
+        """The table of a finished sweep, from the file ``conditions.json`` in its folder.
+
+        Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
+        along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
+        """
+        path = Path(run) / FILE
+        if not path.is_file():
+            raise ValueError(
+                f"run = {str(run)!r}: holds no {FILE}; must be a finished sweep's folder ('blurnoise report "
+                f"{run}' writes the file for one from before there was any)"
+            )
+        try:
+            held = json_of(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ValueError(f"run = {str(path)!r}: {error}") from None
+        try:
+            for name, reason in _NOT_DRAWN.items():
+                if held.get(name):
+                    raise ValueError(f"run = {str(run)!r}: {reason}; training pictures are not taken so")
+            if any(row["exposure_s"] == "auto" for row in held["conditions"]):
+                raise ValueError(
+                    f"run = {str(run)!r}: its camera sets exposures itself; training pictures need stated ones"
+                )
+            return cls(
+                tuple(Camera.from_dict(each) for each in held["cameras"]),
+                tuple(_row(each) for each in held["conditions"]),
+                AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL,
+                direction_deg,
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
+
+    @classmethod
+    def of_grid(
+        cls,
+        camera: Cameras,
+        *,
+        exposure_s: Sequence[float],
+        illuminance_lux: Sequence[float],
+        speed_px_s: Sequence[float] = (0.0,),
+        direction_deg: Range | None = (0.0, 360.0),
+        temperature_c: Sequence[float] = (25.0,),
+        gain_db: Sequence[float] | AutoExposure = (0.0,),
+        moves: Sequence[Moves] = ("all",),
+    ) -> ExposureTable:
+        """Every combination of these values. Raises as the class does."""
+        gains = (None,) if isinstance(gain_db, AutoExposure) else gain_db
+        cameras = cameras_of(camera)
+        values = (exposure_s, illuminance_lux, speed_px_s, (0.0,), temperature_c, gains, moves)
+        rows = (Condition(*each) for each in product(*values, range(len(cameras))))
+        auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
+        return cls(cameras, tuple(rows), auto, direction_deg)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The cameras that the rows name."""
+        return cameras_of(self.camera)
+
+    @property
+    def moves(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Whatever the motion of some row is of."""
+        return tuple(dict.fromkeys(row.moves for row in self.rows))
+
+    @property
+    def draws(self) -> int:
+        """How many uniform values the conditions of one picture take."""
+        return 1 + len(_SPREAD) + (self.direction_deg is not None)
+
+    def conditions(self, uniform: Tensor) -> Params:
+        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each; as :class:`ExposureRanges` has
+        them."""
+        shares = iter(uniform.unbind(-1))
+        # in double precision: a thousand rows leave single precision few places
+        row = (next(shares).double() * len(self.rows)).long().clamp_max(len(self.rows) - 1).cpu()
+
+        def column(name: str) -> Tensor:
+            return uniform.new_tensor([getattr(each, name) for each in self.rows])[row]
+
+        drawn: Params = {}
+        for name in _SPREAD:
+            low, high = (end[row].to(uniform) for end in self._cells[name])
+            share = next(shares)
+            in_logarithm = (low > 0) & (name != "speed_px_s")
+            value = torch.where(
+                in_logarithm, low * (high / low.clamp_min(1e-30)) ** share, low + (high - low) * share
+            )
+            drawn[name] = torch.minimum(torch.maximum(value, low), high)
+        if self.direction_deg is None:
+            drawn["direction_deg"] = column("direction_deg")
+        else:
+            first, last = self.direction_deg  # type: ignore[misc]
+            drawn["direction_deg"] = first + (last - first) * next(shares)
+        drawn["temperature_c"] = column("temperature_c")
+        if self.rows[0].gain_db is not None:
+            drawn["gain_db"] = column("gain_db")
+        if self.moves != ("all",):
+            places = [self.moves.index(each.moves) for each in self.rows]
+            drawn["moves_index"] = torch.tensor(places, device=uniform.device)[row]
+        index = torch.tensor([each.camera for each in self.rows], device=uniform.device)[row]
+        return {**drawn, "camera_index": index}
+
+    @cached_property
+    def _cells(self) -> dict[str, tuple[Tensor, Tensor]]:
+        """Of each quantity that is spread: the least and the most of it that each row draws, (rows,)."""
+        found = {}
+        for name in _SPREAD:
+            values = [getattr(row, name) for row in self.rows]
+            known = sorted({*values})
+            middles = [_middle(*pair, linear=name == "speed_px_s") for pair in pairwise(known)]
+            lows = dict(zip(known, [known[0], *middles], strict=True))
+            highs = dict(zip(known, [*middles, known[-1]], strict=True))
+            if name == "speed_px_s":
+                highs[0.0] = 0.0
+            found[name] = (
+                torch.tensor([lows[value] for value in values]),
+                torch.tensor([highs[value] for value in values]),
+            )
+        return found
+
+    def __str__(self) -> str:
+        cameras = ", ".join(camera.name for camera in self.cameras)
+        spans = (
+            f"{name}=({min(values):g}, {max(values):g})"
+            for name in _SPREAD
+            for values in ([getattr(row, name) for row in self.rows],)
+        )
+        return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
+
+
+def beside_table(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of an augmentation whose conditions a table states. Raises ``TypeError`` for a range among them."""
+    for name in options:
+        if name in {each.name for each in fields(ExposureRanges)}:
+            raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
+    return dict(options)
+
+
+def _middle(low: float, high: float, *, linear: bool) -> float:
+    return (low + high) / 2 if linear or low == 0 else math.sqrt(low * high)
+
+
+def _row(held: Mapping[str, Any]) -> Condition:
+    """A condition as a run's table names it: velocities x right and y down."""
+    x, y = float(held.get("velocity_x_px_s", 0.0)), float(held.get("velocity_y_px_s", 0.0))
+    gain = held.get("gain_db", 0.0)
+    return Condition(
+        exposure_s=float(held["exposure_s"]),
+        illuminance_lux=float(held["illuminance_lux"]),
+        speed_px_s=math.hypot(x, y),
+        direction_deg=math.degrees(math.atan2(-y, x)) + 0.0,
+        temperature_c=float(held.get("temperature_c", 25.0)),
+        gain_db=None if gain == "auto" else float(gain),
+        moves=str(held.get("moves", "all")),
+        camera=int(held.get("camera", 0)),
+    )

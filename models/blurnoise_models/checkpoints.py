@@ -1,0 +1,78 @@
+"""Checkpoints of a training: all that its next steps depend on, so that it goes on with the bits of an unbroken one.
+
+A file holds weights, optimiser, moving average, learning rate, torch's generator and the losses so far; the order of
+the pictures follows from the seed and the number of steps. It appears whole or not at all.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+
+
+class Part(Protocol):
+    """A piece of a training that has a state."""
+
+    def state_dict(self) -> Any:
+        """The state, of tensors and plain values."""
+        ...
+
+    def load_state_dict(self, state_dict: Any, /) -> Any:
+        """Take over a state."""
+        ...
+
+
+@dataclass
+class Checkpoint:
+    """Where a training is kept, and how far it is.
+
+    path: None: it is not kept. recipe: what the training is; a file of another one is refused. parts: whose states
+    are kept, by name. losses: of the steps so far.
+    """
+
+    path: Path | None
+    recipe: Mapping[str, Any]
+    parts: Mapping[str, Part]
+    losses: list[float] = field(default_factory=list)
+
+    def resume(self) -> None:
+        """Take over what the file holds, if there is one. Raises ``ValueError`` for another training's."""
+        if self.path is None or not self.path.is_file():
+            return
+        try:
+            held = torch.load(self.path, weights_only=True)
+            recipe = held["recipe"]
+        except (RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError):
+            raise ValueError(f"checkpoint = {str(self.path)!r}: is none; remove it to begin anew") from None
+        if recipe != self.recipe:
+            raise ValueError(
+                f"checkpoint = {str(self.path)!r}: was begun with {recipe}, not with {dict(self.recipe)}; choose "
+                "another folder, repeat the command that it comes from, or remove it"
+            )
+        for name, part in self.parts.items():
+            part.load_state_dict(held["parts"][name])
+        torch.set_rng_state(held["generator"])
+        self.losses = held["losses"]
+
+    def keep(self) -> None:
+        """Write the file. Raises ``OSError``."""
+        if self.path is None:
+            return
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = self.path.with_name(f"{self.path.name}.part")
+        states = {name: part.state_dict() for name, part in self.parts.items()}
+        torch.save(
+            {
+                "recipe": dict(self.recipe),
+                "parts": states,
+                "generator": torch.get_rng_state(),
+                "losses": self.losses,
+            },
+            unfinished,
+        )
+        unfinished.replace(self.path)
