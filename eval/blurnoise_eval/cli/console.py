@@ -32,7 +32,9 @@ def print_opening(data: RunData) -> None:
     heads = ["", "works up to", "use", "gain", "keeps" if " of its " in asked else asked.rpartition(" ")[0]]
     for row in rows:
         row["to"] = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
-    cells = [[_in_ascii(row[name] or "") for name in ("setting", "to", "use", "gain", "value")] for row in rows]
+    cells = [
+        [_in_ascii(row[name] or "") for name in ("setting", "to", "use", "gain", "value")] for row in rows
+    ]
     top, *bodies = table(heads, cells, (False, True, True, True, False), _within(2))
     say("", *(f"  {line}" for line in top))
     group = None

@@ -105,7 +105,9 @@ def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
     if len(tops) == len(rows) and all(row.fastest for row in rows):
         longest = max(rows, key=lambda row: row.exposure_s)
         return _up_to(data, longest, f" for every {what}" if combined else "")
-    text = _up_to(data, top, f" for {top.group} at {data.at_any_speed.text(top.settings[0])}" if combined else "")
+    text = _up_to(
+        data, top, f" for {top.group} at {data.at_any_speed.text(top.settings[0])}" if combined else ""
+    )
     limit = limits_of(answer for row in rows for answer in row.others)
     if not combined:
         return f"{text}; beyond, {limit} limits" if limit else text
@@ -177,7 +179,8 @@ def varied(data: RunData, answers: Sequence[Answer]) -> list[str]:
     varied += [
         word(axis)
         for place, axis in enumerate(data.settings.axes)
-        if axis is not EGO and len({setting[:place] + setting[place + 1 :] for setting in settings}) < len(settings)
+        if axis is not EGO
+        and len({setting[:place] + setting[place + 1 :] for setting in settings}) < len(settings)
     ]
     faster = len(data.velocities_px_s) > 1 or EGO in data.settings.axes
     return [*varied, "speed"] if faster else varied

@@ -107,15 +107,19 @@ def _padded(text: str, width: int, right: bool) -> str:
 
 def _record(heads: Sequence[str], row: Sequence[str], width: int) -> list[str]:
     """The row's first cell, and below it each of the others behind its heading."""
-    from rich.cells import cell_len
-
-    said = [_one_line(f"{head} {text}") for head, text in zip(heads[1:], row[1:], strict=True) if text]
-    bound = [text.replace(" ", _BOUND) if cell_len(text) <= width - len(_GAP) else text for text in said]
     indent = len(_GAP)
-    return [
-        *paragraph(_one_line(row[0]), width, hanging=4),
-        *(paragraph(_GAP.join(bound), width, indent, indent) if bound else []),
+    said = [
+        _bound(f"{_one_line(head)} {_bound(_one_line(text), width - indent)}", width - indent)
+        for head, text in zip(heads[1:], row[1:], strict=True)
+        if text
     ]
+    rest = paragraph(_GAP.join(said), width, indent, indent) if said else []
+    return [*paragraph(_one_line(row[0]), width, hanging=4), *rest]
+
+
+def _bound(text: str, most: int) -> str:
+    """The text so that no line ends in it, where it fits into one."""
+    return text.replace(" ", _BOUND) if _widest([text], "\n") <= most else text
 
 
 def _one_line(text: str) -> str:
