@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.layout import rule, table
-from blurnoise_eval.system.terminal import plain, say, say_json, say_wrapped, show, width
+from blurnoise_eval.system.layout import table
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
 
 if TYPE_CHECKING:
     from blurnoise.error_budget import Plan

@@ -1,7 +1,8 @@
 """The rows that decide: for every target and setting how fast it may go, with which exposure and gain, and what
 limits that.
 
-Domain: exposures in s, speeds as the run has them (px/s, or km/h of a vehicle), gains in dB, values in the criterion's unit.
+Domain: exposures in s, speeds as the run has them (px/s, or km/h of a vehicle), gains in dB, values in the
+criterion's unit.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def _widths(rows: Sequence[Sequence[str]], right: Sequence[bool], width: int | N
         for column, numbers, wide in zip(columns, right, full, strict=True)
     ]
     spare = width - sum(found) - len(_GAP) * (len(found) - 1)
-    while 0 < spare and found != full:
+    while spare > 0 and found != full:
         lacking = max(range(len(found)), key=lambda place: full[place] - found[place])
         found[lacking] += 1
         spare -= 1

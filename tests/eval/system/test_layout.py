@@ -17,7 +17,7 @@ WORDS = ("left", "out,", "below", "0.3", "DN", "RMS", "(the", "camera's", "own)"
 
 def made_table(seed: int) -> tuple[list[str], list[list[str]], list[bool]]:
     """Models of names of 5 to 60 letters, or settings, then numbers with intervals; the last column may be prose."""
-    chance = random.Random(seed)  # noqa: S311  # a test's
+    chance = random.Random(seed)  # a test's
     heads = [
         "model",
         *chance.sample(["P", "mPC", "AUC\nexposure", "works up to", "ms", "use", "gain"], 4 + seed % 4),
