@@ -15,6 +15,18 @@ Numbers = float | Tensor | Iterable[float]
 """A number, or one number per image of a batch."""
 
 
+class OutOfRange(ValueError):
+    """A number that is not within [low, high] or, where that is ``above`` it, (low, high]."""
+
+    def __init__(self, name: str, value: object, low: float, high: float, above: bool = False) -> None:
+        super().__init__(name, value, low, high, above)  # as pickle gives them back
+        self.name, self.value, self.low, self.high, self.above = name, value, low, high, above
+
+    def __str__(self) -> str:
+        """Name, value and what is allowed."""
+        return f"{self.name} = {shown(self.value)}: must be finite{_bounds(self.low, self.high, self.above)}"
+
+
 def positive(name: str, value: float) -> float:
     """Return ``value`` as a float. Raises ``ValueError`` unless it is finite and > 0."""
     return _number(name, value, low=0.0, strict=True)
@@ -157,7 +169,7 @@ def _number(name: str, value: float, *, low: float, high: float = math.inf, stri
     except (TypeError, ValueError, RuntimeError):
         raise TypeError(f"{name} = {shown(value)}: must be a number") from None
     if not math.isfinite(number) or number < low or number > high or (strict and number == low):
-        raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high, strict)}")
+        raise OutOfRange(name, value, low, high, strict)
     return number
 
 

@@ -6,6 +6,7 @@ where a fault is told in words of its own for the whole field, with these: ``"mu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import lru_cache
@@ -15,7 +16,7 @@ import numpy as np
 from annotated_types import Gt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from blurnoise._core.checks import shown
+from blurnoise._core.checks import OutOfRange, shown
 
 Characters = Annotated[str, Field(pattern="")]
 """Text of any kind; the pattern has halves of characters found, which cannot be written to a file."""
@@ -90,12 +91,13 @@ def _complaint(error: ValidationError, stated: Mapping[str, object], kind: Any) 
     elif rule in _MUST:
         must = _MUST[rule] + (_NUMBER_AS_TEXT if rule == "float_type" and isinstance(value, str) else "")
     else:
-        limits = [
-            f"{sign} {getattr(limit, key):g}"
-            for limit in about
-            for key, sign in _SIGNS.items()
-            if getattr(limit, key, None) is not None
-        ]
+        ends = {
+            key: end for limit in about for key in _SIGNS if (end := getattr(limit, key, None)) is not None
+        }
+        if not below and isinstance(value, float) and "lt" not in ends:
+            low = ends.get("gt", ends.get("ge", -math.inf))
+            return OutOfRange(name, value, low, ends.get("le", math.inf), "gt" in ends)
+        limits = [f"{_SIGNS[key]} {end:g}" for key, end in ends.items()]
         must = f"must be finite{' and '.join(['', *limits]) if limits else ''}"
     if isinstance(stated[name], Mapping):
         name = ".".join([name, *(shown(part)[1:-1] for part in below if part != "[key]")])

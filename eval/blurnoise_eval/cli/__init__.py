@@ -33,10 +33,10 @@ from blurnoise_eval.cli import (
     sweep,
     train,
 )
+from blurnoise_eval.cli._errors import in_a_line, usage
 from blurnoise_eval.cli._help import Command, Program
 from blurnoise_eval.system.machine import is_out_of_memory
-from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
-from blurnoise_eval.system.transport import without_secrets
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
@@ -82,16 +82,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
-            code = _program(words).main(args=words, prog_name="blurnoise", standalone_mode=False)
+            program = _program(words)
+            code = program.main(args=words, prog_name="blurnoise", standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
-        say(*[_told(error)] if words else error.format_message().splitlines(), error=True)
+        say(*[usage(error)] if words else error.format_message().splitlines(), error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        told = str(error)
-        if isinstance(error, OSError) and error.strerror and error.filename is not None:
-            told = f"{error.filename}: {error.strerror}"
-        say(f"blurnoise: error: {shortened(without_secrets(told))}", error=True)
+        own = program.commands[words[0]]
+        say(in_a_line(error, [option for each in own.params for option in each.opts]), error=True)
         return 2
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
@@ -131,17 +130,6 @@ def _named(arguments: Sequence[str]) -> list[str]:
     """The arguments with a command's name of two words as the one that it is here."""
     both = " ".join(arguments[:2])
     return [both, *arguments[2:]] if both in {_name(run) for run, _ in COMMANDS} else [*arguments]
-
-
-def _told(error: typer.TyperException) -> str:
-    """The error in one line, with the value that is wrong and where to look."""
-    told = error.format_message().replace("Value error, ", "").rstrip(".")
-    for fault in getattr(error.__cause__, "errors", list)():
-        if repr(fault["input"]) not in told:
-            told += f", got {fault['input']!r}"
-    context = getattr(error, "ctx", None)
-    hint = f"; see '{context.command_path} --help'" if context else ""
-    return f"blurnoise: error: {' '.join(without_secrets(told).split())}{hint}"
 
 
 def _with_ocr_method(arguments: Sequence[str]) -> list[str]:

@@ -49,6 +49,10 @@ class Region(NamedTuple):
     width: int
     height: int
 
+    def __repr__(self) -> str:
+        """As it is typed."""
+        return ",".join(map(str, self))
+
 
 def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
     """Parse "1,5,10" or "start:stop:step", stop included; "auto" where that is allowed. Raises ``ValueError``."""

@@ -3,75 +3,62 @@
 from __future__ import annotations
 
 from pathlib import Path
-from textwrap import TextWrapper
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.terminal import plain, say, say_json, show
+from blurnoise_eval.system.layout import table
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
 
 if TYPE_CHECKING:
     from blurnoise.error_budget import Plan
     from blurnoise_eval.report.data import RunData
 
-WIDEST = 27  # column of settings
 MOST_ROWS = 9  # of those that decide; answers.csv has all
 
 
 def print_opening(data: RunData) -> None:
-    """What a run answers: the sentence, the four questions, and the rows that decide; 80 columns."""
+    """What a run answers: the sentence, the four questions, and the rows that decide; in ASCII where it can be."""
     from blurnoise_eval.report import tables, words
     from blurnoise_eval.report.opening import opening
 
     told = opening(data)
     for sentence in told.sentences:
-        say_wrapped(sentence)
+        _say(sentence)
     for question, text in told.questions:
-        say_wrapped(f"{question:17s}{text}", hanging=17)
+        _say(f"{question:17s}{text}", hanging=17)
     rows = tables.deciding(data, told.rows, MOST_ROWS)
     if not rows:
         return
-    wide = min(max(len(row["setting"]) for row in rows), WIDEST)
     asked = told.rows[0].shown["criterion"]
-    say(
-        "",
-        _line(
-            "",
-            wide,
-            "works up to",
-            "use",
-            "gain",
-            "keeps" if " of its " in asked else asked.rpartition(" ")[0],
-        ),
-    )
-    group = None
+    heads = ["", "works up to", "use", "gain", "keeps" if " of its " in asked else asked.rpartition(" ")[0]]
     for row in rows:
+        row["to"] = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
+    cells = [
+        [_in_ascii(row[name] or "") for name in ("setting", "to", "use", "gain", "value")] for row in rows
+    ]
+    top, *bodies = table(heads, cells, (False, True, True, True, False), _within(2))
+    say("", *(f"  {line}" for line in top))
+    group = None
+    for row, body in zip(rows, bodies, strict=True):
         if row["group"] != group:
             group = row["group"]
-            say_wrapped(
-                f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4
-            )
-        to = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
-        setting = row["setting"]
-        if len(setting) > wide:
-            say_wrapped(setting, indent=2, hanging=4)
-            setting = ""
-        say(_in_ascii(_line(setting, wide, to, row["use"], row["gain"] or "", row["value"])))
+            _say(f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4)
+        say(*(f"  {line}" for line in body))
         for note in row["notes"]:
-            say_wrapped(note, indent=6, hanging=8)
+            _say(note, indent=6, hanging=8)
     if len(data.answers) == 1:
         return
     hidden = f"{len(told.rows) - len(rows)} more rows, and " if len(told.rows) > len(rows) else ""
     say("")
-    say_wrapped(f"In answers.csv: {hidden}every {told.every} by itself.")
+    _say(f"In answers.csv: {hidden}every {told.every} by itself.")
 
 
-def _line(setting: str, wide: int, to: str, use: str, gain: str, value: str) -> str:
-    return f"  {setting:{wide}s}  {to:>12s}  {use:>8s}  {gain:>6s}  {value}"
+def _say(text: str, indent: int = 0, hanging: int = 0) -> None:
+    say_wrapped(_in_ascii(text), indent, hanging)
 
 
-def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
-    """In lines of 80 columns; words longer than that stay whole."""
-    wrapper = TextWrapper(79, " " * indent, " " * hanging, break_long_words=False, break_on_hyphens=False)
-    say(*wrapper.wrap(_in_ascii(plain(text))))
+def _within(indent: int) -> int | None:
+    wide = width()
+    return wide and wide - indent
 
 
 def _in_ascii(line: str) -> str:

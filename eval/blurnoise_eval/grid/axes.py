@@ -244,4 +244,7 @@ def velocity_text(velocity_px_s: tuple[float, float]) -> str:
 EXPOSURE, LIGHT, GAIN, MOVES, EGO = map(
     axis, ("exposure_s", "illuminance_lux", "gain_db", "moves", "ego_speed_m_s")
 )
+EGO_SPEED = Coordinate(
+    EGO.name, "Speed", EGO.unit, lambda row: EGO.shown(row[EGO.name]), lambda value: f"{value:g} km/h"
+)
 SETTING_AXES: tuple[Axis, ...] = tuple(map(axis, SETTING))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from blurnoise_eval.grid.axes import velocity_of
+from blurnoise_eval.grid.axes import EGO, EGO_SPEED, SPEED, Coordinate, velocity_of
 from blurnoise_eval.report.settings import Settings, settings_of
 from blurnoise_eval.scoring.criterion import CONFIDENCE, Criterion
 from blurnoise_eval.scoring.matching import FOUND_SCORE
@@ -89,6 +89,16 @@ class RunData:
     def velocities_px_s(self) -> list[tuple[float, float]]:
         """The velocities that were tested, the slow ones first."""
         return sorted({velocity_of(row) for row in self.exposed}, key=by_speed)
+
+    @cached_property
+    def speed(self) -> Coordinate:
+        """How fast a row's picture moves: in px/s or, where a vehicle carries the camera, that in km/h."""
+        return EGO_SPEED if any(row[EGO.name] for row in self.exposed) else SPEED
+
+    @cached_property
+    def at_any_speed(self) -> Settings:
+        """The settings without a vehicle's speed."""
+        return self.settings.without(EGO) if EGO in self.settings.axes else self.settings
 
     @cached_property
     def exposures_s(self) -> list[float]:

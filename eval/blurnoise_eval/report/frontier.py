@@ -1,20 +1,21 @@
 """The rows that decide: for every target and setting how fast it may go, with which exposure and gain, and what
 limits that.
 
-Domain: exposures in s, speeds in px/s, gains in dB, values in the criterion's unit.
+Domain: exposures in s, speeds as the run has them (px/s, or km/h of a vehicle), gains in dB, values in the
+criterion's unit.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.grid.axes import GAIN, LIGHT, speed_px_s
+from blurnoise_eval.grid.axes import GAIN, LIGHT
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import finite
 from blurnoise_eval.report.settings import Setting
@@ -28,8 +29,8 @@ class Row:
 
     shown: the answer at the fastest speed at which an exposure works (in the direction that is worst); without one,
     the best. exposure_s: the exposure to use, of ``shown`` or, if there is one, one that works at every slower speed,
-    too (``for_all``); without one that works, the best. value, low, high: what it reaches there. top_px_s: that
-    fastest speed, None where no exposure surely works; slower_px_s: slower ones at which none does. others: the
+    too (``for_all``); without one that works, the best. value, low, high: what it reaches there. top: that
+    fastest speed, None where no exposure surely works; slower: slower ones at which none does. others: the
     answers at speeds beyond, or all where none works.
     """
 
@@ -41,31 +42,31 @@ class Row:
     value: float
     low: float | None
     high: float | None
-    top_px_s: float | None
-    slower_px_s: tuple[float, ...]
+    top: float | None
+    slower: tuple[float, ...]
     others: tuple[Answer, ...]
 
     @property
     def verdict(self) -> str:
-        """Of all that is not ``top_px_s`` and slower, the verdict; "works" where there is such a speed."""
-        if self.top_px_s is not None:
+        """Of all that is not ``top`` and slower, the verdict; "works" where there is such a speed."""
+        if self.top is not None:
             return WORKS
         return CANNOT_TELL if any(each["verdict"] == CANNOT_TELL for each in self.others) else NONE_WORKS
 
     @property
     def fastest(self) -> bool:
         """Whether no faster speed was tested."""
-        return self.top_px_s is not None and not self.others
+        return self.top is not None and not self.others
 
 
 def rows_that_decide(data: RunData, answers: Sequence[Answer]) -> list[Row]:
     """The rows of one model's answers, in their order."""
     parts: dict[tuple[str, Setting], list[Answer]] = {}
     for answer in answers:
-        parts.setdefault((answer["group"], data.settings.of(answer)), []).append(answer)
+        parts.setdefault((answer["group"], data.at_any_speed.of(answer)), []).append(answer)
     found: list[Row] = []
     for (group, setting), of_setting in parts.items():
-        row = _row(group, setting, of_setting, data.manifest["threshold"])
+        row = _row(group, setting, of_setting, data.speed.of, data.manifest["threshold"])
         if found and (found[-1].group, found[-1].verdict) == (group, row.verdict) and row.verdict != WORKS:
             row = _folded(found.pop(), row)
         found.append(row)
@@ -159,28 +160,34 @@ def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
     return float(np.interp(np.log(exposure_s), np.log(tested), [known[each] for each in tested]))
 
 
-def _row(group: str, setting: Setting, answers: Sequence[Answer], level: float) -> Row:
-    speeds = sorted({speed_px_s(answer) for answer in answers})
+def _row(
+    group: str,
+    setting: Setting,
+    answers: Sequence[Answer],
+    speed_of: Callable[[Answer], float],
+    level: float,
+) -> Row:
+    speeds = sorted(set(map(speed_of, answers)))
     works = [
         speed
         for speed in speeds
-        if all(answer["verdict"] == WORKS for answer in answers if speed_px_s(answer) == speed)
+        if all(answer["verdict"] == WORKS for answer in answers if speed_of(answer) == speed)
     ]
     if not works:
         shown = max(answers, key=lambda answer: answer["best_value"])
         best = shown["best_value"], shown["best_low"], shown["best_high"]
         return Row(group, (setting,), shown, shown["best_s"], False, *best, None, (), tuple(answers))
     top = works[-1]
-    held = [answer for answer in answers if speed_px_s(answer) in works]
+    held = [answer for answer in answers if speed_of(answer) in works]
     shown = min(
-        (answer for answer in held if speed_px_s(answer) == top),
+        (answer for answer in held if speed_of(answer) == top),
         key=lambda answer: answer["confidence_at_recommended"],
     )
     exposure_s, for_all = _use(held, shown, level)
     place = shown["exposures_s"].index(exposure_s)
     low, high = (shown[end][place] if shown[end] else None for end in ("low", "high"))
     slower = tuple(speed for speed in speeds if speed < top and speed not in works)
-    beyond = tuple(answer for answer in answers if speed_px_s(answer) > top)
+    beyond = tuple(answer for answer in answers if speed_of(answer) > top)
     value = shown["confidence"][place]
     return Row(group, (setting,), shown, exposure_s, for_all, value, low, high, top, slower, beyond)
 

@@ -1,6 +1,6 @@
 """The four questions that a report opens with: which exposure, which gain, how fast, how sure.
 
-Domain: exposures in s (written in ms), gains in dB, speeds in px/s. Texts are plain, never markup.
+Domain: exposures in s (written in ms), gains in dB, speeds in px/s or km/h. Texts are plain, never markup.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EXPOSURE, GAIN, speed_px_s
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EXPOSURE, GAIN, SPEED
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, exposure_for_all, gain_at
 from blurnoise_eval.report.measured import finite, spread
@@ -52,8 +52,7 @@ def questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
         elif (GAIN, AUTOMATIC) in data.settings.held:
             told += " (set by the camera, mean over pictures)"
         yield "Which gain?", told
-    if not any(answer[EGO.name] for answer in answers):  # whose camera's speed stands with each answer
-        yield "How fast?", _how_fast(data, answers, rows)
+    yield "How fast?", _how_fast(data, answers, rows)
     yield "How sure?", _how_sure(answers)
 
 
@@ -89,45 +88,48 @@ def _but_gain(data: RunData, setting: Setting) -> str:
 
 
 def _how_fast(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> str:
-    fastest = max(map(speed_px_s, answers))
+    fastest = max(map(data.speed.of, answers))
     combined = len(rows) > 1 or len(rows[0].settings) > 1
-    tops = [row for row in rows if row.top_px_s is not None]
+    tops = [row for row in rows if row.top is not None]
     count = sum(len(row.settings) for row in rows)
     names = [name for name in varied(data, answers) if name != "speed"]
     what = joined(names) if combined else ""
     if not tops:
         if all(answer["verdict"] == NONE_WORKS for answer in answers):
             return f"at no tested speed{'' if fastest else ', not even at rest,'} does an exposure suffice"
-        guess = max((speed_px_s(answer) for answer in answers if answer["windows_s"]), default=None)
-        at = f"up to {guess:g} px/s" if guess else "at rest"
+        guess = max((data.speed.of(answer) for answer in answers if answer["windows_s"]), default=None)
+        at = f"up to {data.speed.text(guess)}" if guess else "at rest"
         seen = f"; for these pictures alone one does {at}" if guess is not None else ""
         return f"at no tested speed does an exposure surely suffice{seen}"
-    top = max(tops, key=lambda row: row.top_px_s or 0.0)
+    top = max(tops, key=lambda row: row.top or 0.0)
     if len(tops) == len(rows) and all(row.fastest for row in rows):
         longest = max(rows, key=lambda row: row.exposure_s)
-        return _up_to(longest, f" for every {what}" if combined else "")
-    text = _up_to(top, f" for {top.group} at {data.settings.text(top.settings[0])}" if combined else "")
+        return _up_to(data, longest, f" for every {what}" if combined else "")
+    text = _up_to(
+        data, top, f" for {top.group} at {data.at_any_speed.text(top.settings[0])}" if combined else ""
+    )
     limit = limits_of(answer for row in rows for answer in row.others)
     if not combined:
         return f"{text}; beyond, {limit} limits" if limit else text
     if len(tops) == len(rows):
-        least = min(row.top_px_s or 0.0 for row in rows)
-        rest = f"{f'up to {least:g} px/s' if least else 'at rest'} for every {what}"
+        least = min(row.top or 0.0 for row in rows)
+        rest = f"{f'up to {data.speed.text(least)}' if least else 'at rest'} for every {what}"
     else:
         rest = f"in {count - len(tops)} of {combinations_text(count, names)} at no tested speed"
     return f"{text}; {rest}" + (f", limited by {limit}" if limit else "")
 
 
-def _up_to(row: Row, where: str) -> str:
+def _up_to(data: RunData, row: Row, where: str) -> str:
     """'up to 1000 px/s, the fastest tested, for every target (5 px of blur at 5 ms)'."""
-    speed = row.top_px_s or 0.0
+    speed = row.top or 0.0
     if not speed:
         return (
             f"at rest, the only speed tested,{where}".removesuffix(",") if row.fastest else f"at rest{where}"
         )
     tested = ", the fastest tested" if row.fastest else ""
-    blur = f"{speed * row.exposure_s:.2g} px of blur at {EXPOSURE.text(row.exposure_s)}"
-    return f"up to {speed:g} px/s{tested}{',' if tested and where else ''}{where} ({blur})"
+    blur = f"{speed * row.exposure_s:.2g} px of blur at " if data.speed is SPEED else "at "
+    comma = "," if tested and where else ""
+    return f"up to {data.speed.text(speed)}{tested}{comma}{where} ({blur}{EXPOSURE.text(row.exposure_s)})"
 
 
 def _how_sure(answers: Sequence[Answer]) -> str:
@@ -177,9 +179,11 @@ def varied(data: RunData, answers: Sequence[Answer]) -> list[str]:
     varied += [
         word(axis)
         for place, axis in enumerate(data.settings.axes)
-        if len({setting[:place] + setting[place + 1 :] for setting in settings}) < len(settings)
+        if axis is not EGO
+        and len({setting[:place] + setting[place + 1 :] for setting in settings}) < len(settings)
     ]
-    return [*varied, "speed"] if len(data.velocities_px_s) > 1 else varied
+    faster = len(data.velocities_px_s) > 1 or EGO in data.settings.axes
+    return [*varied, "speed"] if faster else varied
 
 
 def combinations_text(count: int, names: Sequence[str]) -> str:

@@ -1,6 +1,6 @@
 """The tables of terminal and page: the rows that decide, models, answers, failure points.
 
-Domain: fractions in [0, 1], exposures in s, velocities in px/s. Texts are plain, never markup.
+Domain: fractions in [0, 1], exposures in s, velocities in px/s or km/h. Texts are plain, never markup.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from blurnoise_eval.grid.axes import EXPOSURE, speed_px_s, velocity_of
+from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
 from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.frontier import Row, gain_at
@@ -41,17 +41,17 @@ def _pictures(rows: Sequence[Row], group: str) -> list[int]:
 
 def _deciding(data: RunData, row: Row) -> dict[str, Any]:
     first, last = row.settings[0], row.settings[-1]
-    setting = data.settings.text(first)
+    setting = data.at_any_speed.text(first)
     gain = gain_at(data, data.settings.of(row.shown), row.exposure_s)
     many = row.shown["few_pictures"]
     return {
         "group": row.group,
         "pictures": words.pictures_text(row.shown) + (" (few)" if many else ""),
-        "setting": setting if first == last else f"{setting} to {data.settings.text(last)}",
+        "setting": setting if first == last else f"{setting} to {data.at_any_speed.text(last)}",
         "verdict": row.verdict,
         "to": None
-        if row.top_px_s is None
-        else f"{'≥ ' if row.fastest and row.top_px_s else ''}{row.top_px_s:g} px/s",
+        if row.top is None
+        else f"{'≥ ' if row.fastest and row.top else ''}{data.speed.text(row.top)}",
         "use": EXPOSURE.text(row.exposure_s),
         "gain": None if gain is None else words.gain_text(gain),
         "value": words.value_text(row.value, row.low, row.high),
@@ -61,19 +61,20 @@ def _deciding(data: RunData, row: Row) -> dict[str, Any]:
 
 def _notes(data: RunData, row: Row) -> list[str]:
     """What stands below a row: the window and what ends it, what comes beyond, what else must be known."""
-    if row.top_px_s is None:
-        speeds = sorted({speed_px_s(answer) for answer in row.others})
-        at = f"{speeds[0]:g} to {speeds[-1]:g} px/s" if len(speeds) > 1 else f"{speeds[0]:g} px/s"
-        of = [data.settings.text(data.settings.of(row.shown))] if len(row.settings) > 1 else []
-        of += [f"{speed_px_s(row.shown):g} px/s"] if len(speeds) > 1 else []
+    if row.top is None:
+        speeds = sorted(set(map(data.speed.of, row.others)))
+        at = (f"{speeds[0]:g} to " if len(speeds) > 1 else "") + data.speed.text(speeds[-1])
+        of = [data.at_any_speed.text(data.at_any_speed.of(row.shown))] if len(row.settings) > 1 else []
+        of += [data.speed.text(data.speed.of(row.shown))] if len(speeds) > 1 else []
         best = [f"best at {', '.join(of)}"] if of else []
         limit = [f"limited by {words.limit_text(row.shown['limited_by'])}"] if row.shown["limited_by"] else []
         return ["; ".join([f"at {at}", *_needed(row.others), ", ".join(best + limit)]).removesuffix("; ")]
     limits = words.limits_text(row.shown)
     found = [f"works {words.window_text(row.shown)}" + (f": {limits}" if limits else "")]
-    if row.slower_px_s:
-        found.append(f"not sure at {', '.join(f'{speed:g}' for speed in row.slower_px_s)} px/s")
-    elif row.top_px_s and not row.for_all:
+    if row.slower:
+        *fewer, last = row.slower
+        found.append(f"not sure at {', '.join([*(f'{speed:g}' for speed in fewer), data.speed.text(last)])}")
+    elif row.top and not row.for_all:
         found.append("slower motion wants other exposures")
     if row.others:
         limited = sorted({words.limit_text(each["limited_by"]) for each in row.others if each["limited_by"]})

@@ -1,6 +1,22 @@
-"""Progress on the terminal: how much is done, how fast, how long it will take, and what else there is to say."""
+"""Progress of long work: what is done, how far it is, how fast, when it will end.
+
+On a terminal it is a line that changes. Elsewhere it is a line of standard error after 10 s and then ever more
+rarely, down to one a minute, so that a log says how a night's work goes on; what takes less than 10 s says nothing.
+"""
 
 from __future__ import annotations
+
+import sys
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from blurnoise_eval.system.terminal import plain, plain_console, say
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+FIRST_S, RAREST_S = 10.0, 60.0  # between lines
+BAR, WITH_BAR = 20, 100  # cells of the bar, and of a terminal that has room for it
 
 
 class Advance:
@@ -13,46 +29,73 @@ class Advance:
         """Say this in place of what was said before."""
 
 
-class ProgressBar:
-    """A progress bar on the terminal's error stream, silent where there is none. Inside: what advances it."""
+class ProgressBar(Advance):
+    """Progress of ``total`` steps, on standard error. Inside: what advances it."""
 
-    def __init__(self, label: str, total: int) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    def __init__(self, label: str, total: float) -> None:
+        from rich.live import Live
 
-        from blurnoise_eval.system.terminal import plain_console
-
-        label_column = TextColumn("{task.description}", style="bold", markup=False)
-        rate, note = (TextColumn(f"{{task.fields[{name}]}}", markup=False) for name in ("rate", "note"))
-        columns = (label_column, BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(), note)
+        self._label, self._total, self._done, self._note = plain(label), total, 0.0, ""
+        self._began = self._said = monotonic()
         console = plain_console(error=True)
-        self._progress = Progress(*columns, console=console, disable=not console.is_terminal)
-        self._task = self._progress.add_task(label, total=total, rate="", note="")
+        self._bar = console.width >= WITH_BAR
+        live = Live(get_renderable=self._drawn, console=console, refresh_per_second=5)
+        self._live = live if console.is_terminal else None
 
     def __enter__(self) -> Advance:
-        self._progress.start()
-        return _OfBar(self)
+        self._began = self._said = monotonic()
+        if self._live:
+            self._live.start()
+        return self
 
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+    def __exit__(self, kind: object, *_: object) -> None:
+        took = monotonic() - self._began
+        if self._live:
+            self._live.stop()
+        elif took >= FIRST_S:
+            self._say(f"{'took' if kind is None else 'stopped after'} {duration_text(took)}")
 
-    def advance(self, done: float) -> None:
+    def __call__(self, done: float) -> None:
         """So much more is done."""
-        self._progress.advance(self._task, done)
-        speed = self._progress.tasks[0].speed
-        if speed:
-            self._progress.update(self._task, rate=f"{speed:.3g}/s")
+        self._done += done
+        now = monotonic()
+        pause = min(max(FIRST_S, (now - self._began) / 5), RAREST_S)
+        if not self._live and now - self._said >= pause and self._done < self._total:
+            self._said = now
+            self._say(self._how())
 
     def note(self, text: str) -> None:
         """Say this at the end of the line."""
-        self._progress.update(self._task, note=text)
+        self._note = f"; {plain(text)}"
+
+    def _how(self) -> str:
+        """'13 %, 12/s, 20 s left'."""
+        took = monotonic() - self._began
+        if not self._done or not took:
+            return "0 %"
+        rate, left_s = self._done / took, took * (self._total / self._done - 1)
+        speed = f"{rate:.3g}" if rate < 100 else f"{rate:.0f}"
+        left = f", {duration_text(left_s)} left" if left_s > 0 else ""
+        return f"{100 * self._done / self._total:.0f} %, {speed}/s{left}"
+
+    def _far(self) -> str:
+        return f"{self._label}: {self._done:.0f} of {self._total:.0f}"
+
+    def _say(self, how: str) -> None:
+        say(f"{self._far()}, {how}{self._note}", error=True)
+        sys.stderr.flush()
+
+    def _drawn(self) -> Text:
+        from rich.text import Text
+
+        filled = int(BAR * min(self._done / self._total, 1.0)) if self._total else BAR
+        bar = f"[{'=' * filled}{' ' * (BAR - filled)}] " if self._bar else ""
+        return Text(f"{bar}{self._far()}, {self._how()}{self._note}")
 
 
-class _OfBar(Advance):
-    def __init__(self, bar: ProgressBar) -> None:
-        self._bar = bar
-
-    def __call__(self, done: float) -> None:
-        self._bar.advance(done)
-
-    def note(self, text: str) -> None:
-        self._bar.note(text)
+def duration_text(seconds: float) -> str:
+    """'40 s', '12 min', '3 h 20 min'."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
 import sys
 import warnings
 from collections.abc import Iterator
@@ -14,8 +16,14 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from blurnoise_eval.system.layout import PROSE, paragraph, rule
+from blurnoise_eval.system.layout import table as laid_out
+
 if TYPE_CHECKING:
-    from rich.console import Console, RenderableType
+    from rich.console import Console
+    from rich.table import Table
+
+LEAST_WIDTH = 20
 
 
 def plain(text: object) -> str:
@@ -41,11 +49,37 @@ def say_json(value: Any) -> None:
     print(json.dumps(value, allow_nan=False))
 
 
-def show(*tables: RenderableType) -> None:
-    """Print tables of rich, their text plain."""
-    console = plain_console()
+def width() -> int | None:
+    """Columns of the terminal, or as many as COLUMNS says; None where standard output is a pipe or a file."""
+    if "COLUMNS" not in os.environ and not sys.stdout.isatty():
+        return None
+    return max(shutil.get_terminal_size().columns, LEAST_WIDTH)
+
+
+def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
+    """Print a paragraph, of 79 columns where there is room."""
+    wide = width()
+    say(*paragraph(plain(text), wide and min(wide, PROSE), indent, hanging))
+
+
+def show(*tables: Table) -> None:
+    """Print tables of rich as they fit into the terminal: their titles, headings and cells, as plain text."""
     for table in tables:
-        console.print(table)
+        if table.title:
+            say_wrapped(str(table.title))
+        columns = [[_lines(cell) for cell in (column.header, *column.cells)] for column in table.columns]
+        right = [column.justify == "right" for column in table.columns]
+        heads, *rows = zip(*columns, strict=True)
+        top, *bodies = laid_out(heads, rows, right, width())
+        if top:
+            say(*top, rule([top, *bodies]))
+        for row, body in zip(table.rows, bodies, strict=True):
+            say(*body, *([""] if row.end_section and body is not bodies[-1] else []))
+        say("")
+
+
+def _lines(text: object) -> str:
+    return "\n".join(map(plain, str(text).split("\n")))
 
 
 def plain_console(*, error: bool = False) -> Console:

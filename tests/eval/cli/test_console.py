@@ -1,4 +1,4 @@
-"""What a sweep prints first: 80 columns, plain, nothing cut, the same facts as the page."""
+"""What a sweep prints first: plain, nothing cut at any width, the same facts as the page."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from blurnoise_eval.cli.console import MOST_ROWS, print_assumed, print_models, print_opening
 from blurnoise_eval.detectors.contract import preset
 from made_runs import made_run
+from rich.cells import cell_len
 
 Output = pytest.CaptureFixture[str]
 WIDE = {
@@ -30,14 +31,18 @@ def _printed(capsys: Output, folder: Path, **shape: Any) -> list[str]:
     [{}, {"interval": False}, {"kind": "reader"}, {"groups": {}}, WIDE, WIDE | {"f_numbers": (1.4, 2.8)}],
     ids=["one model", "few pictures", "reader", "no targets", "three models", "a further axis"],
 )
-def test_the_first_screen_has_80_columns_and_no_colour(
-    tmp_path: Path, capsys: Output, shape: dict[str, Any]
+def test_the_first_screen_fits_and_has_no_colour(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, shape: dict[str, Any]
 ) -> None:
-    lines = _printed(capsys, tmp_path, **shape)
-    assert lines
-    assert max(map(len, lines)) <= 80
-    assert not any("\x1b" in line or "…" in line for line in lines)
-    assert len(lines) <= 20 + 4 * MOST_ROWS
+    data = made_run(tmp_path, n_examples=0, **shape)
+    for wide in (40, 60, 80, 100, 160):
+        monkeypatch.setenv("COLUMNS", str(wide))
+        print_opening(data)
+        lines = capsys.readouterr().out.splitlines()
+        assert lines
+        assert max(map(cell_len, lines)) <= wide
+        assert not any("\x1b" in line or "…" in line for line in lines)
+        assert wide < 80 or len(lines) <= 20 + 4 * MOST_ROWS
 
 
 def test_the_four_questions_stand_before_the_rows(tmp_path: Path, capsys: Output) -> None:
@@ -60,16 +65,21 @@ def test_rows_that_are_left_out_are_counted(tmp_path: Path, capsys: Output) -> N
     assert 0 < len([line for line in shown if " dB " in line]) <= MOST_ROWS
 
 
-def test_numbers_of_models_are_whole_at_80_columns(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("wide", [40, 80, 160, None])
+@pytest.mark.parametrize("longest", [5, 17, 18, 60])
+def test_numbers_of_models_are_whole_at_any_width(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, wide: int | None, longest: int
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    print_models(made_run(tmp_path, n_examples=0, models=WIDE["models"]).models)
+    if wide:
+        monkeypatch.setenv("COLUMNS", str(wide))
+    models = "標識_" + "m" * (longest - 5), "b", "c"
+    print_models(made_run(tmp_path, n_examples=0, models=models).models)
     printed = capsys.readouterr().out
-    assert max(map(len, printed.splitlines())) <= 80
+    assert wide is None or max(map(cell_len, printed.splitlines())) <= wide
+    assert "…" not in printed
     for number in ("0.800", "0.780", "0.760", "0.740", "0.720", "30.0 (36.0)", "22.0 (28.0)"):
         assert number in printed
-    assert "threads: 1" in printed
+    assert "threads: 1" in " ".join(printed.split())
 
 
 def test_what_a_contract_assumes_is_one_line(capsys: Output) -> None:

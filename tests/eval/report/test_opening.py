@@ -203,8 +203,8 @@ def test_models_whose_standing_is_unknown_are_counted(tmp_path: Path) -> None:
 def test_a_row_goes_up_to_the_fastest_speed_with_an_exposure_for_all_slower(tmp_path: Path) -> None:
     data = made_run(tmp_path, {"sign": 0.95}, speeds=(0.0, 600.0, 3000.0), n_examples=0)
     dark, bright = rows_that_decide(data, data.answers)
-    assert (dark.top_px_s, dark.exposure_s, dark.fastest) == (0.0, 0.064, False)
-    assert (bright.top_px_s, bright.exposure_s, bright.for_all) == (600.0, 0.004, True)
+    assert (dark.top, dark.exposure_s, dark.fastest) == (0.0, 0.064, False)
+    assert (bright.top, bright.exposure_s, bright.for_all) == (600.0, 0.004, True)
     assert bright.value == data.answers[4]["confidence"][1]
     assert [answer["velocity_x_px_s"] for answer in bright.others] == [3000.0]
     (told,) = tables.deciding(data, [bright], 9)
@@ -224,14 +224,14 @@ def test_a_slower_speed_that_is_not_sure_is_not_hidden(tmp_path: Path) -> None:
     data = made_run(tmp_path, {"sign": 0.95}, lights_lux=(200.0,), n_examples=0)
     answers = [data.answers[0] | {"verdict": "cannot tell", "pictures_to_tell": 50}, data.answers[1]]
     (row,) = rows_that_decide(data, answers)
-    assert (row.top_px_s, row.slower_px_s) == (600.0, (0.0,))
+    assert (row.top, row.slower) == (600.0, (0.0,))
     assert "not sure at 0 px/s" in tables.deciding(data, [row], 9)[0]["notes"]
 
 
 def test_of_one_speed_the_worst_direction_decides(tmp_path: Path) -> None:
     data = made_run(tmp_path, {"sign": 0.95}, lights_lux=(200.0,), speeds=(-600.0, 600.0), n_examples=0)
     fine, worse = data.answers
-    assert rows_that_decide(data, [fine, worse | {"verdict": "no exposure works"}])[0].top_px_s is None
+    assert rows_that_decide(data, [fine, worse | {"verdict": "no exposure works"}])[0].top is None
     worse = worse | {"confidence_at_recommended": 0.61}
     assert rows_that_decide(data, [fine, worse])[0].shown["velocity_x_px_s"] == 600.0
 
