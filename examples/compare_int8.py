@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from onnxruntime.quantization import CalibrationDataReader, quantize_static
-
 from blurnoise_eval import Detector, SweepPlan, datasets, evaluate
 from blurnoise_models.detector import STOP_SIGN
 from blurnoise_models.scenes import write_coco
+from onnxruntime.quantization import CalibrationDataReader, quantize_static
 
 logging.getLogger().setLevel(logging.ERROR)  # the quantiser's advice on preprocessing
 
@@ -25,6 +24,7 @@ class CleanPictures(CalibrationDataReader):
         )
 
     def get_next(self) -> dict[str, Any] | None:
+        """The next input, None after the last."""
         return next(self.feeds, None)
 
 
@@ -48,4 +48,6 @@ for model in models:
 for answer in answers:
     if answer["group"] == "all":
         light, speed = answer["illuminance_lux"], answer["velocity_x_px_s"]
-        print(f"{answer['model']}, {light:g} lux, {speed:g} px/s: keeps {answer['best_value']:.2f} of its AP50")
+        print(
+            f"{answer['model']}, {light:g} lux, {speed:g} px/s: keeps {answer['best_value']:.2f} of its AP50"
+        )

@@ -1,4 +1,4 @@
-"""A light effect of one's own in twenty lines: veiling glare, part of the scene's light spread over all of the picture.
+"""A light effect of one's own in twenty lines: veiling glare, a share of the light spread over all of the picture.
 
 For good it is a file in blurnoise/light/ and an entry of the table in blurnoise/light/effects.py.
 """

@@ -22,7 +22,9 @@ def pictures(count: int, seed: int) -> tuple[Tensor, Tensor]:
         size = float(20 + 20 * torch.rand(1, generator=draw))
         light = charts.stop_sign(size, height_px=SIDE, width_px=SIDE)[0]
         if not sign:
-            tiles = light.unfold(1, 12, 12).unfold(2, 12, 12).flatten(1, 2)[:, torch.randperm(16, generator=draw)]
+            tiles = (
+                light.unfold(1, 12, 12).unfold(2, 12, 12).flatten(1, 2)[:, torch.randperm(16, generator=draw)]
+            )
             light = tiles.unflatten(1, (4, 4)).permute(0, 1, 3, 2, 4).reshape(3, SIDE, SIDE)
         shift = torch.randint(-4, 5, (2,), generator=draw).tolist()
         made.append(light.roll(shift, (1, 2)) * (0.5 + 0.5 * torch.rand(1, generator=draw)))
@@ -64,4 +66,6 @@ for name, augment in (("clean pictures alone", nn.Identity()), ("RandomExposure"
     network = trained(augment, *train)
     with torch.no_grad():
         right = [((network(each)[:, 0] > 0) == (test[1] > 0)).float().mean() for each in (test[0], hard)]
-    print(f"trained on {name}: right in {right[0]:.0%} of clean pictures, {right[1]:.0%} of dark and blurred ones")
+    print(
+        f"trained on {name}: right in {right[0]:.0%} of clean pictures, {right[1]:.0%} of dark and blurred ones"
+    )

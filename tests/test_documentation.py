@@ -16,7 +16,9 @@ from blurnoise_eval import cli, datasets
 from documented import PAGES, ROOT
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
-_ABROAD = re.compile(r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=[\"']?(?:https?:)?//[^\s>]*|url\(['\"]?https?:")
+_ABROAD = re.compile(
+    r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=[\"']?(?:https?:)?//[^\s>]*|url\(['\"]?https?:"
+)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -63,9 +65,13 @@ def test_every_example_is_in_the_guide() -> None:
 
 @pytest.fixture
 def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with all files that are named, which is the working one; rendered signs are two pictures."""
+    """A folder with all files that are named, which is the working one.
+
+    Rendered signs are one picture of each size, and no page is drawn, which takes longer than all that leads to it.
+    """
     made_files.write_all(tmp_path)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("blurnoise_eval.report.write_report", lambda data, folder: folder / "report.html")
     for name in ("rendered_signs", "rendered_texts"):
         monkeypatch.setattr(datasets, name, functools.partial(getattr(datasets, name), count=1))
     return tmp_path
@@ -97,7 +103,11 @@ def test_python_runs(page: str, prepared: Path) -> None:
 def test_examples_run(name: str, tmp_path: Path) -> None:
     """As a user runs them, and each says something."""
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / name)], cwd=tmp_path, capture_output=True, text=True, check=False
+        [sys.executable, str(ROOT / "examples" / name)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
@@ -110,7 +120,9 @@ def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> Non
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     for path in [*tmp_path.rglob("*.html"), *tmp_path.rglob("*.css")]:
-        loaded = [found for found in _ABROAD.findall(path.read_text(encoding="utf-8")) if "canonical" not in found]
+        loaded = [
+            found for found in _ABROAD.findall(path.read_text(encoding="utf-8")) if "canonical" not in found
+        ]
         assert not loaded, f"{path}: {loaded}"
     physics = (tmp_path / "physics.html").read_text(encoding="utf-8")
     assert "<math" in physics

@@ -22,11 +22,11 @@ from blurnoise.picture.steps import STEPS
 from blurnoise.sensor.stages import STAGES
 
 SCENE = "scenes/000001.png"
-SIGN = "80,140,150,140"  # of that scene, px: left, top, width, height
+SIGN = "84,141,155,156"  # of that scene, px: left, top, width, height
 
 
 class Shown(NamedTuple):
-    """A picture: the entry of the tables that it shows, how large the effect is here, options, and a camera's file."""
+    """A picture: the table's entry that it shows, how large the effect is here, options, and a camera's file."""
 
     entry: str
     about: str
@@ -39,7 +39,8 @@ GALLERY = {
     "Light": (
         Shown("distortion", "barrel distortion of a wide lens", "--lux 200",
               "hfov_deg: 90\nlens: {distortion: {model: opencv, coefficients: [-0.35, 0.08, 0, 0, 0]}}"),
-        Shown("objects", "the sign moves 30 px, its background stands", f"--lux 200 --object {SIGN} --object-dx 3000"),
+        Shown("objects", "the sign moves 30 px, its background stands",
+              f"--lux 200 --object {SIGN} --object-dx 3000"),
         Shown("lateral colour", "red 1.5 % larger than green, blue 1.5 % smaller", "--lux 200",
               "lens: {lateral_red: 0.015, lateral_blue: -0.015}"),
         Shown("defocus", "a disc of 3 px radius", "--lux 200", "defocus_radius_px: 3"),
@@ -52,7 +53,8 @@ GALLERY = {
               "--lux 200 --ego 50 --lens rectilinear --hfov-deg 60 --exposure-ms 20", scene="scenes/000003.png"),
         Shown("rolling shutter", "rows of the whole sensor 20 µs apart, 1500 px/s to the right",
               "--lux 1500 --dx 1500 --line-time-us 20 --exposure-ms 1"),
-        Shown("vignetting", "cos⁴ of the field angle, 90° wide", "--lux 200", "hfov_deg: 90\nlens: {falloff_power: 4}"),
+        Shown("vignetting", "cos⁴ of the field angle, 90° wide", "--lux 200",
+              "hfov_deg: 90\nlens: {falloff_power: 4}"),
     ),
     "Sensor": (
         Shown("spectral integration", "one plane of light behind the sensor's own curve", "--lux 200 --cfa mono"),
@@ -69,9 +71,10 @@ GALLERY = {
         Shown("limits", "four times the light that fills the converter", "--lux 1000"),
     ),
     "Picture": (
-        Shown("black level", "an offset of a third of the range leaves less for light", "--lux 150", "black_level_dn: 1365"),
-        Shown("white balance", "a Bayer camera under a light bulb, gains of daylight", "--lux 250 --illuminant planck:2856",
-              "base: imx250c\nwhite_balance: [1.4, 1.0, 1.6]"),
+        Shown("black level", "an offset of a third of the range leaves less for light", "--lux 150",
+              "black_level_dn: 1365"),
+        Shown("white balance", "a Bayer camera under a light bulb, gains of daylight",
+              "--lux 250 --illuminant planck:2856", "base: imx250c\nwhite_balance: [1.4, 1.0, 1.6]"),
         Shown("demosaic", "a Bayer mosaic, bilinear", "--lux 400", "base: imx250c\ndemosaic: bilinear"),
         Shown("colour matrix", "more saturated colours, more noise", "--lux 100 --gain 12",
               "base: imx250c\nccm: [[1.9, -0.6, -0.3], [-0.5, 1.9, -0.4], [-0.3, -0.7, 2.0]]"),
@@ -108,7 +111,9 @@ def commands() -> dict[str, str]:
     made = {"scene.png": "blurnoise scenes -o scenes --count 4"}
     for shown in (each for part in GALLERY.values() for each in part):
         camera = f" --camera {_word(shown)}.yaml" if shown.camera else ""
-        made[f"{_word(shown)}.png"] = f"blurnoise simulate {shown.scene} -o {_word(shown)}.png {shown.options}{camera}"
+        made[f"{_word(shown)}.png"] = (
+            f"blurnoise simulate {shown.scene} -o {_word(shown)}.png {shown.options}{camera}"
+        )
     return made
 
 
@@ -143,12 +148,14 @@ def pictures() -> dict[str, bytes]:
 def _page() -> Iterator[str]:
     yield "# Gallery of effects"
     yield ""
-    yield "What each effect looks like, exaggerated so that it shows. Every picture was made by the command below it when"
-    yield "this page was built, from the rendered scene on the left of the first row, with 10 ms unless it says otherwise."
+    yield "What each effect looks like, exaggerated so that it shows. Every picture was made by the command below it"
+    yield "when this page was built, from the scene that comes first, with 10 ms unless it says otherwise."
     for title, part in GALLERY.items():
-        yield f"\n## {title}\n\n<div class=\"gallery\">"
+        yield f'\n## {title}\n\n<div class="gallery">'
         if title == "Light":
-            yield _figure("scene.png", "the scene", "as rendered, before any camera", commands()["scene.png"], "")
+            yield _figure(
+                "scene.png", "the scene", "as rendered, before any camera", commands()["scene.png"], ""
+            )
         for each in part:
             name = f"{_word(each)}.png"
             camera = f"# {_word(each)}.yaml\n{_based(each.camera)}" if each.camera else ""
@@ -159,9 +166,10 @@ def _page() -> Iterator[str]:
 def _figure(name: str, title: str, about: str, command: str, camera: str) -> str:
     code = html.escape(command)
     more = f"<pre><code>{html.escape(camera)}</code></pre>" if camera else ""
+    shown = f"{html.escape(title)}: {html.escape(about)}"
     return (
-        f'<figure><img src="gallery/{name}" alt="{html.escape(title)}: {html.escape(about)}" loading="lazy" width="320" '
-        f'height="320"><figcaption><strong>{html.escape(title)}</strong>: {html.escape(about)}</figcaption>'
+        f'<figure><img src="gallery/{name}" alt="{shown}" width="320" height="320" loading="lazy">'
+        f"<figcaption><strong>{html.escape(title)}</strong>: {html.escape(about)}</figcaption>"
         f"<pre><code>{code}</code></pre>{more}</figure>"
     )
 
