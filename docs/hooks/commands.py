@@ -1,0 +1,81 @@
+"""The pages of the commands, made from the command line's own parser when the guide is built."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterator
+from typing import Any
+
+from blurnoise_eval.cli import COMMANDS, _name, _program
+from mkdocs.structure.files import File, Files
+
+
+def on_config(config: Any) -> None:
+    """A place in the navigation for every command."""
+    section = next(entry for entry in config.nav if "Commands" in entry)
+    section["Commands"] = ["commands/index.md", *({name: _path(name)} for name in _names())]
+
+
+def on_files(files: Files, *, config: Any) -> None:
+    """The pages themselves."""
+    files.append(File.generated(config, "commands/index.md", content=_index()))
+    for name in _names():
+        files.append(File.generated(config, _path(name), content=_page(name)))
+
+
+def _names() -> list[str]:
+    return [_name(run) for run, _ in COMMANDS]
+
+
+def _path(name: str) -> str:
+    return f"commands/{name.replace(' ', '-')}.md"
+
+
+def _index() -> str:
+    rows = [
+        f"| [`{_name(run)}`]({_path(_name(run)).removeprefix('commands/')}) | {about} |"
+        for run, about in COMMANDS
+    ]
+    lines = ["# Commands", "", "What `blurnoise COMMAND --help` says, from the same source.", ""]
+    return "\n".join([*lines, "| command | what it does |", "|---|---|", *rows, ""])
+
+
+def _page(name: str) -> str:
+    program = _program([name])
+    command = getattr(program, "commands", {}).get(name, program)
+    context = command.make_context(name, [], resilient_parsing=True)
+    lines = [f"# blurnoise {name}", "", *_described(command.help)]
+    for title, records in _sections(command, context).items():
+        lines += ["", f"## {title}", "", "| | |", "|---|---|"]
+        lines += [f"| <code>{_cell(option)}</code> | {_cell(about)} |" for option, about in records]
+    return "\n".join([*lines, ""])
+
+
+def _described(text: str) -> Iterator[str]:
+    """Paragraphs as they are; what is indented is an example, with its remark behind two spaces or more."""
+    inside = False
+    for line in text.splitlines():
+        example = line.startswith("  ") and line.strip() != ""
+        if example != inside:
+            yield "```text" if example else "```"
+            if not example:
+                yield ""
+        inside = example
+        yield line[2:] if example else line
+    if inside:
+        yield "```"
+
+
+def _sections(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
+    found: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+    for parameter in command.get_params(context):
+        record = parameter.get_help_record(context)
+        if record is not None:
+            usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
+            found.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(record)
+    found["Options"] = found.pop("Options")
+    return {title: records for title, records in found.items() if records}
+
+
+def _cell(text: str) -> str:
+    return html.escape(" ".join(text.split())).replace("|", "&#124;").replace("*", "&#42;")

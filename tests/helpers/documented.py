@@ -1,0 +1,59 @@
+"""What README and the guide show: their blocks of commands and of Python, and what of it is not run as it stands."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", *sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs/pages").rglob("*.md")))
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NO_COMMAND_OF_OURS = (
+    "python3 -m venv",  # CI runs these in fresh environments
+    ".venv/bin/pip install",
+    "pip install --no-deps rapidocr",
+    "export AWS_PROFILE",
+)
+LONG = {
+    "blurnoise train": "under an hour; tests/models has a short one",
+    "blurnoise paper": "minutes; tests/eval/cli/test_paper.py has its items",
+}
+SUBSTITUTES = (
+    ("--engine ray --address HOST:6379", "--engine processes"),  # tests/eval/sweep has Ray's
+    ("--images DIR", "--images photos/"),
+    ("s3://bucket", "file://{folder}/bucket"),  # tests/eval/system has S3's
+    ("--model trained/stop_sign.onnx", "--model m.onnx"),
+)
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """The blocks of a page in a language, without the examples, which are files of their own."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return [found[2] for found in _BLOCK.finditer(text) if found[1] == language and "--8<--" not in found[2]]
+
+
+def commands(page: str) -> Iterator[list[str]]:
+    """The words of every command of a page, without its remark."""
+    for block in blocks(page, "bash"):
+        for line in block.replace("\\\n", " ").splitlines():
+            if words := shlex.split(line, comments=True):
+                yield words
+
+
+def ours(page: str) -> list[list[str]]:
+    """The words behind "blurnoise" of those commands that are ours."""
+    return [words[1:] for words in commands(page) if words[0] == "blurnoise"]
+
+
+def substituted(words: list[str], folder: Path) -> list[str]:
+    """The words with made-up files and machines in place of those that a test does not have."""
+    text = shlex.join(words)
+    for stated, taken in SUBSTITUTES:
+        text = text.replace(stated, taken.format(folder=folder))
+    return shlex.split(text)
+
+
+def is_long(words: list[str]) -> bool:
+    return any(["blurnoise", *words][: len(long.split())] == long.split() for long in LONG)

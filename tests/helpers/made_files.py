@@ -1,0 +1,84 @@
+"""The files that README and the guide name, small and made up."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import made_frames
+import numpy as np
+import torch
+from band_readers import LETTERS, band_reader
+from blurnoise_eval.datasets import read_picture, write_picture
+from blurnoise_models.detector import STOP_SIGN
+from blurnoise_models.scenes import write_coco
+
+from blurnoise import Camera, charts
+from blurnoise.encoding import srgb_from_linear
+
+SIZE_PX = 128
+PICTURES = 3
+MODELS = ("yolox_nano", "yolov8n", "fastestdet", "fp32", "int8", "m", "a", "b")
+
+
+def write_all(folder: Path) -> None:
+    """Into an empty folder."""
+    listing = write_coco(folder, seed=2, count=PICTURES, size_px=SIZE_PX)
+    names = [entry["file_name"] for entry in json.loads(listing.read_text())["images"]]
+    for into in ("photos", "scenes", "bucket/photos", "bucket"):
+        (folder / into).mkdir(exist_ok=True, parents=True)
+        for name in names if "photos" in into or into == "scenes" else ():
+            shutil.copy(folder / name, folder / into / name)
+        if "photos" not in into:
+            shutil.copy(listing, folder / into / "instances.json")
+    for name in MODELS:
+        shutil.copy(STOP_SIGN, folder / f"{name}.onnx")
+    shutil.copy(STOP_SIGN, folder / "bucket" / "m.onnx")
+    _write_pictures(folder, names[1])
+    _write_labels(folder, names)
+    _write_camera(folder)
+
+
+def _write_pictures(folder: Path, scene: str) -> None:
+    picture = read_picture(folder / scene)
+    large = np.tile(picture, (3, 4, 1))  # objects of the guide begin at x = 300
+    for name in ("photo.png", "night.png", "street.png"):
+        write_picture(folder / name, large)
+    (folder / "photo.png").rename(folder / "photo.jpg")  # known by its content
+    mask = np.zeros(large.shape, np.uint8)
+    mask[40:80, 60:100] = 255
+    for name in ("lamps.png", "car.png"):
+        write_picture(folder / name, mask)
+    np.asarray(large / 255, np.float32).tofile(folder / "pixels")
+    (folder / "street.hdr").write_bytes(_radiance(large))
+    (folder / "pixels").unlink()
+    edge = charts.slanted_edge(100, 100, angle_deg=5.0)
+    for name, noise in (("chart.png", 0.01), ("simulated.png", 0.01), ("real.png", 0.011)):
+        seen = edge + noise * torch.randn(edge.shape, generator=torch.Generator().manual_seed(1))
+        coded = srgb_from_linear(seen.clamp(0, 1))[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+        write_picture(folder / name, np.repeat(coded, 3, axis=2))
+
+
+def _radiance(picture: np.ndarray) -> bytes:
+    """A picture of Radiance's format, shared exponents."""
+    exponents = np.full((*picture.shape[:2], 1), 128, np.uint8)
+    header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {picture.shape[0]} +X {picture.shape[1]}\n"
+    return header.encode() + np.concatenate([picture, exponents], axis=2).tobytes()
+
+
+def _write_labels(folder: Path, names: list[str]) -> None:
+    (folder / "data.yaml").write_text("val: photos\nnames: [stop sign]\n")
+    (folder / "labels.txt").write_text("".join(f"{name}\trgb\n" for name in names))
+    (folder / "keys.txt").write_text("\n".join(LETTERS) + "\n")
+    band_reader(folder / "rec.onnx")
+    for name in names:
+        (folder / "photos" / name).with_suffix(".txt").write_text("0 0.5 0.5 0.4 0.4\n")
+
+
+def _write_camera(folder: Path) -> None:
+    Camera.preset("imx250").save(folder / "mine.yaml")
+    (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
+    made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
+    levels = {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)}
+    made_frames.write_dng(folder / "photo.dng", np.zeros((48, 64), np.uint16), levels)

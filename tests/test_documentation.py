@@ -1,0 +1,129 @@
+"""README and guide: their commands are the parser's, their Python runs, and the guide is built without network."""
+
+from __future__ import annotations
+
+import functools
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import documented
+import made_files
+import pytest
+from blurnoise_eval import cli, datasets
+from documented import PAGES, ROOT
+
+EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
+_ABROAD = re.compile(
+    r"<(?:script|link|img|iframe)\b[^>]*\b(?:src|href)=[\"']?(?:https?:)?//[^\s>]*|url\(['\"]?https?:"
+)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_is_one(page: str) -> None:
+    """Named rightly, with options that there are and values that they take; nothing else stands in the blocks."""
+    for words in documented.commands(page):
+        if words[0] == "blurnoise":
+            parsed(words[1:])
+        elif words[:1] == ["python"]:
+            assert (ROOT / words[1]).is_file()
+        else:
+            assert " ".join(words).startswith(documented.NO_COMMAND_OF_OURS), words
+
+
+def parsed(words: list[str]) -> None:
+    """Raises where the command line would not take these words."""
+    words = cli._with_ocr_method(cli._named(words))
+    name, *rest = words
+    program = cli._program(words)
+    getattr(program, "commands", {}).get(name, program).make_context(name, rest)
+
+
+@pytest.mark.parametrize("words", [["sweep", "--luxx", "1", "-o", "run"], ["swep", "-o", "run"], ["sweep"]])
+def test_a_command_that_is_none_is_seen(words: list[str]) -> None:
+    with pytest.raises(Exception, match=r"(?i)luxx|no such|missing|swep"):
+        parsed(words)
+
+
+def test_python_compiles() -> None:
+    for page in PAGES:
+        for number, block in enumerate(documented.blocks(page, "python"), 1):
+            compile(block, f"{page}, block {number}", "exec")
+
+
+def test_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_every_example_is_in_the_guide() -> None:
+    shown = (ROOT / "docs/pages/examples.md").read_text(encoding="utf-8")
+    assert len(EXAMPLES) == 5
+    assert all(f'--8<-- "examples/{name}"' in shown for name in EXAMPLES)
+
+
+@pytest.fixture
+def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with all files that are named, which is the working one.
+
+    Rendered signs are one picture of each size, and no page is drawn, which takes longer than all that leads to it.
+    """
+    made_files.write_all(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("blurnoise_eval.report.write_report", lambda data, folder: folder / "report.html")
+    for name in ("rendered_signs", "rendered_texts"):
+        monkeypatch.setattr(datasets, name, functools.partial(getattr(datasets, name), count=1))
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if documented.ours(page)])
+def test_commands_run(page: str, prepared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In their order, in one folder; a run is begun anew by each command that makes it."""
+    for words in documented.ours(page):
+        if documented.is_long(words):
+            continue
+        if "--ocr" in words:
+            pytest.importorskip("rapidocr")
+        if words[0] in ("sweep", "decide"):
+            shutil.rmtree(prepared / words[words.index("-o") + 1], ignore_errors=True)
+        assert cli.main(documented.substituted(words, prepared)) == 0, f"{words}: {capsys.readouterr().err}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if documented.blocks(page, "python")])
+def test_python_runs(page: str, prepared: Path) -> None:
+    for number, block in enumerate(documented.blocks(page, "python"), 1):
+        exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "documented"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_run(name: str, tmp_path: Path) -> None:
+    """As a user runs them, and each says something."""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / name)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+@pytest.mark.slow
+def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for path in [*tmp_path.rglob("*.html"), *tmp_path.rglob("*.css")]:
+        loaded = [
+            found for found in _ABROAD.findall(path.read_text(encoding="utf-8")) if "canonical" not in found
+        ]
+        assert not loaded, f"{path}: {loaded}"
+    physics = (tmp_path / "physics.html").read_text(encoding="utf-8")
+    assert "<math" in physics
+    assert "arithmatex" not in physics
