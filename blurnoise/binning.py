@@ -1,4 +1,5 @@
-"""Binning: the camera whose pixels are n x n of another's, averaged after the converter, for pictures n times smaller.
+"""Binning: the camera whose pixels are n x n of another's, averaged after the converter, for pictures n times
+smaller.
 
 Domain: n >= 1. A mean of n^2 pixels holds n^2 times the charge before it is full, at a system gain n^2 times lower;
 what is independent from pixel to pixel (read noise, DSNU, PRNU) averages: by variance n^2 e^2 of electrons, PRNU / n.
@@ -14,7 +15,8 @@ from blurnoise.camera import Camera
 
 
 def binned(camera: Camera, n: int) -> Camera:
-    """The camera of n x n averaged pixels. Raises ``ValueError`` for n < 1, or for figures beyond a camera's limits."""
+    """The camera of n x n averaged pixels. Raises ``ValueError`` for n < 1, or for figures beyond a camera's
+    limits."""
     integer("n", n, 1, 1 << 10)
     if n == 1:
         return camera
@@ -38,4 +40,3 @@ def binned(camera: Camera, n: int) -> Camera:
         height_px=max(1, round(camera.height_px / n)),
         lens=replace(camera.lens, field_curvature_px=camera.lens.field_curvature_px / n),
     )
-

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,34 +18,48 @@ if TYPE_CHECKING:
 _EXTRA = 'explore: needs NiceGUI: pip install "blurnoise[explore]"; with -o it writes the picture without'
 
 
-@axis_options(exposure_s="20", illuminance_lux="2", velocity_x_px_s="1000", velocity_y_px_s="0", gain_db="auto")
+@axis_options(
+    exposure_s="20", illuminance_lux="2", velocity_x_px_s="1000", velocity_y_px_s="0", gain_db="auto"
+)
 def explore(
     *,
     where: Annotated[
         Path | None,
-        Argument(metavar="IMAGE|RUN", help="a picture, or the folder of a sweep (default: rendered stop signs)"),
+        Argument(
+            metavar="IMAGE|RUN", help="a picture, or the folder of a sweep (default: rendered stop signs)"
+        ),
     ] = None,
     sign: Annotated[int | None, Option(metavar="N", help="which of the rendered pictures, from 1 on")] = None,
-    cell: Annotated[str | None, Option(metavar="ID", help="of a run: a cell of results.csv, computed anew")] = None,
+    cell: Annotated[
+        str | None, Option(metavar="ID", help="of a run: a cell of results.csv, computed anew")
+    ] = None,
     picture: Annotated[str | None, Option(metavar="NAME", help="of a run: one of its pictures")] = None,
     images: Annotated[
         Path | None, Option(metavar="DIR", help="of a run: where its pictures are, if not where they were")
     ] = None,
     model: Annotated[
         str | None,
-        Option(metavar="M.onnx|none", help="a detector or text recogniser (default: the built-in detector, or the run's)"),
+        Option(
+            metavar="M.onnx|none",
+            help="a detector or text recogniser (default: the built-in detector, or the run's)",
+        ),
     ] = None,
     camera: CameraName = "",
     figure: Annotated[
-        list[str] | None, Option(metavar="NAME=NUMBER", help="of the camera, in place of its own: read_noise_e=12")
+        list[str] | None,
+        Option(metavar="NAME=NUMBER", help="of the camera, in place of its own: read_noise_e=12"),
     ] = None,
     grid: Grid,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     output: Annotated[
         Path | None,
-        Option("-o", "--output", metavar="OUT.png", help="write this picture and what is told of it; no page"),
+        Option(
+            "-o", "--output", metavar="OUT.png", help="write this picture and what is told of it; no page"
+        ),
     ] = None,
-    host: Annotated[str, Option(metavar="ADDRESS", help="where the page is served; 0.0.0.0 for everybody")] = "127.0.0.1",
+    host: Annotated[
+        str, Option(metavar="ADDRESS", help="where the page is served; 0.0.0.0 for everybody")
+    ] = "127.0.0.1",
     port: Annotated[int, Option(metavar="N", help="0: any that is free", min=0, max=65535)] = 0,
     browser: Annotated[bool, Option("--browser/--no-browser", help="open the page in the browser")] = True,
     as_json: Json = False,
@@ -70,7 +83,14 @@ def explore(
         return
     from blurnoise_eval.explorer.server import serve
 
-    serve(shelf, state, host=host, port=port, browser=browser, say=lambda url: say(f"explorer: {url}  (Ctrl-C ends it)"))
+    serve(
+        shelf,
+        state,
+        host=host,
+        port=port,
+        browser=browser,
+        say=lambda url: say(f"explorer: {url}  (Ctrl-C ends it)"),
+    )
 
 
 def _installed() -> bool:
@@ -144,7 +164,9 @@ def _first_cell(shelf: Shelf, state: State) -> State:
     if run is None:
         return state
     found = run.heat_map(run.models[0])
-    at = {axis.name: value for axis, value in found.fixed} | {found.across.name: found.columns[len(found.columns) // 2]}
+    at = {axis.name: value for axis, value in found.fixed} | {
+        found.across.name: found.columns[len(found.columns) // 2]
+    }
     at |= {found.down.name: found.rows[len(found.rows) // 2]} if found.down else {}
     return cell_state(shelf, run.cell_at(at, run.pictures[0]), state)
 

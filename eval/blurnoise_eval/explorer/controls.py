@@ -13,7 +13,9 @@ from dataclasses import dataclass, fields
 from blurnoise._core.limits import LIMITS
 from blurnoise.camera import Camera
 from blurnoise.light import effects
+from blurnoise.light.effect import LightEffect
 from blurnoise.sensor import stages
+from blurnoise.sensor.stage import SensorStage
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, VELOCITY, Axis
@@ -37,7 +39,8 @@ _USUAL: Mapping[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Control:
-    """Something to move. low, high: in its unit. read: where it stands, put: the state with another value; the camera is
+    """Something to move. low, high: in its unit. read: where it stands, put: the state with another value; the
+    camera is
     that of the state, own figures included. choices: of a control of names. automatic: it may be left to the camera.
     group: under which heading it stands."""
 
@@ -97,7 +100,8 @@ def controls(camera: Camera) -> tuple[Control, ...]:
             made.append(_of_axis(each, camera))
     of_axes = {each.into.partition(".")[2] for each in axes.AXES if each.into.startswith("camera.")}
     numbers = {each.name for each in fields(Camera) if isinstance(getattr(camera, each.name), float)}
-    for entry in (*effects.EFFECTS, *stages.STAGES):
+    parts: tuple[LightEffect | SensorStage, ...] = (*effects.EFFECTS, *stages.STAGES)
+    for entry in parts:
         for name in entry.figures:
             if name in numbers and name not in of_axes:
                 of_axes.add(name)
@@ -223,7 +227,15 @@ def _unit(name: str) -> tuple[str, float]:
         return "e-/s", 1.0
     if name.endswith("_time_s"):
         return "µs", 1e6
-    for ending, unit in (("_um", "µm"), ("_e", "e-"), ("_px", "px"), ("_s", "s"), ("_c", "°C"), ("_db", "dB"), ("_deg", "°")):
+    for ending, unit in (
+        ("_um", "µm"),
+        ("_e", "e-"),
+        ("_px", "px"),
+        ("_s", "s"),
+        ("_c", "°C"),
+        ("_db", "dB"),
+        ("_deg", "°"),
+    ):
         if name.endswith(ending):
             return unit, 1.0
     return ("%", 100.0) if name == "prnu" else ("", 1.0)
@@ -231,5 +243,3 @@ def _unit(name: str) -> tuple[str, float]:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
-
-

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from blurnoise.error_budget import Plan
 from blurnoise_eval.drawing.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.explorer.controls import Control
+from blurnoise_eval.explorer.looking import Stop
 from blurnoise_eval.explorer.runs import HeatMap
 from blurnoise_eval.grid.axes import Axis
 from blurnoise_eval.scoring.matching import MATCH_IOU, iou
@@ -23,7 +24,7 @@ from blurnoise_eval.scoring.on_picture import Sight
 
 _WIDE, _HIGH = 640, 150
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34, 10, 10, 24
-Curve = Sequence[tuple[float, float | None]]
+Curve = Sequence[Stop]
 
 
 def boxes(sight: Sight | None, size: tuple[int, int], threshold: float, classes: Sequence[str] = ()) -> str:
@@ -59,7 +60,7 @@ def _box(box: Sequence[float], kind: str, text: str, scale: float, size: tuple[i
     return (
         f'<g class="{kind}"><rect class="frame" x="{x0:.1f}" y="{y0:.1f}" width="{max(0.0, x1 - x0):.1f}" '
         f'height="{max(0.0, y1 - y0):.1f}" vector-effect="non-scaling-stroke"/>'
-        f'<rect class="tag" x="{x:.1f}" y="{y:.1f}" width="{wide:.1f}" height="{font * 1.35:.1f}" rx="{2 * scale:.1f}"/>'
+        f'<rect class="tag" x="{x:.1f}" y="{y:.1f}" width="{wide:.1f}" height="{font * 1.35:.1f}" rx="{scale:.1f}"/>'
         f'<text x="{x + 3.5 * scale:.1f}" y="{y + font:.1f}" font-size="{font:.1f}">{escape(text)}</text></g>'
     )
 
@@ -71,7 +72,9 @@ def histogram(shares: NDArray[np.float64], clipped: tuple[float, float]) -> str:
     paths = []
     for colour, row in zip(("red", "green", "blue"), np.sqrt(shares) / top, strict=True):
         step = wide / len(row)
-        line = " ".join(f"H{(place + 1) * step:.1f}V{high - high * float(value):.1f}" for place, value in enumerate(row))
+        line = " ".join(
+            f"H{(place + 1) * step:.1f}V{high - high * float(value):.1f}" for place, value in enumerate(row)
+        )
         first = high - high * float(row[0])
         body = line.split(" ", 1)[1] if len(row) > 1 else ""
         paths.append(f'<path class="{colour}" d="M0 {high}V{first:.1f}H{step:.1f} {body} V{high}Z"/>')
@@ -84,7 +87,8 @@ def histogram(shares: NDArray[np.float64], clipped: tuple[float, float]) -> str:
     return (
         f'<svg class="histogram" viewBox="0 0 {wide} {high}" preserveAspectRatio="none" role="img" '
         f'aria-label="Histogram: {told}">{"".join(paths)}{"".join(ends)}</svg>'
-        f'<div class="ends"><span>{_percent(clipped[0])} black</span><span>{_percent(clipped[1])} clipped</span></div>'
+        f'<div class="ends"><span>{_percent(clipped[0])} black</span>'
+        f"<span>{_percent(clipped[1])} clipped</span></div>"
     )
 
 
@@ -101,40 +105,72 @@ def strip(curve: Curve, along: Control, at: float, threshold: float, kept: tuple
     def y(share: float) -> float:
         return _TOP + high * (1 - share)
 
-    parts = [f'<line class="grid" x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y(s):.1f}" y2="{y(s):.1f}"/>' for s in (0, 0.5, 1)]
-    parts += [f'<text class="tick" x="{_LEFT - 6}" y="{y(s) + 4:.1f}" text-anchor="end">{s:g}</text>' for s in (0, 0.5, 1)]
+    parts = [
+        f'<line class="grid" x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y(s):.1f}" y2="{y(s):.1f}"/>'
+        for s in (0, 0.5, 1)
+    ]
+    parts += [
+        f'<text class="tick" x="{_LEFT - 6}" y="{y(s) + 4:.1f}" text-anchor="end">{s:g}</text>'
+        for s in (0, 0.5, 1)
+    ]
     ticks = (
         [(float(place), name) for place, name in enumerate(along.choices)]
         if along.choices
-        else [(value, f"{value:.3g}") for value in along.stops(6)]
+        else [(value, f"{value:g}") for value in _ticks(along)]
     )
     parts += [
-        f'<text class="tick" x="{min(x(value), _WIDE - 14):.1f}" y="{_HIGH - 7}" text-anchor="middle">{escape(text)}</text>'
+        f'<text class="tick" x="{min(x(value), _WIDE - 14):.1f}" y="{_HIGH - 7}" text-anchor="middle">'
+        f"{escape(text)}</text>"
         for value, text in ticks
     ]
     if kept:
         left, right = x(kept[0]), x(kept[1])
         parts.append(
-            f'<rect class="kept" x="{left - 3:.1f}" y="{_TOP}" width="{right - left + 6:.1f}" height="{high}" rx="3"/>'
+            f'<rect class="kept" x="{left - 3:.1f}" y="{_TOP}" width="{right - left + 6:.1f}" height="{high}"/>'
         )
     parts.append(
         f'<line class="threshold" x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y(threshold):.1f}" y2="{y(threshold):.1f}"/>'
     )
-    told = [(value, held) for value, held in curve if held is not None]
+    for target in zip(*(stop.confidences for stop in curve if stop.confidences), strict=False):
+        values = [stop.value for stop in curve if stop.confidences]
+        if not along.choices and len(curve[0].confidences) > 1:
+            line = " ".join(
+                f"{x(value):.1f},{y(held):.1f}" for value, held in zip(values, target, strict=True)
+            )
+            parts.append(f'<polyline class="target" points="{line}"/>')
+    told = [(stop.value, stop.mean) for stop in curve if stop.mean is not None]
     if told and not along.choices:
         line = " ".join(f"{x(value):.1f},{y(held):.1f}" for value, held in told)
         parts.append(f'<polyline class="curve" points="{line}"/>')
     for value, held in told:
         kind = "dot" if held >= threshold else "dot under"
         title = f"<title>{escape(along.text(value))}: {held:.2f}</title>"
-        parts.append(f'<circle class="{kind}" cx="{x(value):.1f}" cy="{y(held):.1f}" r="3.4">{title}</circle>')
+        parts.append(
+            f'<circle class="{kind}" cx="{x(value):.1f}" cy="{y(held):.1f}" r="3.4">{title}</circle>'
+        )
     if math.isfinite(at):
-        parts.append(f'<line class="here" x1="{x(at):.1f}" x2="{x(at):.1f}" y1="{_TOP - 4}" y2="{_TOP + high + 4}"/>')
+        parts.append(
+            f'<line class="here" x1="{x(at):.1f}" x2="{x(at):.1f}" y1="{_TOP - 4}" y2="{_TOP + high + 4}"/>'
+        )
     label = f"Confidence along {along.title}"
     return (
         f'<svg class="strip" viewBox="0 0 {_WIDE} {_HIGH}" role="img" aria-label="{escape(label)}" '
         f'data-left="{_LEFT / _WIDE:.4f}" data-right="{(_LEFT + wide) / _WIDE:.4f}">{"".join(parts)}</svg>'
     )
+
+
+def _ticks(along: Control) -> list[float]:
+    """Round numbers: decades, or six even ones."""
+    if along.logarithmic:
+        first, last = math.ceil(math.log10(along.low) - 1e-9), math.floor(math.log10(along.high) + 1e-9)
+        if last - first >= 2:
+            return [10.0**power for power in range(first, last + 1)]
+        return along.stops(5)
+    rough = (along.high - along.low) / 5
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(each * power for each in (1, 2, 2.5, 5, 10) if each * power >= rough * 0.999)
+    first = math.ceil(along.low / step)
+    return [round(place * step, 9) for place in range(first, math.floor(along.high / step + 1e-9) + 1)]
 
 
 def heat_map(found: HeatMap, chosen: str = "") -> str:
@@ -149,11 +185,14 @@ def heat_map(found: HeatMap, chosen: str = "") -> str:
             if held is None:
                 cells.append("<td></td>")
                 continue
-            at = found.across.text(found.columns[column]) + (f", {found.down.text(value)}" if found.down else "")
+            at = found.across.text(found.columns[column]) + (
+                f", {found.down.text(value)}" if found.down else ""
+            )
             pressed = ' aria-pressed="true"' if place == chosen else ""
             dark = " deep" if held > 0.55 else ""
             cells.append(
-                f'<td><button type="button" class="cell{dark}" data-place="{place}" style="--held:{held:.3f}"{pressed} '
+                f'<td><button type="button" class="cell{dark}" data-place="{place}" style="--held:{held:.3f}"'
+                f"{pressed} "
                 f'aria-label="{escape(at)}: {held:.2f}" title="{escape(at)}">{held:.2f}</button></td>'
             )
         rows.append(f'<tr><th scope="row">{escape(name)}</th>{"".join(cells)}</tr>')

@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +19,8 @@ from torch.nn.functional import avg_pool2d
 
 from blurnoise.binning import binned
 from blurnoise.camera import Camera
-from blurnoise.error_budget import TOLERANCE_DN, Plan, plan
 from blurnoise.encoding import srgb_from_linear
+from blurnoise.error_budget import TOLERANCE_DN, Plan, plan
 from blurnoise.exposure import Exposure
 from blurnoise.mtf50 import mtf50
 from blurnoise.operating_point import middle_of
@@ -107,8 +108,10 @@ class Number:
 
 @dataclass(frozen=True)
 class Seen:
-    """A state, looked at. sight, clean: what the model finds in it and in the untouched picture, None without a model.
-    histogram: (3, BINS) shares of the values of red, green and blue; clipped: shares of values at 0 and at the top."""
+    """A state, looked at. sight, clean: what the model finds in it and in the untouched picture, None without
+    a model.
+    histogram: (3, BINS) shares of the values of red, green and blue; clipped: shares of values at 0 and at the top.
+    classes: names of what the model finds."""
 
     state: State
     frame: Frame
@@ -119,6 +122,8 @@ class Seen:
     clean: Sight | None = None
     histogram: NDArray[np.float64] | None = None
     clipped: tuple[float, float] = (0.0, 0.0)
+
+    classes: tuple[str, ...] = ()
 
     @property
     def image(self) -> Picture8:
@@ -151,12 +156,13 @@ def seen(state: State, subject: Subject, camera: Camera, model: Model | None = N
         before.clean if before else None,
         shares,
         clipped,
+        tuple(getattr(model.contract, "classes", ())) if model else (),
     )
 
 
 def preview(state: State, subject: Subject, camera: Camera) -> Picture8:
-    """The picture ``subject.smaller`` times smaller, its blur and noise those of the full size, averaged; the noise is
-    another draw. Raises ``ValueError`` where parts move apart, or beyond a binned camera's limits."""
+    """The picture ``subject.smaller`` times smaller, its blur and noise those of the full size, averaged; the
+    noise is another draw. Raises ``ValueError`` where parts move apart, or beyond a binned camera's limits."""
     n, at = subject.smaller, state.at
     with_lens = at.exposure(camera).camera
     of_lens = {each.name: None for each in AXES if each.into.startswith("camera.")}
@@ -166,19 +172,33 @@ def preview(state: State, subject: Subject, camera: Camera) -> Picture8:
     return frame.image
 
 
+class Stop(NamedTuple):
+    """A place of a strip: the control's value, in its unit, and the confidence in every target; none where the value
+    does not go with the rest."""
+
+    value: float
+    confidences: tuple[float, ...] = ()
+
+    @property
+    def mean(self) -> float | None:
+        """Over the targets."""
+        return sum(self.confidences) / len(self.confidences) if self.confidences else None
+
+
 def strip(
     state: State, subject: Subject, camera: Camera, model: Model, along: Control, count: int = 15
-) -> Iterator[tuple[float, float | None]]:
-    """(value, mean confidence) along a control, in its unit, from end to end and where it stands, in rising order."""
+) -> Iterator[Stop]:
+    """Confidences along a control, from end to end. camera: without the state's figures."""
     before = subject.view(model)
     for value in along.stops(count):
         at = along.put(state, value)
         try:
             frame = subject.frame(at, at.camera_of(camera))
         except ValueError:  # beyond what goes together
-            yield value, None
+            yield Stop(value)
             continue
-        yield value, confidence(before.look(frame.image, frame.move_boxes, frame.sweep_boxes))
+        sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes)
+        yield Stop(value, tuple(float(row["confidence"]) for row in sight.targets))
 
 
 def confidence(sight: Sight | None) -> float | None:
@@ -192,17 +212,18 @@ def found(sight: Sight, threshold: float) -> tuple[int, int]:
     return sum(row["confidence"] >= threshold for row in sight.targets), len(sight.targets)
 
 
-def works(curve: Sequence[tuple[float, float | None]], threshold: float, at: float) -> tuple[float, float] | None:
-    """From where to where along a strip the confidence holds, around ``at`` or else the widest; None: nowhere."""
+def works(curve: Sequence[Stop], threshold: float, at: float) -> tuple[float, float] | None:
+    """From where to where along a strip the mean confidence holds, around ``at`` or else the widest; None:
+    nowhere."""
     runs: list[list[float]] = [[]]
-    for value, held in curve:
-        if held is not None and held >= threshold:
-            runs[-1].append(value)
+    for stop in curve:
+        if stop.mean is not None and stop.mean >= threshold:
+            runs[-1].append(stop.value)
         elif runs[-1]:
             runs.append([])
     kept = [(run[0], run[-1]) for run in runs if run]
     around = [run for run in kept if run[0] <= at <= run[1]]
-    return (around or sorted(kept, key=lambda run: run[0] - run[1]) or [None])[0]
+    return next(iter(around or sorted(kept, key=lambda run: run[0] - run[1])), None)
 
 
 def _taken(frame: Frame) -> Exposure:
@@ -273,7 +294,9 @@ def numbers(frame: Frame, size: tuple[int, int]) -> tuple[Number, ...]:
             "Motion blur",
             blur_px,
             f"{blur_px:.1f} px",
-            f"up to {varies:.1f} px otherwise at places" if varies else f"in {1e3 * exposure.exposure_s:.4g} ms",
+            f"up to {varies:.1f} px otherwise at places"
+            if varies
+            else f"in {1e3 * exposure.exposure_s:.4g} ms",
         ),
         Number(
             "mtf50",

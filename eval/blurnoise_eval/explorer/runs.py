@@ -38,7 +38,8 @@ Key = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class HeatMap:
-    """A model's mean confidence, rows by columns; None where nothing was computed. values: on the axes that are fixed."""
+    """A model's mean confidence, rows by columns; None where nothing was computed. values: on the axes that
+    are fixed."""
 
     across: Axis
     down: Axis | None
@@ -88,13 +89,18 @@ class Run:
         }
 
     def heat_map(self, model: str, fixed: Mapping[str, float] | None = None) -> HeatMap:
-        """Exposure, or what else varies most, across and the next down; the other axes at ``fixed``, by default in the
-        middle of what was computed."""
+        """Exposure, or what else varies most, across and the next down; the other axes at ``fixed``, by
+        default in the middle of what was computed."""
         means = self._sums[model]
         keys = list(means)
-        tested = {each: sorted({key[place] for key in keys} - {None}) for place, each in enumerate(AXES)}  # type: ignore[type-var]
+        tested = {
+            each: sorted({value for key in keys if (value := key[place]) is not None})
+            for place, each in enumerate(AXES)
+        }
         varied = [each for each in AXES if len(tested[each]) > 1]
-        across = next((each for each in varied if each.name == "exposure_s"), None) or next(iter(varied), AXES[0])
+        across = next((each for each in varied if each.name == "exposure_s"), None) or next(
+            iter(varied), AXES[0]
+        )
         others = sorted((each for each in varied if each is not across), key=lambda each: -len(tested[each]))
         down = others[0] if others else None
         at: dict[str, float | None] = {}
@@ -107,7 +113,11 @@ class Run:
         rows = tuple(tested[down]) if down else (math.nan,)
         table = tuple(
             tuple(
-                means.get(tuple({**at, across.name: x, **({down.name: y} if down else {})}[each.name] for each in AXES))
+                means.get(
+                    tuple(
+                        {**at, across.name: x, **({down.name: y} if down else {})}[each.name] for each in AXES
+                    )
+                )
                 for x in columns
             )
             for y in rows
@@ -118,14 +128,16 @@ class Run:
     def tested(self, name: str) -> list[float]:
         """The values on an axis, increasing."""
         place = [each.name for each in AXES].index(name)
-        return sorted({key[place] for means in self._sums.values() for key in means} - {None})  # type: ignore[type-var]
+        return sorted(
+            {value for means in self._sums.values() for key in means if (value := key[place]) is not None}
+        )
 
     def cell_at(self, at: Mapping[str, float | None], image: str, repeat: int = 0) -> str:
         """The cell's id of a picture under the condition of a table's row. Raises ``ValueError`` for none."""
         for row in self._rows():
-            if row["image"] == image and row["repeat"] == repeat and not row["clean"]:
-                if all(row[name] == value for name, value in at.items()):
-                    return str(row["cell_id"])
+            here = row["image"] == image and row["repeat"] == repeat and not row["clean"]
+            if here and all(row[name] == value for name, value in at.items()):
+                return str(row["cell_id"])
         raise ValueError(f"cell: {image!r} was not computed under these conditions")
 
     def row(self, cell_id: str) -> dict[str, Any]:
@@ -172,8 +184,8 @@ class Run:
         return Scene(picture.load(), self.manifest["grey_anchor"], picture, self.objects)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
-        """A cell's picture, of its scene, as the run took it or through another camera. Raises ``ValueError`` where it
-        moved along a file that is not kept."""
+        """A cell's picture, of its scene, as the run took it or through another camera. Raises ``ValueError``
+        where it moved along a file that is not kept."""
         (frame,) = frames(scene, [cell], camera or self.camera, self._auto, self._path, self._ego)
         return frame
 
@@ -189,7 +201,7 @@ class Run:
                 return stated, self._auto.limit_s if longest == math.inf else longest
         raise ValueError(f"run = {str(self.folder)!r}: moved along {told!r}, a file that it does not keep")
 
-    # -- pictures and models that the run names ------------------------------------------------------------------------
+    # -- pictures and models that the run names --------------------------------------------------------------
 
     def picture(self, name: str) -> Picture:
         """A picture of the run, opened again. Raises ``ValueError`` where it is not there, or another by now."""
@@ -215,9 +227,16 @@ class Run:
         where = Path(source)
         if kind == "folder":
             return datasets.image_folder(folder or where)
-        opener: Any = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd, "text": datasets.texts}.get(kind)
+        opener: Any = {
+            "coco": datasets.coco,
+            "yolo": datasets.yolo,
+            "bdd": datasets.bdd,
+            "text": datasets.texts,
+        }.get(kind)
         if opener is None or not where.exists():
-            raise ValueError(f"images = {source!r}: the run's pictures are no longer there; --images says where they are")
+            raise ValueError(
+                f"images = {source!r}: the run's pictures are no longer there; --images says where they are"
+            )
         found: PictureSet = opener(where, **({"images": folder} if folder else {}))
         return found
 

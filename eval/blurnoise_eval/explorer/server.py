@@ -22,18 +22,23 @@ from blurnoise_eval.explorer.visit import Visit
 _TYPES = {"png": "image/png", "jpg": "image/jpeg"}
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; connect-src 'self' ws: wss:; font-src 'self' data:; frame-ancestors 'none'; base-uri 'self'"
+    "img-src 'self' data: blob:; connect-src 'self' ws: wss:; font-src 'self' data:; "
+    "frame-ancestors 'none'; base-uri 'self'"
 )
 
 
-def serve(shelf: Shelf, usual: State, *, host: str, port: int, browser: bool, say: Callable[[str], None]) -> None:
+def serve(
+    shelf: Shelf, usual: State, *, host: str, port: int, browser: bool, say: Callable[[str], None]
+) -> None:
     """Serve until interrupted. port 0: any that is free. Raises ``OSError`` where the address cannot be had."""
     listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     listening.set_inheritable(False)
     seen_as = f"[{host}]" if ":" in host else {"0.0.0.0": "127.0.0.1"}.get(host, host)
     url = f"http://{seen_as}:{listening.getsockname()[1]}/"
     logging.getLogger("nicegui").setLevel(logging.ERROR)
-    config = uvicorn.Config(_app(shelf, usual), log_level="error", ws_max_size=1 << 20, timeout_graceful_shutdown=2)
+    config = uvicorn.Config(
+        _app(shelf, usual), log_level="error", ws_max_size=1 << 20, timeout_graceful_shutdown=2
+    )
     query = usual.query()
     say(f"{url}{f'?{query}' if query else ''}")
     if browser:
@@ -85,5 +90,12 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         running = asyncio.create_task(page.visit.loop())
         client.on_delete(lambda: running.cancel())
 
-    ui.run_with(app, title="blurnoise explorer", dark=None, tailwind=True, show_welcome_message=False, reconnect_timeout=10)
+    ui.run_with(
+        app,
+        title="blurnoise explorer",
+        dark=None,
+        tailwind=True,
+        show_welcome_message=False,
+        reconnect_timeout=10,
+    )
     return app

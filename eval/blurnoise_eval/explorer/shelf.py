@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -43,8 +43,8 @@ T = TypeVar("T")
 
 
 class Shelf:
-    """run: what is explored, or image; models, camera: files that were named at the start. built_in: the model that is
-    there without any."""
+    """run: what is explored, or image; models, camera: files that were named at the start. built_in: the model
+    that is there without any."""
 
     def __init__(
         self, built_in: Path, *, image: Path | None = None, run: Run | None = None, model: Path | None = None
@@ -56,7 +56,8 @@ class Shelf:
         self._signs = rendered_signs()
         self._files: dict[str, OrderedDict[str, Path]] = {kind: OrderedDict() for kind in _HELD}
         self._names: dict[str, str] = {}
-        self._opened: OrderedDict[Hashable, Any] = OrderedDict()
+        self._opened: OrderedDict[tuple[str, str], Any] = OrderedDict()
+        self._making: dict[tuple[str, str], threading.Lock] = {}
         self._kept: set[str] = set()
         if image is not None:
             picture_of_file(image).load()
@@ -65,7 +66,7 @@ class Shelf:
             open_models([model])
             self.model_given = self._place("model", model, model.stem, str(model))
 
-    # -- what there is -------------------------------------------------------------------------------------------------
+    # -- what there is ---------------------------------------------------------------------------------------
 
     def cameras(self) -> dict[str, str]:
         """Names to titles: the run's, presets, files."""
@@ -87,7 +88,7 @@ class Shelf:
         with self._lock:
             return {name: self._names[name] for name in self._files[kind]}
 
-    # -- what a state names --------------------------------------------------------------------------------------------
+    # -- what a state names ----------------------------------------------------------------------------------
 
     def subject(self, state: State) -> Subject:
         """The state's picture, prepared. Raises ``ValueError`` for one that is not here."""
@@ -124,8 +125,12 @@ class Shelf:
             where = str(self.run.folder)
         elif not is_sign(state.picture):
             where = self._typed("picture", state.picture)
-        camera = "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
-        model = "" if state.model in (BUILT_IN, NO_MODEL) else self._typed("model", state.model)
+        camera = (
+            "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
+        )
+        model = "" if state.model == NO_MODEL else self._typed("model", state.model)
+        if state.model == BUILT_IN:
+            model = str(self._built_in) if self.run else ""  # a run has models of its own
         if state.model.startswith(f"{OF_RUN}/") and self.run:
             own = state.model.removeprefix(f"{OF_RUN}/")
             model = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
@@ -152,26 +157,35 @@ class Shelf:
             self._files[kind].move_to_end(name)
             return self._files[kind][name]
 
-    def _once(self, key: Hashable, make: Callable[[], T], most: int) -> T:
-        """What was made for a key, the last few of a kind kept. Visitors wait for each other's making, not twice."""
+    def _once(self, key: tuple[str, str], make: Callable[[], T], most: int) -> T:
+        """What was made for a key, the last few of a kind kept. Visitors wait for each other's making, not
+        twice; nobody waits for anything else."""
         with self._lock:
-            if key not in self._opened:
-                self._opened[key] = make()
-                kind = key[0] if isinstance(key, tuple) else key
-                alike = [each for each in self._opened if isinstance(each, tuple) and each[0] == kind]
+            making = self._making.setdefault(key, threading.Lock())
+        with making:
+            with self._lock:
+                if key in self._opened:
+                    self._opened.move_to_end(key)
+                    return self._opened[key]  # type: ignore[no-any-return]
+            made = make()
+            with self._lock:
+                self._opened[key] = made
+                self._making.pop(key, None)
+                alike = [each for each in self._opened if each[0] == key[0]]
                 for oldest in alike[: max(0, len(alike) - most)]:
                     del self._opened[oldest]
-            self._opened.move_to_end(key)
-            return self._opened[key]  # type: ignore[no-any-return]
+            return made
 
-    # -- uploads -------------------------------------------------------------------------------------------------------
+    # -- uploads ---------------------------------------------------------------------------------------------
 
     def take(self, kind: str, file_name: str, content: bytes) -> str:
-        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for what is no
-        picture, camera or model, is too large, or is broken."""
+        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for
+        what is no picture, camera or model, is too large, or is broken."""
         name = Path(file_name.replace("\\", "/")).name[-80:] or "file"
         if len(content) > MOST_UPLOADED_MB[kind] * 2**20:
-            raise ValueError(f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB")
+            raise ValueError(
+                f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB"
+            )
         key = f"{kind}-{hashlib.blake2b(name.encode() + content, digest_size=6).hexdigest()}"
         with self._lock:
             if key in self._files[kind]:
@@ -242,7 +256,8 @@ def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
 
 
 def picture_of_file(path: str | Path, name: str = "") -> Picture:
-    """A picture's file, of at most ``MOST_MEGAPIXELS``, as the explorer sees it: its targets are what a model finds."""
+    """A picture's file, of at most ``MOST_MEGAPIXELS``, as the explorer sees it: its targets are what a model
+    finds."""
     path = Path(path)
     return Picture(name or path.name, None, partial(read_picture, path, MOST_MEGAPIXELS), str(path), 1)
 
@@ -264,7 +279,9 @@ def _check_model(path: Path) -> None:
     """It opens, and answers to a picture, in a process of its own: a hostile file ends that, not the explorer."""
     words = [sys.executable, "-m", "blurnoise_eval.explorer.trial", str(path)]
     try:
-        done = subprocess.run(words, capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, check=False)
+        done = subprocess.run(
+            words, capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, check=False
+        )
     except subprocess.TimeoutExpired:
         raise ValueError(f"{path}: does not answer to a picture within {_TRIAL_S:g} s") from None
     if done.returncode:

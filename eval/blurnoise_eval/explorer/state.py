@@ -25,7 +25,12 @@ BUILT_IN = "built-in"
 NO_MODEL = "none"
 OF_RUN = "run"
 """The camera of the run that is explored; its pictures and models are OF_RUN/NAME."""
-_START: Mapping[str, float] = {"exposure_s": 0.02, "illuminance_lux": 2.0, "velocity_x_px_s": 1000.0, "gain_db": AUTOMATIC}
+_START: Mapping[str, float] = {
+    "exposure_s": 0.02,
+    "illuminance_lux": 2.0,
+    "velocity_x_px_s": 1000.0,
+    "gain_db": AUTOMATIC,
+}
 
 
 def start() -> Conditions:
@@ -83,7 +88,9 @@ class State:
     def query(self) -> str:
         """After the question mark of a URL; what stands at its default is left out."""
         usual = State()
-        told = [(name, str(getattr(self, name))) for name in _PLAIN if getattr(self, name) != getattr(usual, name)]
+        told = [
+            (name, str(getattr(self, name))) for name in _PLAIN if getattr(self, name) != getattr(usual, name)
+        ]
         for each in axes.AXES:
             if self.at[each.name] != usual.at[each.name]:
                 value = self.at[each.name]

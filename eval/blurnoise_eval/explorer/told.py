@@ -1,4 +1,5 @@
-"""What is seen as others can repeat it: the command, and the Python script, that give the same picture bit for bit."""
+"""What is seen as others can repeat it: the command, and the Python script, that give the same picture bit for
+bit."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 
 @dataclass(frozen=True)
 class Files:
-    """What a state's names stand for on disk: the picture's file or the run, the camera's, the model's; none for what is
-    built in."""
+    """What a state's names stand for on disk: the picture's file or the run, the camera's, the model's; none
+    for what is built in."""
 
     where: str = ""
     camera: str = ""
@@ -32,7 +33,7 @@ def command(state: State, files: Files, output: str = "seen.png") -> str:
         stated = ((each, state.at[each.name]) for each in axes.AXES)
         words += [f"{each.option}={option_text(each, value)}" for each, value in stated if value is not None]
         words += ["--seed", str(state.seed)]
-    if state.model == NO_MODEL or (files.model and not state.model.startswith(f"{OF_RUN}/")):
+    if state.model == NO_MODEL or files.model:
         words += ["--model", files.model or NO_MODEL]
     return shlex.join([*words, "-o", output])
 
@@ -40,7 +41,11 @@ def command(state: State, files: Files, output: str = "seen.png") -> str:
 def _picture(state: State) -> list[str]:
     if state.picture.startswith(f"{OF_RUN}/"):
         return ["--picture", state.picture.removeprefix(f"{OF_RUN}/")]
-    return ["--sign", state.picture.removeprefix("sign-")] if is_sign(state.picture) and state.picture != SIGN else []
+    return (
+        ["--sign", state.picture.removeprefix("sign-")]
+        if is_sign(state.picture) and state.picture != SIGN
+        else []
+    )
 
 
 def is_sign(picture: str) -> bool:
@@ -73,16 +78,26 @@ def _scene(state: State, files: Files) -> tuple[list[str], list[str]]:
     if of_run:
         imports += ["from blurnoise_eval.explorer.runs import Run"]
         name = state.picture.removeprefix(f"{OF_RUN}/")
-        made += [f"run = Run({files.where!r})", f"picture = run.picture({name!r})", "scene = run.scene(picture)"]
+        made += [
+            f"run = Run({files.where!r})",
+            f"picture = run.picture({name!r})",
+            "scene = run.scene(picture)",
+        ]
     elif files.where:
         imports += ["from blurnoise_eval.explorer.shelf import picture_of_file"]
         imports += ["from blurnoise_eval.sweep.exposing import Scene, frames"]
-        made += [f"picture = picture_of_file({files.where!r})", "scene = Scene(picture.load(), picture=picture)"]
+        made += [
+            f"picture = picture_of_file({files.where!r})",
+            "scene = Scene(picture.load(), picture=picture)",
+        ]
     else:
         imports[0] = "from blurnoise_eval.datasets import rendered_signs, write_picture"
         imports += ["from blurnoise_eval.sweep.exposing import Scene, frames"]
         number = int(state.picture.removeprefix("sign-"))
-        made += [f"picture = rendered_signs().pictures[{number - 1}]", "scene = Scene(picture.load(), picture=picture)"]
+        made += [
+            f"picture = rendered_signs().pictures[{number - 1}]",
+            "scene = Scene(picture.load(), picture=picture)",
+        ]
     if state.cell:
         return imports, [*made, f"frame = run.expose(scene, run.cell({state.cell!r}))"]
     if state.camera == OF_RUN:
@@ -97,7 +112,11 @@ def _scene(state: State, files: Files) -> tuple[list[str], list[str]]:
     stated = [f"    {name}={_number(value)}," for name, value in state.at.stated.items()]
     made += [f"camera = {camera}", "at = Conditions(", *stated, ")"]
     cell = f'Cell("seen", 0, at, seed={state.seed})'
-    made += [f"frame = run.expose(scene, {cell}, camera)" if of_run else f"(frame,) = frames(scene, [{cell}], camera)"]
+    made += [
+        f"frame = run.expose(scene, {cell}, camera)"
+        if of_run
+        else f"(frame,) = frames(scene, [{cell}], camera)"
+    ]
     return imports, made
 
 

@@ -19,25 +19,34 @@ import numpy as np
 
 from blurnoise.camera import Camera
 from blurnoise_eval.explorer.controls import Control, control
-from blurnoise_eval.explorer.looking import Picture8, Seen, Subject, preview, seen, strip
+from blurnoise_eval.explorer.looking import Picture8, Seen, Stop, Subject, preview, seen, strip
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.scoring.on_picture import Model
 
 THREADS = ThreadPoolExecutor(3, thread_name_prefix="explorer")
 _PICTURES = 6
-Curve = list[tuple[float, float | None]]
+Curve = list[Stop]
 T = TypeVar("T")
 
 
 class Shown(Protocol):
-    """What a visitor is shown. ``fails``: a line on what cannot be seen; what was seen before stays."""
+    """What a visitor is shown; pictures are files by their names."""
 
-    def previewed(self, file: str) -> None: ...
-    def subject(self, subject: Subject, file: str) -> None: ...
-    def seen(self, seen: Seen, file: str) -> None: ...
-    def strip(self, state: State, curve: Curve, along: Control, finished: bool) -> None: ...
-    def fails(self, told: str) -> None: ...
+    def previewed(self, file: str) -> None:
+        """A smaller picture, of a state that may have passed."""
+
+    def subject(self, subject: Subject, file: str) -> None:
+        """Another picture, as it is."""
+
+    def seen(self, seen: Seen, file: str) -> None:
+        """The picture in full."""
+
+    def strip(self, state: State, curve: Curve, along: Control, finished: bool) -> None:
+        """The strip, as far as it is."""
+
+    def fails(self, told: str) -> None:
+        """A line on what cannot be seen."""
 
 
 class Visit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
+from blurnoise.error_budget import Plan
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.looking import Seen, found, works
 from blurnoise_eval.explorer.visit import Curve
@@ -34,20 +35,37 @@ def window(curve: Curve, along: Control, at: float, threshold: float) -> str:
     kept = works(curve, threshold, at)
     what = along.title
     if kept is None:
-        return f"No value of {what.lower()} reaches {threshold:.2f} here."
-    stops = [value for value, _ in curve]
+        return f"No {what.lower()} brings the mean to {threshold:.2f} here."
     if along.choices:
-        good = [along.choices[int(value)] for value, held in curve if held is not None and held >= threshold]
-        return f"{what} that works here: {', '.join(good)}."
+        good = [along.choices[int(stop.value)] for stop in curve if (stop.mean or 0.0) >= threshold]
+        return f"The mean stays at {threshold:.2f} or above with {what.lower()}: {', '.join(good)}."
     low, high = kept
-    ends = (low > stops[0], high < stops[-1])
-    inside = low <= at <= high
-    if not any(ends):
-        told = f"Any {what.lower()} from {along.text(low)} to {along.text(high)} works here"
-    elif all(ends):
-        told = f"{what} works from about {along.text(low)} to {along.text(high)} here"
-    elif ends[1]:
-        told = f"{what} works up to about {along.text(high)} here"
+    bounded = (low > curve[0].value, high < curve[-1].value)
+    least, most = f"{low:.2g}", f"{high:.2g} {along.unit}".rstrip()
+    if not any(bounded):
+        where = "anywhere along the strip"
+    elif all(bounded):
+        where = f"from about {least} to {most}"
+    elif bounded[1]:
+        where = f"up to about {most}"
     else:
-        told = f"{what} works from about {along.text(low)} here"
-    return f"{told}{'' if inside else f'; it stands at {along.text(at)}'}."
+        where = f"from about {least} {along.unit}".rstrip()
+    return f"{what}: the mean stays at {threshold:.2f} or above {where}{'' if low <= at <= high else ', not here'}."
+
+
+def conditions(seen: Seen) -> str:
+    """How the picture is taken, briefly."""
+    exposure = seen.frame.exposure
+    if exposure is None:
+        return ""
+    return (
+        f"{1e3 * exposure.exposure_s:.4g} ms, {exposure.illuminance_lux:.4g} lux, {seen.camera.name}, "
+        f"gain {exposure.gain_db:.1f} dB"
+    )
+
+
+def left_out(plan: Plan) -> str:
+    """How many parts of the chain would contribute and are left out."""
+    without = sum(not each.kept and each.contribution_dn > 0 for each in plan.stages)
+    none = sum(each.contribution_dn == 0 for each in plan.stages)
+    return f"What the plan left out, and why: {without} of {len(plan.stages) - none} parts that contribute"

@@ -33,6 +33,9 @@
     choose(kind) {
       document.querySelector(`.upload-${kind} input[type=file]`)?.click();
     },
+    turn() {
+      emitEvent("turn", !document.body.classList.contains("body--dark"));
+    },
     peek(on) {
       document.body.classList.toggle("peek", on);
     },
