@@ -6,6 +6,7 @@ of texts' numbers only, so that a URL, a command (``told``) and a script give th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -160,13 +161,17 @@ def figure(text: str) -> tuple[str, float]:
 
 
 def option_text(axis: Axis, value: float) -> str:
-    """A value as its option is typed: the shortest that gives its bits, where any does."""
+    """A value as its option is typed: the shortest text that gives its bits.
+
+    Of a value that no text gives, which no option has made, it is the nearest.
+    """
     if value == AUTOMATIC:
         return "auto"
     if axis.choices:
         return axis.choices[int(value)]
     shown = axis.shown(value)
-    told = (f"{shown:.{digits}g}" for digits in (6, 12, 15, 16, 17))
+    beside = (shown, *(math.nextafter(shown, end) for end in (-math.inf, math.inf)))
+    told = [f"{shown:.{digits}g}" for digits in (6, 12, 15)] + [repr(each) for each in beside]
     return next((text for text in told if axis.of_option(float(text)) == value), repr(shown))
 
 

@@ -56,7 +56,7 @@ def is_sign(picture: str) -> bool:
 def python(state: State, files: Files, output: str = "seen.png") -> str:
     """A script for this picture, and for what the model finds in it."""
     imports, made = _scene(state, files)
-    written = [f"write_picture({output!r}, frame.image)"]
+    written = [f"write_picture(Path({output!r}), frame.image)"]
     if state.model != NO_MODEL:
         opened = repr(files.model) if files.model else "STOP_SIGN"
         imports += ["from blurnoise_eval.detectors.opening import open_models"]
@@ -67,7 +67,7 @@ def python(state: State, files: Files, output: str = "seen.png") -> str:
             'print([round(target["confidence"], 3) for target in sight.targets])',
         ]
         imports += ["from blurnoise_eval.scoring.on_picture import view"]
-    return "\n".join([*sorted(imports), "", *made, *written, ""])
+    return "\n".join(["from pathlib import Path", "", *sorted(imports), "", *made, *written, ""])
 
 
 def _scene(state: State, files: Files) -> tuple[list[str], list[str]]:
