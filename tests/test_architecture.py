@@ -54,7 +54,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"deciding"},
         {"bench", "program"},
         {"quality", "calibration"},
-        {"maps", "paper"},
+        {"maps", "paper", "explorer"},
         {"cli"},
     ],
     "blurnoise_eval.detectors": [

@@ -1,0 +1,331 @@
+"""What is seen of a state: the picture, what it measures, what a model finds, and what the plan left out.
+
+All physics is the simulator's and all judging the harness's: a picture here has the bits of the sweep's cell with the
+same conditions and seed. Domain: pictures (H, W, 3) uint8 RGB.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from torch.nn.functional import avg_pool2d
+
+from blurnoise.binning import binned
+from blurnoise.camera import Camera
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.error_budget import TOLERANCE_DN, Plan, plan
+from blurnoise.exposure import Exposure
+from blurnoise.mtf50 import mtf50
+from blurnoise.operating_point import middle_of
+from blurnoise.picture.mosaics import magnification
+from blurnoise.radiometry import photoelectrons
+from blurnoise_eval.datasets import Picture
+from blurnoise_eval.explorer.controls import Control
+from blurnoise_eval.explorer.runs import Run
+from blurnoise_eval.explorer.state import State
+from blurnoise_eval.grid.axes import AXES, VELOCITY
+from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.scoring.on_picture import Model, Sight, View, view
+from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
+
+Picture8 = NDArray[np.uint8]
+PREVIEW_PX = 300_000
+"""A picture of more pixels is seen smaller first, while a slider moves."""
+GREY = 0.18
+BINS = 64
+
+
+class Subject:
+    """A picture as light, what models say of it as it is, and its smaller twins. Any number of threads may look.
+
+    run: of which it is, and as which it is taken. Raises :class:`~blurnoise_eval.datasets.UnreadablePicture` where it
+    cannot be loaded.
+    """
+
+    def __init__(self, picture: Picture, run: Run | None = None) -> None:
+        self.picture, self._run = picture, run
+        self.scene = run.scene(picture) if run else Scene(picture.load(), picture=picture)
+        self.clean = self.scene.image8
+        self._views: dict[tuple[str, str], View] = {}
+        self._twins: dict[int, Scene] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.clean.shape[0], self.clean.shape[1]
+
+    @property
+    def smaller(self) -> int:
+        """How many times smaller it is seen first; 1 where it is small enough."""
+        return math.ceil(math.sqrt(self.size[0] * self.size[1] / PREVIEW_PX))
+
+    def frame(self, state: State, camera: Camera) -> Frame:
+        """The picture of a state: the cell that a sweep would compute for it. Raises ``ValueError``."""
+        cell = Cell("seen", 0, state.at, state.seed)
+        if self._run:
+            return self._run.expose(self.scene, cell, camera)
+        (frame,) = frames(self.scene, [cell], camera)
+        return frame
+
+    def view(self, model: Model) -> View:
+        """The model before the picture, which it is shown as it is, once."""
+        name = (model.name, model.sha256)
+        with self._lock:
+            if name not in self._views:
+                while len(self._views) >= 3:
+                    del self._views[next(iter(self._views))]
+                self._views[name] = view(model, self.picture, self.clean)
+            return self._views[name]
+
+    def twin(self, n: int) -> Scene:
+        """The picture with its light averaged over n x n px."""
+        with self._lock:
+            if n not in self._twins:
+                light = avg_pool2d(self.scene.light.light, n, ceil_mode=True, count_include_pad=False)
+                coded = srgb_from_linear(light)[0].clamp(0, 1).mul(65535).round().permute(1, 2, 0)
+                self._twins[n] = Scene(coded.contiguous().numpy().astype(np.uint16))
+            return self._twins[n]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A figure of what is seen: how it is called, its text with the unit, and a word on it."""
+
+    name: str
+    title: str
+    value: float | None
+    text: str
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A state, looked at. sight, clean: what the model finds in it and in the untouched picture, None without
+    a model.
+    histogram: (3, BINS) shares of the values of red, green and blue; clipped: shares of values at 0 and at the top.
+    classes: names of what the model finds."""
+
+    state: State
+    frame: Frame
+    camera: Camera
+    numbers: tuple[Number, ...]
+    plan: Plan
+    sight: Sight | None = None
+    clean: Sight | None = None
+    histogram: NDArray[np.float64] | None = None
+    clipped: tuple[float, float] = (0.0, 0.0)
+
+    classes: tuple[str, ...] = ()
+
+    @property
+    def image(self) -> Picture8:
+        """The picture."""
+        return self.frame.image
+
+    @property
+    def confidence(self) -> float | None:
+        """Mean over the targets; None without any."""
+        return confidence(self.sight)
+
+
+def seen(state: State, subject: Subject, camera: Camera, model: Model | None = None) -> Seen:
+    """Look at a picture through ``camera``, which is that of the state with the state's figures.
+
+    Raises ``ValueError`` for what does not go together.
+    """
+    frame = subject.frame(state, camera)
+    before = subject.view(model) if model else None
+    sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes) if before else None
+    taken = _taken(frame)
+    shares, clipped = histogram(frame.image)
+    return Seen(
+        state,
+        frame,
+        camera,
+        numbers(frame, subject.size),
+        plan_of(taken, subject.size),
+        sight,
+        before.clean if before else None,
+        shares,
+        clipped,
+        tuple(getattr(model.contract, "classes", ())) if model else (),
+    )
+
+
+def preview(state: State, subject: Subject, camera: Camera) -> Picture8:
+    """The picture ``subject.smaller`` times smaller, its blur and noise those of the full size, averaged; the
+    noise is another draw. Raises ``ValueError`` where parts move apart, or beyond a binned camera's limits."""
+    n, at = subject.smaller, state.at
+    with_lens = at.exposure(camera).camera
+    of_lens = {each.name: None for each in AXES if each.into.startswith("camera.")}
+    slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
+    cell = Cell("preview", 0, Conditions(**{**at, **of_lens, **slower}), state.seed)
+    (frame,) = frames(subject.twin(n), [cell], binned(with_lens, n))
+    return frame.image
+
+
+class Stop(NamedTuple):
+    """A place of a strip: the control's value, in its unit, and the confidence in every target; none where the value
+    does not go with the rest."""
+
+    value: float
+    confidences: tuple[float, ...] = ()
+
+    @property
+    def mean(self) -> float | None:
+        """Over the targets."""
+        return sum(self.confidences) / len(self.confidences) if self.confidences else None
+
+
+def strip(
+    state: State, subject: Subject, camera: Camera, model: Model, along: Control, count: int = 15
+) -> Iterator[Stop]:
+    """Confidences along a control, from end to end. camera: without the state's figures."""
+    before = subject.view(model)
+    for value in along.stops(count):
+        at = along.put(state, value)
+        try:
+            frame = subject.frame(at, at.camera_of(camera))
+        except ValueError:  # beyond what goes together
+            yield Stop(value)
+            continue
+        sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes)
+        yield Stop(value, tuple(float(row["confidence"]) for row in sight.targets))
+
+
+def confidence(sight: Sight | None) -> float | None:
+    """Mean over the targets; None without a model or a target."""
+    rows = sight.targets if sight else ()
+    return sum(float(row["confidence"]) for row in rows) / len(rows) if rows else None
+
+
+def found(sight: Sight, threshold: float) -> tuple[int, int]:
+    """How many targets are found, and of how many."""
+    return sum(row["confidence"] >= threshold for row in sight.targets), len(sight.targets)
+
+
+def works(curve: Sequence[Stop], threshold: float, at: float) -> tuple[float, float] | None:
+    """From where to where along a strip the mean confidence holds, around ``at`` or else the widest; None:
+    nowhere."""
+    runs: list[list[float]] = [[]]
+    for stop in curve:
+        if stop.mean is not None and stop.mean >= threshold:
+            runs[-1].append(stop.value)
+        elif runs[-1]:
+            runs.append([])
+    kept = [(run[0], run[-1]) for run in runs if run]
+    around = [run for run in kept if run[0] <= at <= run[1]]
+    return next(iter(around or sorted(kept, key=lambda run: run[0] - run[1])), None)
+
+
+def _taken(frame: Frame) -> Exposure:
+    if frame.exposure is None:
+        raise ValueError("conditions: must be stated; this is the untouched picture")
+    return frame.exposure
+
+
+def plan_of(exposure: Exposure, size: tuple[int, int]) -> Plan:
+    """What the frame of an exposure kept and left out, within what that frame's gain leaves of the tolerance."""
+    camera, digital_db = exposure.amplified
+    moved, varies = _motion_px(exposure, size)
+    gain = max(1.0, 10 ** (digital_db / 20)) * magnification(camera)
+    return plan(
+        camera,
+        exposure_s=exposure.exposure_s,
+        illuminance_lux=exposure.illuminance_lux,
+        displacement_px=moved,
+        variation_px=varies,
+        trajectory=exposure.trajectory,
+        temperature_c=exposure.temperature_c,
+        tolerance_dn=TOLERANCE_DN / gain,
+        size=size,
+    )
+
+
+def _motion_px(exposure: Exposure, size: tuple[int, int]) -> tuple[tuple[float, float], float]:
+    """Motion during the exposure, and by how much that of some pixels is another."""
+    if exposure.drives:
+        flow = exposure.vehicle.flow_px_s(exposure.camera, size, exposure.ego_speed_m_s)
+        middle, varies = middle_of(flow[None] * exposure.exposure_s)
+        return (float(middle[0, 0]), float(middle[0, 1])), float(varies)
+    x, y = exposure.velocity_px_s
+    return (x * exposure.exposure_s, y * exposure.exposure_s), 0.0
+
+
+def numbers(frame: Frame, size: tuple[int, int]) -> tuple[Number, ...]:
+    """What engineers ask of a frame first."""
+    exposure = _taken(frame)
+    camera, digital_db = exposure.amplified
+    white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
+    grey_db = snr_db(exposure, GREY)
+    moved, varies = _motion_px(exposure, size)
+    blur_px = math.hypot(*moved)
+    angle_deg = math.degrees(math.atan2(moved[1], moved[0])) if blur_px else 0.0
+    along, across = (mtf50(camera.optics, moved, angle) for angle in (angle_deg, angle_deg + 90))
+    sharp = [f"{f:.3f}" if math.isfinite(f) else "> 0.5" for f in (along, across)]
+    share = white_e / camera.saturation_e
+    clipped = frame.saturated or 0.0
+    gain_db = exposure.gain_db
+    return (
+        Number(
+            "white_electrons",
+            "White",
+            white_e,
+            f"{_thousands(white_e)} e-",
+            f"{_percent(share)} of {_thousands(camera.saturation_e)} e-",
+        ),
+        Number(
+            "snr_db",
+            "SNR at 18 % grey",
+            grey_db,
+            "none" if grey_db is None else f"{grey_db:.1f} dB",
+            "no light" if grey_db is None else f"{10 ** (grey_db / 20):.3g} : 1",
+        ),
+        Number(
+            "blur_px",
+            "Motion blur",
+            blur_px,
+            f"{blur_px:.1f} px",
+            f"up to {varies:.1f} px otherwise at places"
+            if varies
+            else f"in {1e3 * exposure.exposure_s:.4g} ms",
+        ),
+        Number(
+            "mtf50",
+            "MTF50 of the chain",
+            along if math.isfinite(along) else None,
+            f"{sharp[0]} c/px",
+            f"{sharp[1]} across" if blur_px else "lens alone",
+        ),
+        Number("clipped", "Clipped", clipped, _percent(clipped), "of the values, at the top"),
+        Number(
+            "gain_db",
+            "Gain",
+            gain_db,
+            f"{gain_db:.1f} dB",
+            f"{digital_db:.1f} dB of it digital" if abs(digital_db) > 0.05 else "analogue" if gain_db else "",
+        ),
+    )
+
+
+def histogram(image: Picture8) -> tuple[NDArray[np.float64], tuple[float, float]]:
+    """Shares (3, BINS) of each colour's values, and the shares at 0 and at 255 of all."""
+    counts = np.stack([cv2.calcHist([image], [each], None, [256], [0, 256]).ravel() for each in range(3)])
+    clipped = (float(counts[:, 0].sum() / image.size), float(counts[:, 255].sum() / image.size))
+    return counts.reshape(3, BINS, -1).sum(-1) / (image.size / 3), clipped
+
+
+def _thousands(value: float) -> str:
+    return f"{value:,.0f}".replace(",", " ") if value >= 100 else f"{value:.3g}"
+
+
+def _percent(share: float) -> str:
+    return "0 %" if share == 0 else f"{100 * share:.2g} %" if share < 1 else f"{100 * share:.0f} %"

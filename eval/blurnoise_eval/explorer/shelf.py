@@ -1,0 +1,306 @@
+"""The shelf of the explorer: what pictures, cameras and models there are, by the names that states have for them.
+
+A visitor names only what stands here, never a file: what was given on the command line, what is built in, and what
+was uploaded, which is held to limits and looked at before it is taken. Uploads are named by their content, so that a
+URL goes on as long as they are held.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any, TypeVar
+
+import PIL.Image
+
+from blurnoise.camera import PRESETS, Camera
+from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
+from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.explorer.looking import Subject
+from blurnoise_eval.explorer.runs import Run
+from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
+from blurnoise_eval.explorer.told import Files, is_sign
+from blurnoise_eval.scoring.on_picture import Model
+
+MOST_MEGAPIXELS = 40.0
+"""Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
+MOST_UPLOADED_MB = {"picture": 128, "camera": 1, "model": 1024}
+_HELD = {"picture": 12, "camera": 12, "model": 4}
+_SUBJECTS = 4
+_TRIAL_S = 60.0
+T = TypeVar("T")
+
+
+class Shelf:
+    """run: what is explored, or image; models, camera: files that were named at the start. built_in: the model
+    that is there without any."""
+
+    def __init__(
+        self, built_in: Path, *, image: Path | None = None, run: Run | None = None, model: Path | None = None
+    ) -> None:
+        self.run = run
+        self._built_in = built_in
+        self._folder: Path | None = None
+        self._lock = threading.RLock()
+        self._signs = rendered_signs()
+        self._files: dict[str, OrderedDict[str, Path]] = {kind: OrderedDict() for kind in _HELD}
+        self._names: dict[str, str] = {}
+        self._opened: OrderedDict[tuple[str, str], Any] = OrderedDict()
+        self._making: dict[tuple[str, str], threading.Lock] = {}
+        self._kept: set[str] = set()
+        if image is not None:
+            picture_of_file(image).load()
+            self.image = self._place("picture", image, image.name, str(image))
+        if model is not None:
+            open_models([model])
+            self.model_given = self._place("model", model, model.stem, str(model))
+
+    # -- what there is ---------------------------------------------------------------------------------------
+
+    def cameras(self) -> dict[str, str]:
+        """Names to titles: the run's, presets, files."""
+        own = {OF_RUN: f"{self.run.camera.name} (of the run)"} if self.run else {}
+        return own | {name: name for name in sorted(PRESETS)} | self._titles("camera")
+
+    def pictures(self) -> dict[str, str]:
+        """Names to titles: the run's, files, rendered signs."""
+        own = {f"{OF_RUN}/{name}": name for name in self.run.pictures} if self.run else {}
+        signs = {f"sign-{n}": f"Stop signs, scene {n}" for n in range(1, len(self._signs) + 1)}
+        return own | self._titles("picture") | signs
+
+    def models(self) -> dict[str, str]:
+        """Names to titles: the run's, files, the built-in one, none."""
+        own = {f"{OF_RUN}/{name}": f"{name} (of the run)" for name in self.run.models} if self.run else {}
+        return own | self._titles("model") | {BUILT_IN: "built-in stop-sign detector", NO_MODEL: "no model"}
+
+    def _titles(self, kind: str) -> dict[str, str]:
+        with self._lock:
+            return {name: self._names[name] for name in self._files[kind]}
+
+    # -- what a state names ----------------------------------------------------------------------------------
+
+    def subject(self, state: State) -> Subject:
+        """The state's picture, prepared. Raises ``ValueError`` for one that is not here."""
+        return self._once(("picture", state.picture), partial(self._subject, state.picture), _SUBJECTS)
+
+    def camera(self, state: State) -> Camera:
+        """The state's camera, with its figures. Raises ``ValueError``."""
+        return state.camera_of(self.base_camera(state.camera))
+
+    def base_camera(self, name: str) -> Camera:
+        """The camera of that name as it is. Raises ``ValueError`` for one that is not here."""
+        if name == OF_RUN and self.run:
+            return self.run.camera
+        if name in PRESETS:
+            return PRESETS[name]
+        return self._once(("camera", name), partial(Camera.load, self._path("camera", name)), 32)
+
+    def model(self, state: State) -> Model | None:
+        """The state's model. Raises ``ValueError`` for one that is not here."""
+        name = state.model
+        if name == NO_MODEL:
+            return None
+        if name.startswith(f"{OF_RUN}/") and self.run:
+            of_run, own = self.run, name.removeprefix(f"{OF_RUN}/")
+            if own in of_run.models:
+                return self._once(("model", name), partial(of_run.model, own), 6)
+        path = self._built_in if name == BUILT_IN else self._path("model", name)
+        return self._once(("model", name), lambda: open_models([path])[0], 6)
+
+    def files(self, state: State) -> Files:
+        """What the state's names stand for on disk; an upload is the file that it was."""
+        where = ""
+        if state.picture.startswith(f"{OF_RUN}/") and self.run:
+            where = str(self.run.folder)
+        elif not is_sign(state.picture):
+            where = self._typed("picture", state.picture)
+        camera = (
+            "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
+        )
+        model = "" if state.model == NO_MODEL else self._typed("model", state.model)
+        if state.model == BUILT_IN:
+            model = str(self._built_in) if self.run else ""  # a run has models of its own
+        if state.model.startswith(f"{OF_RUN}/") and self.run:
+            own = state.model.removeprefix(f"{OF_RUN}/")
+            model = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
+        return Files(where, camera, model)
+
+    def _typed(self, kind: str, name: str) -> str:
+        with self._lock:
+            return self._names.get(f"typed {name}") or self._names.get(name, name)
+
+    def _subject(self, name: str) -> Subject:
+        if name.startswith(f"{OF_RUN}/") and self.run:
+            return Subject(self.run.picture(name.removeprefix(f"{OF_RUN}/")), self.run)
+        if is_sign(name):
+            number = int(name.removeprefix("sign-"))
+            if not 1 <= number <= len(self._signs):
+                raise ValueError(f"picture = {name!r}: signs are sign-1 to sign-{len(self._signs)}")
+            return Subject(self._signs.pictures[number - 1])
+        return Subject(picture_of_file(self._path("picture", name), self._names.get(name, "")))
+
+    def _path(self, kind: str, name: str) -> Path:
+        with self._lock:
+            if name not in self._files[kind]:
+                raise ValueError(f"{kind} = {name[:60]!r}: is not held here (any more); upload it again")
+            self._files[kind].move_to_end(name)
+            return self._files[kind][name]
+
+    def _once(self, key: tuple[str, str], make: Callable[[], T], most: int) -> T:
+        """What was made for a key, the last few of a kind kept. Visitors wait for each other's making, not
+        twice; nobody waits for anything else."""
+        with self._lock:
+            making = self._making.setdefault(key, threading.Lock())
+        with making:
+            with self._lock:
+                if key in self._opened:
+                    self._opened.move_to_end(key)
+                    return self._opened[key]  # type: ignore[no-any-return]
+            made = make()
+            with self._lock:
+                self._opened[key] = made
+                self._making.pop(key, None)
+                alike = [each for each in self._opened if each[0] == key[0]]
+                for oldest in alike[: max(0, len(alike) - most)]:
+                    del self._opened[oldest]
+            return made
+
+    # -- uploads ---------------------------------------------------------------------------------------------
+
+    def take(self, kind: str, file_name: str, content: bytes) -> str:
+        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for
+        what is no picture, camera or model, is too large, or is broken."""
+        name = Path(file_name.replace("\\", "/")).name[-80:] or "file"
+        if len(content) > MOST_UPLOADED_MB[kind] * 2**20:
+            raise ValueError(
+                f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB"
+            )
+        key = f"{kind}-{hashlib.blake2b(name.encode() + content, digest_size=6).hexdigest()}"
+        with self._lock:
+            if key in self._files[kind]:
+                return key
+        folder = self._uploads() / key
+        folder.mkdir(parents=True, exist_ok=True)
+        safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "file"
+        path = folder / safe
+        path.write_bytes(content)
+        try:
+            with _named(path, name):
+                _CHECKS[kind](path)
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        return self._place(kind, path, name, name, key)
+
+    def _place(self, kind: str, path: Path, title: str, typed: str, key: str = "") -> str:
+        """Put a file on the shelf, and off it the oldest upload of its kind that is too many."""
+        given = not key
+        key = key or f"given-{kind}"
+        with self._lock:
+            self._files[kind][key] = path
+            self._names |= {key: title, f"typed {key}": typed}
+            if given:
+                self._kept.add(key)
+            uploads = [each for each in self._files[kind] if each not in self._kept]
+            for oldest in uploads[: max(0, len(uploads) - _HELD[kind])]:
+                shutil.rmtree(self._files[kind].pop(oldest).parent, ignore_errors=True)
+                self._opened.pop((kind, oldest), None)
+                del self._names[oldest], self._names[f"typed {oldest}"]
+        return key
+
+    def place_camera(self, path: Path) -> str:
+        """Put a camera's file on the shelf; returns its name there. Raises ``ValueError``."""
+        Camera.load(path)
+        return self._place("camera", path, path.stem, str(path))
+
+    def _uploads(self) -> Path:
+        with self._lock:
+            if self._folder is None:
+                self._folder = Path(mkdtemp(prefix="blurnoise-explore-"))
+            return self._folder
+
+    def close(self) -> None:
+        """Remove what was uploaded."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
+    """The state that is a run's cell. Raises ``ValueError`` for none, or the untouched picture's."""
+    run = shelf.run
+    if run is None:
+        raise ValueError("cell: goes with a run")
+    cell = run.cell(cell_id)
+    if cell.conditions is None:
+        raise ValueError(f"cell = {cell_id!r}: is an untouched picture")
+    return replace(
+        state,
+        picture=f"{OF_RUN}/{cell.image}",
+        camera=OF_RUN,
+        at=cell.conditions,
+        figures=(),
+        seed=cell.seed,
+        cell=cell_id,
+    )
+
+
+def picture_of_file(path: str | Path, name: str = "") -> Picture:
+    """A picture's file, of at most ``MOST_MEGAPIXELS``, as the explorer sees it: its targets are what a model
+    finds."""
+    path = Path(path)
+    return Picture(name or path.name, None, partial(read_picture, path, MOST_MEGAPIXELS), str(path), 1)
+
+
+def _check_picture(path: Path) -> None:
+    """All of it can be read: OpenCV makes grey of what is cut off, Pillow says so."""
+    picture = read_picture(path, MOST_MEGAPIXELS)
+    if min(picture.shape[:2]) < 16:
+        height, width = picture.shape[:2]
+        raise UnreadablePicture(f"{path}: {width} x {height} px; must be at least 16 x 16")
+    try:
+        with PIL.Image.open(path) as file:
+            file.load()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise UnreadablePicture(f"{path}: is damaged or cut short ({error})") from None
+
+
+def _check_model(path: Path) -> None:
+    """It opens, and answers to a picture, in a process of its own: a hostile file ends that, not the explorer."""
+    words = [sys.executable, "-m", "blurnoise_eval.explorer.trial", str(path)]
+    try:
+        done = subprocess.run(
+            words, capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"{path}: does not answer to a picture within {_TRIAL_S:g} s") from None
+    if done.returncode:
+        lines = done.stdout.strip().splitlines()
+        told = lines[-1] if done.returncode == 2 and lines else f"{path}: ends the process that opens it"
+        raise ValueError(told)
+
+
+_CHECKS: Mapping[str, Callable[[Path], Any]] = {
+    "picture": _check_picture,
+    "camera": Camera.load,
+    "model": _check_model,
+}
+
+
+@contextmanager
+def _named(path: Path, name: str) -> Iterator[None]:
+    """Errors with the file's own name for where it lies here."""
+    try:
+        yield
+    except (ValueError, TypeError, OSError) as error:
+        raise ValueError(str(error).replace(str(path), name).replace(path.name, name)) from None

@@ -1,0 +1,71 @@
+// What needs no server: the loupe over both pictures, the untouched picture while a key or button is held, copying,
+// and the two pictures' sources, set once they have arrived, so that nothing flickers.
+(() => {
+  const ZOOM = 5;
+  const all = selector => [...document.querySelectorAll(selector)];
+
+  window.explorer = {
+    show(selector, url, small) {
+      const image = document.querySelector(selector);
+      if (!image) return;
+      const ahead = new Image();
+      ahead.onload = () => {
+        image.src = url;
+        image.dataset.natural = `${ahead.naturalWidth}x${ahead.naturalHeight}`;
+        image.closest(".pane").classList.toggle("small", small);
+        document.documentElement.dataset.shown = url;
+      };
+      ahead.src = url;
+    },
+    async copy(text) {
+      document.documentElement.dataset.copied = text;
+      try {
+        await navigator.clipboard.writeText(text);
+      } catch {
+        const area = document.createElement("textarea");
+        area.value = text;
+        document.body.append(area);
+        area.select();
+        document.execCommand("copy");
+        area.remove();
+      }
+    },
+    choose(kind) {
+      document.querySelector(`.upload-${kind} input[type=file]`)?.click();
+    },
+    turn() {
+      emitEvent("turn", !document.body.classList.contains("body--dark"));
+    },
+    peek(on) {
+      document.body.classList.toggle("peek", on);
+    },
+  };
+
+  const look = event => {
+    const held = event.target.closest?.(".held");
+    document.body.classList.toggle("looking", Boolean(held));
+    if (!held) return;
+    const box = held.getBoundingClientRect();
+    const x = (event.clientX - box.left) / box.width, y = (event.clientY - box.top) / box.height;
+    for (const each of all(".held")) {
+      const image = each.querySelector("img"), loupe = each.querySelector(".loupe");
+      if (!image || !loupe || !each.clientWidth) continue;
+      const zoom = Math.max(2, ZOOM * image.naturalWidth / each.clientWidth / (window.devicePixelRatio || 1));
+      const wide = each.clientWidth * zoom, high = each.clientHeight * zoom;
+      loupe.style.left = `${100 * x}%`;
+      loupe.style.top = `${100 * y}%`;
+      loupe.style.backgroundImage = `url("${image.currentSrc}")`;
+      loupe.style.backgroundSize = `${wide}px ${high}px`;
+      loupe.style.backgroundPosition = `${loupe.clientWidth / 2 - x * wide}px ${loupe.clientHeight / 2 - y * high}px`;
+    }
+  };
+  addEventListener("pointermove", look);
+  addEventListener("pointerdown", look);
+  addEventListener("pointerup", event => event.pointerType !== "mouse" && document.body.classList.remove("looking"));
+  document.addEventListener("pointerleave", () => document.body.classList.remove("looking"));
+
+  const typing = event => event.target.closest?.("input, textarea, select, [contenteditable]");
+  addEventListener("keydown", event => event.key === "o" && !typing(event) && !event.ctrlKey && !event.metaKey && explorer.peek(true));
+  addEventListener("keyup", event => event.key === "o" && explorer.peek(false));
+  addEventListener("blur", () => explorer.peek(false));
+})();

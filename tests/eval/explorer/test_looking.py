@@ -1,0 +1,114 @@
+"""What is seen of a state: the sweep's bits, numbers by their formulas, confidences, and a smaller twin."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import Picture, rendered_signs
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.explorer.controls import control
+from blurnoise_eval.explorer.looking import Stop, Subject, found, histogram, preview, seen, strip, works
+from blurnoise_eval.explorer.state import State
+from blurnoise_models.detector import STOP_SIGN
+
+from blurnoise import Camera, ExposedScene, photoelectrons, plan
+
+CAMERA = Camera.preset("imx250")
+STATE = State()
+
+
+@pytest.fixture(scope="module")
+def signs() -> Subject:
+    return Subject(rendered_signs(count=1).pictures[0])
+
+
+@pytest.fixture(scope="module")
+def detector() -> Detector:
+    return Detector(STOP_SIGN)
+
+
+def test_the_picture_has_the_simulators_bits(signs: Subject) -> None:
+    state = replace(STATE.put("gain_db", 6.0), seed=5)
+    taken = seen(state, signs, CAMERA)
+    exposure = state.at.exposure(CAMERA, 5)
+    (frame,) = ExposedScene.of_picture(signs.clean).frames([exposure])
+    assert np.array_equal(taken.image, frame.picture)
+    assert not np.array_equal(seen(replace(state, seed=6), signs, CAMERA).image, frame.picture)
+
+
+def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
+    state = STATE.put("gain_db", 0.0).put("velocity_y_px_s", 750.0)
+    told = {each.name: each for each in seen(state, signs, CAMERA).numbers}
+    white_e = photoelectrons(CAMERA, 2.0, 0.02)
+    assert told["white_electrons"].value == pytest.approx(white_e)
+    assert told["blur_px"].value == pytest.approx(0.02 * 1250)
+    assert told["mtf50"].value == pytest.approx(0.603355 / 25, rel=1e-4)
+    grey_e = 0.18 * white_e
+    noise_e = math.sqrt(grey_e + CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * 0.02) / CAMERA.system_gain_dn_per_e**2)
+    assert told["snr_db"].value == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
+    assert told["gain_db"].text == "0.0 dB"
+
+
+def test_the_plan_is_the_simulators(signs: Subject) -> None:
+    state = STATE.put("gain_db", 0.0)
+    asked = plan(CAMERA, exposure_s=0.02, illuminance_lux=2.0, displacement_px=(20.0, 0.0), size=signs.size)
+    assert seen(state, signs, CAMERA).plan == asked
+
+
+def test_a_detector_is_asked_as_in_a_sweep(signs: Subject, detector: Detector) -> None:
+    taken = seen(STATE, signs, CAMERA, detector)
+    assert taken.sight is not None
+    assert taken.clean is not None
+    own = [row["confidence"] for row in signs.view(detector).look(taken.image).targets]
+    assert [row["confidence"] for row in taken.sight.targets] == own
+    assert taken.confidence == pytest.approx(np.mean(own))
+    assert found(taken.sight, 0.0) == (3, 3)
+    assert found(taken.clean, 0.6)[0] > found(taken.sight, 0.6)[0] > 0  # the first screen shows what is lost
+
+
+def test_a_strip_runs_along_any_control_and_is_what_is_seen_there(signs: Subject, detector: Detector) -> None:
+    for name in ("exposure_s", "speed", "read_noise_e", "moves"):
+        along = control(name, CAMERA)
+        stops = list(strip(STATE, signs, CAMERA, detector, along, 3))
+        assert [stop.value for stop in stops] == along.stops(3)
+        at = along.put(STATE, stops[1].value)
+        there = seen(at, signs, at.camera_of(CAMERA), detector)
+        assert stops[1].mean == pytest.approx(there.confidence, abs=1e-12)
+
+
+def test_where_it_works() -> None:
+    curve = [Stop(float(x), (held,)) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))] + [Stop(6.0)]
+    assert works(curve, 0.6, 3.3) == (2.0, 4.0)
+    assert works(curve, 0.6, 0.0) == (0.0, 0.0)
+    assert works(curve, 0.6, 5.5) == (2.0, 4.0)
+    assert works(curve, 0.95, 1.0) is None
+
+
+def test_a_histogram_counts_and_tells_what_is_clipped() -> None:
+    image = np.zeros((10, 20, 3), np.uint8)
+    image[:5, :, 0] = 255
+    shares, clipped = histogram(image)
+    assert shares.sum(1) == pytest.approx([1, 1, 1])
+    assert (shares[0, 0], shares[0, -1], shares[1, 0]) == pytest.approx((0.5, 0.5, 1.0))
+    assert clipped == pytest.approx((5 / 6, 1 / 6))
+
+
+def test_the_smaller_twin_is_the_picture_averaged() -> None:
+    """In mean, to what noise leaves, and in noise and blur: by how far it is from its own average over 9 x 9 px."""
+    coarse = np.random.default_rng(1).integers(0, 255, (34, 60, 3), np.uint8)
+    large = cv2.resize(coarse, (1180, 686), interpolation=cv2.INTER_CUBIC)
+    subject = Subject(Picture("large", None, lambda: large, "large"))
+    state = STATE.put("gain_db", 24.0).put("defocus_radius_px", 2.0)
+    assert subject.smaller == 2
+    small = preview(state, subject, CAMERA).astype(float)
+    full = seen(state, subject, CAMERA).image.astype(float)
+    averaged = full.reshape(343, 2, 590, 2, 3).mean((1, 3))
+    assert small.shape == averaged.shape
+    assert small.mean() == pytest.approx(averaged.mean(), abs=0.5)
+    rough = [float((each - cv2.blur(each, (9, 9))).std()) for each in (small, averaged)]
+    assert rough[0] == pytest.approx(rough[1], rel=0.05)
+    assert float(np.abs(cv2.blur(small - averaged, (9, 9))).mean()) < 2

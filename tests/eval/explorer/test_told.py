@@ -1,0 +1,69 @@
+"""The command and the script of a state give its picture, bit for bit."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import read_picture, write_picture
+from blurnoise_eval.explorer.looking import seen
+from blurnoise_eval.explorer.shelf import Shelf
+from blurnoise_eval.explorer.state import State
+from blurnoise_eval.explorer.told import command, python
+from blurnoise_models.detector import STOP_SIGN
+
+from blurnoise import Camera
+
+STATES = {
+    "a sign": State(picture="sign-3", seed=11).put("moves", 1.0),
+    "auto, of figures": State(camera="imx250c", model="none")
+    .put("exposure_s", float("inf"))
+    .put_figure("prnu", 0.02)
+    .put_figure("row_time_s", 1.7e-5),
+    "driven": State(model="none").put("ego_speed_m_s", 50 / 3.6).put("f_number", 8.0).put("defocus_radius_px", 1.3),
+}
+
+
+def same(state: State, shelf: Shelf, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    shown = seen(state, shelf.subject(state), shelf.camera(state)).image
+    _, *words = command(state, shelf.files(state)).split()
+    assert main(words) == 0
+    assert np.array_equal(read_picture(Path("seen.png")), shown)
+    Path("seen.png").unlink()
+    exec(compile(python(state, shelf.files(state)), "script", "exec"), {})
+    assert np.array_equal(read_picture(Path("seen.png")), shown)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_both_give_the_picture(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same(STATES[name], Shelf(STOP_SIGN), tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("kinds", [("picture", "camera"), pytest.param(("picture", "model"), marks=pytest.mark.slow)])
+def test_of_files_of_ones_own(
+    kinds: tuple[str, ...],tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Uploaded, they are the files that they were."""
+    rng = np.random.default_rng(0)
+    write_picture(tmp_path / "mine.png", rng.integers(0, 255, (48, 70, 3), np.uint8))
+    Camera.preset("mt9m034").save(tmp_path / "own.yaml")
+    (tmp_path / "net.onnx").write_bytes(STOP_SIGN.read_bytes())
+    shelf = Shelf(STOP_SIGN)
+    try:
+        own = {"picture": "mine.png", "camera": "own.yaml", "model": "net.onnx"}
+        names = {kind: shelf.take(kind, own[kind], (tmp_path / own[kind]).read_bytes()) for kind in kinds}
+        same(State(**names), shelf, tmp_path, monkeypatch)
+    finally:
+        shelf.close()
+
+
+@pytest.mark.slow
+def test_a_script_runs_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(python(State(), Shelf(STOP_SIGN).files(State())))
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("[0.9")

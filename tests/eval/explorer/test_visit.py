@@ -1,0 +1,135 @@
+"""A visit: the newest state counts, what fails is said and the visit goes on, what is held is bounded."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import encode
+from blurnoise_eval.explorer.looking import Seen, seen
+from blurnoise_eval.explorer.shelf import Shelf
+from blurnoise_eval.explorer.state import State
+from blurnoise_eval.explorer.visit import Visit
+from blurnoise_models.detector import STOP_SIGN
+
+QUIET = State(model="none")
+
+
+class Told:
+    def __init__(self) -> None:
+        self.events: list[tuple[str, Any]] = []
+
+    def previewed(self, file: str) -> None:
+        self.events.append(("preview", file))
+
+    def subject(self, subject: Any, file: str) -> None:
+        self.events.append(("subject", file))
+
+    def seen(self, seen: Seen, file: str) -> None:
+        self.events.append(("seen", (seen, file)))
+
+    def strip(self, state: State, curve: Any, along: Any, finished: bool) -> None:
+        self.events.append(("strip", (curve, finished)))
+
+    def fails(self, told: str) -> None:
+        self.events.append(("fails", told))
+
+    def of(self, kind: str) -> list[Any]:
+        return [what for each, what in self.events if each == kind]
+
+
+@pytest.fixture(scope="module")
+def shelf() -> Shelf:
+    return Shelf(STOP_SIGN)
+
+
+def visited(shelf: Shelf, state: State, steps: Callable[[Visit, Told], Any]) -> tuple[Visit, Told]:
+    told = Told()
+
+    async def go() -> Visit:
+        visit = Visit(shelf, state, told)
+        loop = asyncio.create_task(visit.loop())
+        await steps(visit, told)
+        loop.cancel()
+        return visit
+
+    return asyncio.run(asyncio.wait_for(go(), 60)), told
+
+
+async def until(ready: Callable[[], Any]) -> None:
+    while not ready():
+        await asyncio.sleep(0.01)
+
+
+def test_what_is_shown_is_the_state_exactly(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("seen"))
+
+    visit, told = visited(shelf, QUIET, steps)
+    ((_, file),) = told.of("seen")
+    content = visit.file(file)
+    assert content is not None
+    shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert np.array_equal(shown, seen(QUIET, shelf.subject(QUIET), shelf.camera(QUIET)).image)
+
+
+def test_of_many_changes_the_last_is_seen_and_few_between(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("seen"))
+        for number in range(200):
+            visit.change(replace(QUIET, seed=number))
+        await until(lambda: told.of("seen")[-1][0].state.seed == 199)
+
+    visit, told = visited(shelf, QUIET, steps)
+    assert len(told.of("seen")) <= 3
+    assert len(visit._files) <= 6
+
+
+def test_a_large_picture_is_seen_smaller_first(shelf: Shelf) -> None:
+    name = shelf.take("picture", "large.png", encode(np.full((600, 700, 3), 90, np.uint8)))
+    state = replace(QUIET, picture=name)
+
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("seen"))
+        visit.change(replace(state, seed=4))
+        await until(lambda: len(told.of("seen")) == 2)
+
+    _, told = visited(shelf, state, steps)
+    assert [kind for kind, _ in told.events] == ["subject", "seen", "preview", "seen"]
+
+
+def test_what_cannot_be_seen_is_said_and_the_visit_goes_on(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("seen"))
+        for wrong in (
+            replace(QUIET, picture="gone"),
+            QUIET.put_figure("f_number", -3.0),
+            QUIET.put("gain_db", 99.0),
+        ):
+            before = len(told.of("fails"))
+            visit.change(wrong)
+            await until(lambda: len(told.of("fails")) > before)  # noqa: B023  # awaited within the loop
+        visit.change(replace(QUIET, seed=5))
+        await until(lambda: len(told.of("seen")) == 2)
+
+    _, told = visited(shelf, QUIET, steps)
+    first, second, third = told.of("fails")
+    assert "picture = 'gone'" in first
+    assert "f_number" in second
+    assert "gain" in third
+
+
+def test_the_strip_comes_after_the_picture_and_ends(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("strip") and told.of("strip")[-1][1])
+
+    _, told = visited(shelf, State(), steps)
+    kinds = [kind for kind, _ in told.events]
+    assert kinds[:2] == ["subject", "seen"]
+    assert set(kinds[2:]) == {"strip"}
+    assert len(told.of("strip")[-1][0]) == 15
