@@ -15,7 +15,7 @@ fastest moves, within each of which it is taken for exact. The error of the form
 within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
 All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
-a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from blurnoise._core.checks import (
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
 from blurnoise.courses import Along, Course, Flow, RowByRow, Straight, finest
-from blurnoise.layers import Layer, Layers, of_each, plane_of, window_at_rest
+from blurnoise.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
 from blurnoise.trajectory import Trajectory
 
 STEP_PX = 2.0
@@ -120,7 +120,7 @@ def exposed(
     everything = Window(0, 0, *size)
     ground_course = camera.ground(moved_px, exposure_s, size)
     laid = []
-    for layer in layers:
+    for layer in map(trimmed, layers):
         displacement = layer.displacement_px(exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         course = camera.course(displacement, exposure_s, size)

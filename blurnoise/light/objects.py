@@ -112,7 +112,8 @@ def _distorted(layer: Layer, like: Tensor, at: OperatingPoint[Tensor], border: B
 def _coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
     """Light and matte of light times matte, and the matte, (C + 1, h, w)."""
     alpha = plane[-1].clamp(0, 1)
-    return torch.where(alpha > _FAINT, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), alpha
+    seen = alpha > _FAINT  # what rings about it is not of the object
+    return torch.where(seen, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(seen, alpha, 0.0)
 
 
 OBJECTS = Objects()
