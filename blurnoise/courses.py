@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from blurnoise._core.borders import Border
 from blurnoise._core.windows import Window
 from blurnoise.flow_blur import flow_blur
 from blurnoise.layers import ALIKE_PX, reach_px
+from blurnoise.rolling_shutter import Readout
 from blurnoise.trajectory import Floats, Polyline, Trajectory
 
 Shown = Callable[[float], Tensor]
@@ -228,6 +229,67 @@ class Along(Course):
     @property
     def _path(self) -> Polyline:
         return self.trajectory.seen(self.exposure_s, self._velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class PathByRow(Course):
+    """A path of which each row sees the part that its own window holds; its gradients stop. path: with the motion."""
+
+    displacement_px: Tensor
+    path: Trajectory
+    readout: Readout
+
+    def passed(self, rest: Window) -> Window:
+        """Grown by as far as the path goes from first to last."""
+        return rest.grown(*self.reach(rest))
+
+    def reach(self, window: Window) -> tuple[int, int]:
+        """As far as the path goes, and its ends."""
+        across, down = (reach_px(2 * far) for far in np.abs(self._places[1]).max(1).tolist())
+        return down, across
+
+    def blurred(self, plane: Tensor, window: Window, border: Border) -> Tensor:
+        """Row by row; no brighter where windows are longer."""
+        return rolling_shutter.mean_of_rows(plane, self.path, self._origin, self._rows(window), border)
+
+    def shown(self, plane: Tensor, parts: int, work: Window, window: Window) -> Shown:
+        """Each row at its own time."""
+        starts, stops = self._rows(window).windows_s
+        times, places = self._places
+
+        def at(time: float) -> Tensor:
+            later = starts + (time + 0.5) * (stops - starts)
+            x, y = (torch.from_numpy(np.interp(later, times, along))[:, None] for along in places)
+            return _sampled(plane, x, y, work, window)
+
+        return at
+
+    def length_px(self, window: Window) -> float:
+        """What the longest exposure takes at the path's greatest speed, at most all of it."""
+        times, places = self._places
+        starts, stops = self._rows(window).windows_s
+        steps = np.hypot(*np.diff(places))
+        fastest = float((steps / np.diff(times)).max()) if len(steps) else 0.0
+        return fastest * float((stops - starts).max())
+
+    @property
+    def still(self) -> bool:
+        """Where the path stays in its place."""
+        return float(np.abs(self._places[1]).max()) < ALIKE_PX
+
+    @property
+    def _places(self) -> tuple[Floats, Floats]:
+        """Times, and where it is then, (2, K), from where the picture at rest has it."""
+        begin, end = self.readout.span_s
+        knots, durations = self.path.window(begin, end)
+        return begin + np.concatenate([[0.0], np.cumsum(durations)]), knots - np.array(self._origin)[:, None]
+
+    @property
+    def _origin(self) -> tuple[float, float]:
+        return self.path.origin_px(self.readout.exposure_s)
+
+    def _rows(self, window: Window) -> Readout:
+        return replace(self.readout, rows=window.height, first=window.top, of=self.readout.rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,8 +155,7 @@ def multiply(
         for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
             _multiply_planes(picture, motion, optics, plan, border, target, threads)
         return out
-    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
-    return filtered(image, response(displacement_px, optics, lengths), plan, border, out)
+    return filtered(image, _response(displacement_px, optics, plan), plan, border, out)
 
 
 def check_span(plan: TransformPlan, border: Border, moved: str) -> None:
@@ -275,45 +274,53 @@ def row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Pla
     return factors
 
 
-def response(displacement_px: Tensor, optics: Optics, lengths: tuple[int, int]) -> Tensor:
-    """Transfer functions (B, 1, h, w) of motions (B, 2) and a lens, at :func:`frequencies` of ``lengths``."""
+def _response(displacement_px: Tensor, optics: Optics, plan: TransformPlan) -> Tensor:
+    """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
+    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
     fy, fx = (torch.from_numpy(f).to(displacement_px) for f in frequencies(lengths))
 
     def motion(fx: Tensor, fy: Tensor) -> Tensor:
         return transfer.motion(fx, fy[:, None], displacement_px)
 
-    seen = joined(motion, fx, fy, lengths)
+    response = joined(motion, fx, fy, lengths)
     if optics != SHARP:
-        seen = seen * optics.response(fx, fy[:, None])
-    return seen[:, None]
+        response = response * optics.response(fx, fy[:, None])
+    return response[:, None]
 
 
 def _plane_factors(
     motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: packed.Plane
 ) -> None:
-    """What :func:`response` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
+    """What ``_response`` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
+    fy, fx = frequencies(lengths)
+    with borrowed([(len(fy), len(fx))] * 2, out.dtype) as (phase, whole):
+        response = motion_response(motion_px, lengths, phase, whole)
+        if optics != SHARP:
+            response *= _lens(optics, lengths, out.dtype)
+        packed.pack(response, out)
+
+
+def motion_response(
+    motion_px: tuple[float, float], lengths: tuple[int, int], phase: packed.Plane, whole: packed.Plane
+) -> packed.Plane:
+    """The transfer function of a motion at :func:`frequencies`, in the second of two scratch planes of its size."""
     fy, fx = frequencies(lengths)
     dx, dy = (math.pi * along for along in motion_px)
-    kind = out.dtype
+    kind = whole.dtype
 
     def phase_of(fx: packed.Plane, fy: packed.Plane, out: packed.Plane | None = None) -> packed.Plane:
         phase = np.add((fx * dx).astype(kind), (fy * dy).astype(kind)[:, None], out=out)
         phase += 1e-30  # sinc(0) is 1; no other phase is that small
         return np.asarray(phase)
 
-    with borrowed([(len(fy), len(fx))] * 2, kind) as (phase, whole):
+    def motion(fx: packed.Plane, fy: packed.Plane) -> packed.Plane:
+        if whole.shape != (len(fy), len(fx)):
+            part = phase_of(fx, fy)
+            return np.asarray(np.sin(part) / part)
+        np.sin(phase_of(fx, fy, phase), out=whole)
+        return np.asarray(np.divide(whole, phase, out=whole))
 
-        def motion(fx: packed.Plane, fy: packed.Plane) -> packed.Plane:
-            if whole.shape != (len(fy), len(fx)):
-                part = phase_of(fx, fy)
-                return np.asarray(np.sin(part) / part)
-            np.sin(phase_of(fx, fy, phase), out=whole)
-            return np.asarray(np.divide(whole, phase, out=whole))
-
-        response = joined(motion, fx, fy, lengths)
-        if optics != SHARP:
-            response *= _lens(optics, lengths, kind)
-        packed.pack(response, out)
+    return joined(motion, fx, fy, lengths)
 
 
 @lru_cache(maxsize=8)

@@ -15,11 +15,12 @@ fastest moves, within each of which it is taken for exact. The error of the form
 within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
 All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
-a layer ends at the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -37,8 +38,9 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
-from blurnoise.courses import Along, Course, Flow, RowByRow, Straight, finest
-from blurnoise.layers import Layer, Layers, of_each, plane_of, window_at_rest
+from blurnoise.courses import Along, Course, Flow, PathByRow, RowByRow, Straight, finest
+from blurnoise.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
+from blurnoise.rolling_shutter import Readout, whole_path
 from blurnoise.trajectory import Trajectory
 
 STEP_PX = 2.0
@@ -78,14 +80,23 @@ def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
 
 
 class Moved(NamedTuple):
-    """What a camera does to all motions: its trajectory, or the s from row to row; a background's flow (2, H, W)."""
+    """What a camera does to all motions: its trajectory, or the s from row to row; a background's flow (2, H, W).
+
+    readout: of rows that see another part of the trajectory each, or begin together.
+    """
 
     trajectory: Trajectory | None = None
     row_s: float = 0.0
     flow_px: Tensor | None = None
+    readout: Readout | None = None
 
     def course(self, displacement_px: Tensor, exposure_s: Tensor, size: tuple[int, int]) -> Course:
         """Of what moves by (2,) during an exposure (), in a picture (H, W)."""
+        if self.readout is not None:
+            x, y = displacement_px.detach().tolist()
+            lasting_s = float(exposure_s) or math.inf
+            path = whole_path(self.trajectory, (x / lasting_s, y / lasting_s), self.readout)
+            return PathByRow(displacement_px, path, self.readout)
         if self.trajectory is not None:
             return Along(displacement_px, self.trajectory, float(exposure_s))
         if self.row_s:
@@ -120,7 +131,7 @@ def exposed(
     everything = Window(0, 0, *size)
     ground_course = camera.ground(moved_px, exposure_s, size)
     laid = []
-    for layer in layers:
+    for layer in map(trimmed, layers):
         displacement = layer.displacement_px(exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         course = camera.course(displacement, exposure_s, size)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, cast
 
 import torch
@@ -129,6 +129,24 @@ def as_one(layers: Sequence[Layer]) -> Layer:
     return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, (window.left, window.top))
 
 
+def trimmed(layer: Layer) -> Layer:
+    """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none.
+
+    One of whose matte gradients are asked keeps them, as does one that is nowhere.
+    """
+    alpha = layer.alpha.detach()
+    if layer.alpha.requires_grad or not bool(alpha.any()):
+        return layer
+    (top, bottom), (left, right) = (
+        torch.nonzero(alpha.any(dim)).flatten()[[0, -1]].tolist() for dim in (1, 0)
+    )
+    if (bottom - top + 1, right - left + 1) == tuple(alpha.shape):
+        return layer
+    own = (slice(top, bottom + 1), slice(left, right + 1))
+    x, y = layer.place_px
+    return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(x + left, y + top))
+
+
 def window_at_rest(layer: Layer) -> Window:
     """The pixels of its matte, those beyond a picture's border too."""
     left, top = layer.place_px
@@ -151,6 +169,8 @@ def seen_behind(
     it ends. movers: everything before the background, the object too, each with its displacement; those of different
     motions as if they came in each other's way at random. None: the object alone.
     """
+    movers = [(trimmed(each), by) for each, by in ([(layer, displacement_px)] if movers is None else movers)]
+    layer = trimmed(layer)
     rest = window_at_rest(layer)
     if size is not None:
         rest = rest.clipped(size)
@@ -161,7 +181,7 @@ def seen_behind(
     if total == 0:
         return 0.0
     clear = torch.ones_like(alpha)
-    for each, moved in [(layer, displacement_px)] if movers is None else movers:
+    for each, moved in movers:
         motion = real_tensor("displacement_px", moved).detach().double()
         down, across = (reach_px(along) for along in motion.tolist()[::-1])
         work = rest.grown(down, across)

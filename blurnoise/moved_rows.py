@@ -7,6 +7,7 @@ twelve taps, by its mean over what a row passes (:func:`swept_taps`), or by taps
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +23,7 @@ from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 
 Floats = NDArray[np.float64]
+Band = tuple[slice, slice, NDArray[Any]]
 LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
 MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distance
 CLOSING_PX = 32  # of the margin, at its end
@@ -33,16 +35,16 @@ _FINE = 4096  # places within a pixel at which the window's integral is known
 
 
 def shifted_rows(
-    light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0, *, known_px: int = 0
+    light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0, *, wraps: bool = False
 ) -> Tensor:
     """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
 
     along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
-    gradients. known_px: of either end that is not asked for.
+    gradients. wraps: rows are continued and closed already, of a length that transforms like.
     """
     far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
-    margin = max(CLOSING_PX, MARGIN_PX - known_px) + far
-    length = fourier.fast_length(light.shape[-1] + 2 * margin)
+    margin = 0 if wraps else MARGIN_PX + far
+    length = light.shape[-1] if wraps else fourier.fast_length(light.shape[-1] + 2 * margin)
     if light.device.type != "cpu" or (
         torch.is_grad_enabled() and (light.requires_grad or shift_px.requires_grad)
     ):
@@ -146,15 +148,20 @@ def packed_factors(factors: NDArray[Any], length: int, kind: np.dtype[Any]) -> N
 
 def resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
     """Row i as seen at i + shift_px, for every i of those, between rows by Lanczos's taps."""
-    whole = torch.floor(shift_px.detach())
-    taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=light.device)
-    weights = lanczos((shift_px - whole)[:, None] - taps)
-    weights = weights / weights.sum(1, keepdim=True)
-    first = whole.long() + 1 - LOBES
+    first, weights = lanczos_taps(shift_px)
     follows = torch.is_grad_enabled() and (light.requires_grad or weights.requires_grad)
     if follows or light.device.type != "cpu":
         return _gathered(light, first, weights, border)
     return rows_mixed(light, first.numpy(), weights.numpy(), border)
+
+
+def lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
+    """Where each row's taps begin, from itself, to see it at i + shift_px (H,), and their weights."""
+    whole = torch.floor(shift_px.detach())
+    taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=shift_px.device)
+    weights = lanczos((shift_px - whole)[:, None] - taps)
+    weights = weights / weights.sum(1, keepdim=True)
+    return whole.long() + 1 - LOBES, weights
 
 
 def swept_taps(middle_px: Floats, along_px: float) -> tuple[NDArray[np.int64], Floats]:
@@ -199,29 +206,43 @@ def rows_mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border
     """As :func:`_gathered`, a few rows at a time as the product of a band of weights and the rows it needs."""
     if light.device.type != "cpu" or (torch.is_grad_enabled() and light.requires_grad):
         return _gathered(light, torch.from_numpy(first).to(light.device), torch.from_numpy(weights), border)
-    (height, width), (count, taps) = light.shape[-2:], weights.shape
+    (height, width), count = light.shape[-2:], len(first)
     sources = light.detach().contiguous().flatten(0, 1).numpy()
     out = light.new_empty(*light.shape[:2], count, width)
     targets = out.flatten(0, 1).numpy()
+    bands = bands_of(first, weights, height, border, sources.dtype)
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+    side_by_side(
+        lambda at: mixed(sources[at[0]], [at[1]], targets[at[0]]),
+        [(place, band) for place in range(len(targets)) for band in bands],
+        threads,
+    )
+    return out
+
+
+def bands_of(
+    first: NDArray[Any], weights: Floats, height: int, border: Border, kind: np.dtype[Any]
+) -> list[Band]:
+    """Taps (N, n) of rows of a picture, a few at a time: these rows, those that they need, and by how much."""
+    count, taps = weights.shape
     begins = first + np.arange(count)
     bands = []
     for top in range(0, count, _TOGETHER):
         rows = slice(top, min(count, top + _TOGETHER))
         begin = int(begins[rows].min())
         needed = slice(begin, int(begins[rows].max()) + taps)
-        band = np.zeros((rows.stop - top, needed.stop - begin), sources.dtype)
+        band = np.zeros((rows.stop - top, needed.stop - begin), kind)
         band[np.arange(len(band))[:, None], begins[rows, None] - begin + np.arange(taps)] = weights[rows]
         if begin < 0 or needed.stop > height:
             band, needed = _folded(band, begin, height, border)
         bands.append((rows, needed, band))
+    return bands
 
-    def mix(at: tuple[int, tuple[slice, slice, NDArray[Any]]]) -> None:
-        place, (rows, needed, band) = at
-        np.matmul(band, sources[place, needed], out=targets[place, rows])
 
-    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
-    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
-    return out
+def mixed(plane: NDArray[Any], bands: Sequence[Band], out: NDArray[Any]) -> None:
+    """Rows of a plane (H, W) by their taps."""
+    for rows, needed, band in bands:
+        np.matmul(band, plane[needed], out=out[rows])
 
 
 def _folded(band: NDArray[Any], begin: int, height: int, border: Border) -> tuple[NDArray[Any], slice]:

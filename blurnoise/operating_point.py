@@ -99,10 +99,10 @@ def operating_points(
         raise ValueError(
             f"velocity_px_s: of each pixel; with {other} it must be one for all of a picture, (2,) or (B, 2)"
         )
-    if any(objects) and camera.row_time_s and (paths or flow is not None or camera.shutter == "global-reset"):
+    if any(objects) and camera.row_time_s and flow is not None:
         raise ValueError(
-            f"objects: row_time_s = {camera.row_time_s!r}; where rows are read one after another they go with a "
-            "rolling shutter and uniform motion alone, without a trajectory or a flow"
+            f"objects: row_time_s = {camera.row_time_s!r}; where rows are read one after another they go with motion "
+            "that is one for all of a picture, or a trajectory, without a flow"
         )
     for at in each_of(replace(points, trajectories=paths)) if paths else ():
         path(at)  # which holds the exposure, or raises

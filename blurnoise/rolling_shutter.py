@@ -54,21 +54,28 @@ _ROOM_PX = 32  # of a row's band-limited ends
 
 @dataclass(frozen=True)
 class Readout:
-    """When the rows of a picture are exposed, s: ``row_s`` as the module says, ``reset``: all begin together."""
+    """When the rows of a picture are exposed, s: ``row_s`` as the module says, ``reset``: all begin together.
+
+    first, of: those from that row on of a picture of so many rows; None: all of it.
+    """
 
     rows: int
     row_s: float
     exposure_s: float
     reset: bool = False
+    first: int = 0
+    of: int | None = None
 
     @property
     def windows_s(self) -> tuple[Floats, Floats]:
-        """Where each row's exposure begins and ends."""
-        tau = self.middle_s(np.arange(self.rows, dtype=np.float64))
+        """Where each row's exposure begins and ends; of one beyond the picture that of the nearest."""
+        last = (self.of or self.rows) - 1
+        tau = ((self.first + np.arange(self.rows)).clip(0, last) - last / 2) * self.row_s
         if not self.reset:
             return tau - self.exposure_s / 2, tau + self.exposure_s / 2
-        later = tau - tau.min()
-        start = np.full_like(later, -(self.exposure_s + later.max() / 2) / 2)
+        readout_s = last * abs(self.row_s)
+        later = tau + readout_s / 2
+        start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
         return start, start + self.exposure_s + later
 
     def middle_s(self, row: Floats) -> Floats:
@@ -138,6 +145,15 @@ def of_rows(
     both at once by sub-exposures every pixel of the path, each for the rows whose windows hold it. Brightness
     follows the windows' lengths. Raises ``ValueError`` unless the path holds all windows.
     """
+    brighter = readout.light
+    light = mean_of_rows(light, path, origin_px, readout, border)
+    return light * torch.from_numpy(brighter).to(light)[:, None] if (brighter != 1).any() else light
+
+
+def mean_of_rows(
+    light: Tensor, path: Trajectory, origin_px: tuple[float, float], readout: Readout, border: Border
+) -> Tensor:
+    """The same, each row's mean over its window."""
     knots, durations = path.window(*readout.span_s)
     time = readout.span_s[0] + np.concatenate([[0.0], np.cumsum(durations)])
     knots = knots - np.array(origin_px)[:, None]
@@ -148,8 +164,21 @@ def of_rows(
         light = _rows_blurred(light, time, knots[0], readout, border)
     elif down > _STILL_PX:
         light = rows_mixed(light, *_integrated_taps(time, knots[1], readout), border)
-    brighter = readout.light
-    return light * torch.from_numpy(brighter).to(light)[:, None] if (brighter != 1).any() else light
+    return light
+
+
+def whole_path(
+    trajectory: Trajectory | None, velocity_px_s: tuple[float, float], readout: Readout
+) -> Trajectory:
+    """A trajectory over all of a readout, uniform motion added. Raises ``ValueError`` unless it holds all windows."""
+    begin, end = readout.span_s
+    half = max(-begin, end, readout.exposure_s / 2) + 1e-9
+    straight = Trajectory.straight(velocity_px_s, 4 * half)  # boxes may lie beyond the picture
+    if trajectory is None:
+        return straight
+    knots, durations = trajectory.window(begin, end)
+    time = begin + np.concatenate([[0.0], np.cumsum(durations)])
+    return Trajectory.of(time, knots + np.outer(velocity_px_s, time), trajectory.reference)
 
 
 def _integrated_taps(time: Floats, y_px: Floats, readout: Readout) -> tuple[NDArray[np.int64], Floats]:

@@ -23,7 +23,7 @@ from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.rolling_shutter import readout_of
 from blurnoise.light.translation import translated
-from blurnoise.operating_point import OperatingPoint, each_of, items
+from blurnoise.operating_point import OperatingPoint, each_of, items, row_by_row
 
 
 class Objects(LightEffect):
@@ -59,13 +59,19 @@ class Objects(LightEffect):
             if at.camera.lens.displaces:
                 own = tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
             picture = light[place : place + 1]
+            readout = readout_of(point, size)
             camera = layered.Moved(
                 point.trajectory,
-                readout_of(point, size).row_s if at.camera.row_time_s else 0.0,
+                readout.row_s if at.camera.row_time_s else 0.0,
                 None if at.flow_px is None else at.flow_px[place],
+                readout if row_by_row(point) else None,
             )
             exposure_s = at.exposure_s[place]
-            seen.append(layered.exposed(picture, own, exposure_s, moved[place], border, camera=camera))
+            picture = layered.exposed(picture, own, exposure_s, moved[place], border, camera=camera)
+            brighter = camera.readout is not None and camera.readout.reset
+            seen.append(
+                picture * torch.from_numpy(readout.light).to(picture)[:, None] if brighter else picture
+            )
         return seen[0] if len(seen) == 1 else torch.cat(seen)
 
     def how(self, at: OperatingPoint[float]) -> str:
@@ -112,7 +118,8 @@ def _distorted(layer: Layer, like: Tensor, at: OperatingPoint[Tensor], border: B
 def _coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
     """Light and matte of light times matte, and the matte, (C + 1, h, w)."""
     alpha = plane[-1].clamp(0, 1)
-    return torch.where(alpha > _FAINT, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), alpha
+    seen = alpha > _FAINT  # what rings about it is not of the object
+    return torch.where(seen, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(seen, alpha, 0.0)
 
 
 OBJECTS = Objects()

@@ -175,16 +175,7 @@ def readout_of(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
 
 
 def _whole_path(at: OperatingPoint[float], readout: Readout) -> Trajectory:
-    """The trajectory over the whole readout, uniform motion added."""
-    begin, end = readout.span_s
-    half = max(-begin, end, at.exposure_s / 2) + 1e-9
-    straight = Trajectory.straight(_velocity(at), 4 * half)  # boxes may lie beyond the picture
-    if at.trajectory is None:
-        return straight
-    knots, durations = at.trajectory.window(begin, end)
-    time = begin + np.concatenate([[0.0], np.cumsum(durations)])
-    x, y = _velocity(at)
-    return Trajectory.of(time, knots + np.stack([x * time, y * time]), at.trajectory.reference)
+    return rolling_shutter.whole_path(at.trajectory, _velocity(at), readout)
 
 
 def _during(

@@ -228,3 +228,42 @@ def test_views_beyond_what_memory_holds() -> None:
     with pytest.raises(ValueError, match="width_px, height_px: 1048576 x 1048576 pixels; at most"):
         view.pixels()
     assert view.pixels(5).shape == (2, 5, 5)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_the_rectified_road_moves_evenly(lens: Lens) -> None:
+    """Wherever the camera looks, every place on the road comes along the way at the vehicle's speed.
+
+    And in closed form, straight ahead and level: y^2 V / (h f) of a pinhole, u = x y V / (h f) beside it, and
+    f sin^2(y / f) V / h of f-theta.
+    """
+    view, speed = View(641, 481, 70.0, lens), 20.0
+    for mount in (Mount(1.4), Mount(2.0, 12.0, 25.0)):
+        pixels = view.pixels(13).reshape(2, -1)
+        pixels = pixels[:, np.isfinite(mount.road_m(view.rays(pixels)))]
+
+        def places_m(at_px: np.ndarray, mount: Mount = mount) -> np.ndarray:
+            rays = view.rays(at_px)
+            return np.asarray(rays * mount.road_m(rays))
+
+        near = np.linalg.norm(places_m(pixels), axis=0) < 60  # beyond, a road place is not a pixel's any more
+        pixels = pixels[:, near]
+        flow = view.flow_px_s(pixels, mount.road_m(view.rays(pixels)), mount.driving(speed))
+        moved = (places_m(pixels + 1e-5 * flow) - places_m(pixels - 1e-5 * flow)) / 2e-5
+        assert pixels.shape[1] > 50
+        np.testing.assert_allclose(
+            moved, np.outer(-speed * mount.ahead, np.ones(pixels.shape[1])), atol=1e-4 * speed
+        )
+    x, y = 40.0, np.array([30.0, 80.0, 200.0])
+    level = Mount(1.4)
+    seen = below_axis(view, *y)
+    down = view.flow_px_s(seen, level.road_m(view.rays(seen)), level.driving(speed))[1]
+    if lens == "f-theta":
+        np.testing.assert_allclose(
+            down, view.focal_px * np.sin(y / view.focal_px) ** 2 * speed / 1.4, rtol=1e-9
+        )
+        return
+    np.testing.assert_allclose(down, y**2 * speed / (1.4 * view.focal_px), rtol=1e-9)
+    beside = seen + np.array([[x], [0.0]])
+    across = view.flow_px_s(beside, level.road_m(view.rays(beside)), level.driving(speed))[0]
+    np.testing.assert_allclose(across, x * y * speed / (1.4 * view.focal_px), rtol=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 import sub_exposures
@@ -291,6 +292,27 @@ def test_what_lies_outside_comes_in_and_what_meets_the_border_goes_on() -> None:
     assert float(edge) == pytest.approx(1.0, abs=0.03)  # there is more of it beyond the border
     apart = Layer(white, white[0], (8.0, 0.0), (1, 15))
     assert float(expose_layers(black, [apart], exposure_s=1.0)[0, 0, 20, 1]) == pytest.approx(0.56, abs=0.03)
+
+
+@pytest.mark.parametrize("background", [(0.0, 0.0), (3.0, 2.0)])
+def test_empty_margins_of_a_layer_are_nothing(background: Motion) -> None:
+    """One as large as the picture is the object alone: nothing goes on beyond a border that the matte does not meet.
+
+    Mirrored there, it would come in again from outside: 0.4 of white at the edge.
+    """
+    white = torch.ones(1, 10, 12, dtype=torch.float64)
+    tight = Layer(white, white[0], (24.0, 0.0), (46, 15))
+    whole = torch.zeros(1, 40, 61, dtype=torch.float64)
+    whole[:, 15:25, 46:58] = 1
+    black = torch.zeros(1, 1, 40, 61, dtype=torch.float64)
+    given: dict[str, Any] = {"exposure_s": 1.0, "velocity_px_s": background}
+    alone = expose_layers(black, [tight], **given)
+    large = Layer(whole, whole[0], (24.0, 0.0))
+    assert torch.equal(expose_layers(black, [large], **given), alone)
+    assert float(alone[0, 0, 20, 60]) == pytest.approx(0.38, abs=0.03)  # it leaves: 9 of 24 px of way
+    assert seen_behind(large, (24.0, 0.0), size=(40, 61)) == seen_behind(tight, (24.0, 0.0), size=(40, 61))
+    nowhere = Layer(white, 0 * white[0], (24.0, 0.0), (46, 15))
+    assert torch.equal(expose_layers(black, [nowhere], **given), black)
 
 
 # --- batches, precision, gradients ------------------------------------------

@@ -100,6 +100,25 @@ def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], borde
         assert rms_dn(after.numpy(), truth) > 1.0
 
 
+@pytest.mark.parametrize("velocity", [(900.0, -500.0), (0.0, 500.0)])
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
+def test_at_once_is_one_after_the_other(velocity: tuple[float, float], kind: torch.dtype) -> None:
+    """Between two transforms of rows, or by taps, as with gradients; these reach the motion and the exposure."""
+    light = torch.from_numpy(photograph(45, 67, channels=2)).to(kind)
+    moved, exposure = torch.tensor(velocity, dtype=kind) * EXPOSURE_S, torch.tensor(EXPOSURE_S, dtype=kind)
+    asked = moved.clone().requires_grad_(), exposure.clone().requires_grad_()
+    for border in ("reflect", "replicate", "circular"):
+        seen = blurred_and_warped(light, moved, exposure, ROW_S, border)  # type: ignore[arg-type]
+        follows = blurred_and_warped(light, *asked, ROW_S, border)  # type: ignore[arg-type]
+        assert 255 * float((seen - follows.detach()).abs().max()) < (0.25 if velocity[0] == 0 else 0.02)
+        follows.square().mean().backward()
+    for each in asked:
+        assert each.grad is not None
+        assert float(each.grad.abs().max()) > 0
+    with pytest.raises(ValueError, match="at most 268435456 are allowed"):
+        blurred_and_warped(light, torch.tensor([4e4, 4e4], dtype=kind), exposure, 1e-9, "reflect")
+
+
 def test_shear_before_blur_is_wrong() -> None:
     """Warped first, the blur must be longer by the stretch."""
     velocity = (300.0, 500.0)

@@ -147,6 +147,15 @@ def simulate(
         float, Option(metavar="PX_S", help="its motion to the right, px/s; --dx is the rest's")
     ] = 0.0,
     object_dy: Annotated[float, Option(metavar="PX_S", help="its motion down, px/s")] = 0.0,
+    object_kmh: Annotated[
+        float | None, Option(metavar="KMH", help="... or as fast as it crosses the view to the right")
+    ] = None,
+    object_m: Annotated[
+        float | None, Option(metavar="M", help="how far it is, with --hfov-deg and --lens")
+    ] = None,
+    object_width_m: Annotated[
+        float | None, Option(metavar="M", help="or how wide, whatever the lens")
+    ] = None,
     plate: Annotated[
         Path | None,
         Option(metavar="PLATE.png", help="the scene without it (default: invented from around it)"),
@@ -165,6 +174,7 @@ def simulate(
       blurnoise simulate road.jpg -o seen.png --ego 80,10 --hfov-deg 60 --lens rectilinear --explain
       blurnoise simulate photo.jpg -o seen.png --exposure-ms auto --lux 5 --mains 50
       blurnoise simulate photo.jpg -o seen.png --exposure-ms 20 --object 300,120,64,64 --object-dx 1500
+      blurnoise simulate photo.jpg -o seen.png --object car.png --object-kmh 50 --object-width-m 4.5
       blurnoise simulate street.png -o seen.png --hdr 16 --emitters lamps.png:40 --pwm 90,0.1 --pwm-mask lamps.png
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
@@ -193,6 +203,13 @@ def simulate(
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
     moving = _object(cut, plate, scene, (object_dx, object_dy), encoding, grey_anchor or emitters)
+    crossing = {"distance_m": object_m, "width_m": object_width_m}
+    if object_kmh is not None:
+        seen_through = {} if ego else {"hfov_deg": hfov_deg, "lens": lens}
+        moving = _crossing(moving, (object_dx, object_dy), object_kmh, taker, **crossing, **seen_through)
+        hfov_deg, lens = (hfov_deg, lens) if ego else (None, None)
+    elif any(value is not None for value in crossing.values()):
+        raise ValueError("object-m, object-width-m: go with --object-kmh")
     layers = moving.layers if moving else ()
     exposure_s = exposure_ms / 1e3
     if exposure_ms == AUTOMATIC and gain_db not in (0.0, AUTOMATIC):
@@ -370,6 +387,19 @@ def _object(
             "plate: goes with neither --grey-anchor nor --emitters, which change its picture's light alone"
         )
     return given.cut_out(where, plate, scene, velocity_px_s, encoding)
+
+
+def _crossing(
+    moving: Cut | None, velocity_px_s: tuple[float, float], speed_kmh: float, taker: Camera, **seen_by: Any
+) -> Cut:
+    """The object at what --object-kmh says. Raises ``ValueError`` for options that do not go with it."""
+    from dataclasses import replace
+
+    if moving is None or any(velocity_px_s):
+        raise ValueError("object-kmh: goes with --object, without --object-dx and --object-dy")
+    (layer,), size = moving.layers, (moving.background.shape[-2], moving.background.shape[-1])
+    velocity = vehicle.crossing_px_s(layer, speed_kmh, taker, size, **seen_by)
+    return moving._replace(layers=(replace(layer, velocity_px_s=velocity),))
 
 
 def _of_object(

@@ -11,6 +11,7 @@ import torch
 from brute_force import photograph, rms_dn, rolled
 
 from blurnoise import Camera, Exposure, RandomExposure, Trajectory, blur, plan, simulate
+from blurnoise.lens import Distortion, Lens
 from blurnoise.light import effects
 from blurnoise.operating_point import operating_points
 
@@ -164,6 +165,36 @@ def test_boxes_are_where_the_picture_has_them() -> None:
         low_x, low_y, high_x, high_y = taken.sweep_boxes(box, SIZE)[0].tolist()
         inside = weight[round(low_y) - 1 : round(high_y) + 1, round(low_x) - 1 : round(high_x) + 1]
         assert float(inside.sum() / weight.sum()) > 0.97
+
+
+def test_boxes_before_a_lens_that_distorts() -> None:
+    """A square's centroid, off the axis, where barrel lens and rows have it; either alone is elsewhere."""
+    size, row_s = (120, 160), 1.5e-4
+    sides = {"width_px": size[1], "height_px": size[0]}
+    lens = Lens(distortion=Distortion("opencv", (-0.2, 0.02, 0.001, -0.0005)))
+    camera = replace(ROLLING, **sides, row_time_s=row_s, lens=lens)
+    places = ((118.0, 86.0), (30.0, 84.0), (120.0, 24.0))
+    boxes = torch.tensor([[x, y, x + 8, y + 8] for x, y in places], dtype=torch.float64)
+    moving: dict[str, Any] = {"velocity_px_s": (600.0, -400.0)}
+    taken = Exposure(camera, 0.01, 100.0, **moving)
+    known = taken.move_boxes(boxes, size)
+    for box, expected in zip(boxes.int().tolist(), known, strict=True):
+        left, top, right, bottom = box
+        light = torch.zeros(1, 1, *size, dtype=torch.float64)
+        light[..., top:bottom, left:right] = 1.0
+        mean: dict[str, Any] = {**TAKEN, "noise": False, "quantised": False, "fidelity": "full"}
+        dn = simulate(light, camera, **mean, encoding="linear", **moving)
+        weight = (dn - camera.black_level_dn)[0, 0].clamp_min(0)
+        y = float((weight.sum(1) * (torch.arange(size[0]) + 0.5)).sum() / weight.sum())
+        x = float((weight.sum(0) * (torch.arange(size[1]) + 0.5)).sum() / weight.sum())
+        middle = ((expected[:2] + expected[2:]) / 2).tolist()
+        assert middle == pytest.approx((x, y), abs=0.35)
+        for wrong in (replace(camera, row_time_s=0.0), replace(camera, lens=Lens())):
+            other = replace(taken, camera=wrong).move_boxes(boxes, size)[
+                boxes.tolist().index([*map(float, box)])
+            ]
+            apart = (other[:2] + other[2:]) / 2 - torch.tensor([x, y])
+            assert float(apart.norm()) > 1.0
 
 
 def test_augmented_boxes_follow() -> None:
