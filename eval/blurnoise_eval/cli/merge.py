@@ -32,13 +32,13 @@ def merge(
     The same models, camera and seed are needed: what differs is named.
     """
     from blurnoise_eval.sweep.merging import merge as joined
-    from blurnoise_eval.system.working_folder import output_folder, read_run
+    from blurnoise_eval.system.working_folder import read_run, written_run
 
     if isinstance(output, Url) and output.exists() and listing(output):
         raise ValueError(f"output = {str(output)!r}: is not empty; choose another folder")
     with ExitStack() as opened:
         folders = [opened.enter_context(read_run(run)).path for run in runs]
-        whole = opened.enter_context(output_folder(output))
+        whole = opened.enter_context(written_run(output))
         command = " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
         done = joined(folders, whole.path, command)
     held = f", {done.repeated} more than once" if done.repeated else ""
