@@ -113,7 +113,9 @@ def _connect(cores: int | None, address: str | None) -> None:
         "_node_ip_address": "127.0.0.1",
     }
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    for tries_left in (1, 0) if address is None else (0,):  # Ray gives its own node 30 s, few where others compute
+    for tries_left in (
+        (1, 0) if address is None else (0,)
+    ):  # Ray gives its own node 30 s, few where others compute
         try:
             ray.init(**(here if address is None else {"address": address}), **quiet)
             return
