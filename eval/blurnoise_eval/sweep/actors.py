@@ -26,6 +26,7 @@ from blurnoise_eval.sweep.worker_process import Told
 from blurnoise_eval.system.machine import versions
 
 _NAME = "ray"
+_HINT = "; one that asks for a token, as Ray's own do from 2.60 on, needs RAY_AUTH_MODE=token here, too"
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
 
 
@@ -124,8 +125,9 @@ def _connect(cores: int | None, address: str | None) -> None:
             if not isinstance(error, Exception):
                 raise
             if not tries_left:
+                hint = "" if address is None else _HINT
                 raise ChildProcessError(
-                    f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)})"
+                    f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)}){hint}"
                 ) from None
 
 
