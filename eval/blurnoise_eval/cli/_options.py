@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
 from inspect import Parameter, signature
-from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Argument, Context, Option
@@ -179,8 +178,12 @@ Mattes = Annotated[
     ),
 ]
 Plates = Annotated[
-    Path | None,
-    _objects(metavar="DIR", help="of the same names, without targets (default: invented)"),
+    Location | None,
+    _objects(
+        parser=location,
+        metavar="DIR",
+        help="folder or URL of the same names, without targets (default: invented)",
+    ),
 ]
 ObjectSpeed = Annotated[
     list[str] | None, _objects(metavar="CLASS=FACTOR", help="of --dx and --dy; 0: they stand")

@@ -328,7 +328,7 @@ def subject(
     return opened, pictures(targets=target or (), reads=read(opened), **sets)
 
 
-def objects(mattes: str, plates: Path | None, speeds: Sequence[str], boxes: str) -> Objects:
+def objects(mattes: str, plates: Location | None, speeds: Sequence[str], boxes: str) -> Objects:
     """What moves for itself; speeds: "CLASS=FACTOR" each."""
     from blurnoise_eval.grid.objects import Objects
 

@@ -37,7 +37,8 @@ def inspect(
         ),
     ] = None,
     probe: Annotated[
-        Path | None, Option(metavar="IMAGE", help="list and draw what it finds in this picture")
+        Location | None,
+        Option(parser=location, metavar="IMAGE", help="list and draw what it finds in this picture"),
     ] = None,
     output: Annotated[
         Path | None,
@@ -100,7 +101,7 @@ def inspect(
 def _look_at_detector(
     model: Path,
     contract: str | None,
-    probe: Path | None,
+    probe: Location | None,
     picture: NDArray[np.uint8] | None,
     output: Path | None,
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
@@ -128,7 +129,7 @@ def _look_at_detector(
 def _look_at_reader(
     model: Path,
     contract: str | None,
-    probe: Path | None,
+    probe: Location | None,
     picture: NDArray[np.uint8] | None,
     _output: Path | None,
 ) -> tuple[Recogniser, dict[str, Any], dict[str, Any] | None]:
@@ -151,7 +152,7 @@ def _recognised(detector: Detector) -> str:
 
 
 def _probed(
-    detector: Detector, path: Path, picture: NDArray[np.uint8], output: Path | None
+    detector: Detector, path: Location, picture: NDArray[np.uint8], output: Path | None
 ) -> dict[str, Any]:
     """Write the picture with its detections to ``output``; return both, and what was below notice."""
     from blurnoise_eval.datasets import write_picture

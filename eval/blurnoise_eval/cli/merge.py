@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from contextlib import ExitStack
 from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.system.storage import Location, Url, listing, location
 from blurnoise_eval.system.terminal import say
 
 
 def merge(
-    runs: Annotated[list[Path], Argument(metavar="RUN...", help="folders of sweeps")],
+    runs: Annotated[
+        list[Location], Argument(parser=location, metavar="RUN...", help="folders or URLs of sweeps")
+    ],
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="a new folder for the joined run")],
+    output: Annotated[
+        Location,
+        Option(
+            "-o", "--output", parser=location, metavar="DIR", help="a new folder or URL for the joined run"
+        ),
+    ],
 ) -> None:
     """Join runs that differ in pictures, repeats or conditions alone, every cell once.
 
@@ -24,7 +32,14 @@ def merge(
     The same models, camera and seed are needed: what differs is named.
     """
     from blurnoise_eval.sweep.merging import merge as joined
+    from blurnoise_eval.system.working_folder import read_run, written_run
 
-    done = joined(runs, output)
+    if isinstance(output, Url) and output.exists() and listing(output):
+        raise ValueError(f"output = {str(output)!r}: is not empty; choose another folder")
+    with ExitStack() as opened:
+        folders = [opened.enter_context(read_run(run)).path for run in runs]
+        whole = opened.enter_context(written_run(output))
+        command = " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
+        done = joined(folders, whole.path, command)
     held = f", {done.repeated} more than once" if done.repeated else ""
     say(f"{done.cells} rows of cells of {done.pictures} pictures{held}", f"blurnoise report {output}")

@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from blurnoise.mattes import Cut, Matte
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.system.storage import Finder, Location, location
 
 _NAMED = 5  # pictures with broken segmentations
 
@@ -63,8 +63,9 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             )
         _check_segmentations(pictures)
     if objects.plates is not None:
+        find = Finder()
         for picture in pictures:
-            if not (Path(objects.plates) / picture.name).is_file():
+            if not find(location(objects.plates) / picture.name):
                 raise ValueError(f"plates = {objects.plates!r}: holds no {picture.name!r}")
 
 
@@ -110,7 +111,7 @@ def cut_out(
         raise UnreadablePicture(f"{picture.name}: mattes = {objects.mattes!r}: {fault}") from fault
     own = [(place, matte) for place, matte in own if matte.any()]
     found = [matte for _, matte in own]
-    plate = None if objects.plates is None else _plate(Path(objects.plates), picture, light, scale)
+    plate = None if objects.plates is None else _plate(location(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
     hole = mattes.hole_of(covered)
@@ -182,7 +183,7 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
     return mattes.of_object_in(image8, target.box_xyxy)
 
 
-def _plate(folder: Path, picture: Picture, light: Tensor, scale: float) -> Tensor:
+def _plate(folder: Location, picture: Picture, light: Tensor, scale: float) -> Tensor:
     found = ExposedScene.of_picture(read_picture(folder / picture.name, MOST_MEGAPIXELS)).light * scale
     if found.shape != light.shape:
         sizes = " and ".join(f"{each.shape[-1]} x {each.shape[-2]}" for each in (found, light))

@@ -21,6 +21,7 @@ from blurnoise._core.documents import json_of, read_document
 from blurnoise._core.validation import Characters, check_fields
 from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
+from blurnoise_eval.system.storage import is_url, local_file
 
 METADATA_KEY = "blurnoise.contract"
 EXPORTER = "metadata of an Ultralytics export"
@@ -243,18 +244,26 @@ def completed(base: Stated, values: Mapping[str, Any], source: str) -> Stated:
 
 
 def load_contract(name_or_path: str | Path) -> Contract:
-    """Return the contract of a preset's name or of a JSON or YAML file.
+    """Return the contract of a preset's name or of a JSON or YAML file, on this machine or at a URL.
 
     Raises :class:`ModelError` if it is neither, cannot be parsed, or states a bad contract.
     """
     if str(name_or_path) in PRESETS:
         return preset(str(name_or_path))
-    path = Path(name_or_path)
+    path = _here(name_or_path)
     if not path.is_file():
         raise ModelError(
-            f"contract {str(path)!r}: neither a file nor a preset ({', '.join(map(repr, PRESETS))})"
+            f"contract {str(name_or_path)!r}: neither a file nor a preset ({', '.join(map(repr, PRESETS))})"
         )
     return parse_contract(read_mapping(path), f"file {path.name}")
+
+
+def _here(stated: str | Path) -> Path:
+    """The file; one at a URL is fetched. Raises :class:`ModelError` where it cannot be."""
+    try:
+        return local_file(str(stated) if is_url(str(stated)) else Path(stated))
+    except OSError as error:
+        raise ModelError(f"{error.filename}: {error.strerror}") from None
 
 
 def read_mapping(path: Path) -> object:
@@ -276,7 +285,7 @@ def metadata_mapping(metadata: Mapping[str, str]) -> object:
 def contract_file(model_path: Path, contract: object = None) -> Path | None:
     """Return the caller's file, else ``model.contract.json``, ``.yaml`` or ``.yml`` beside it, else None."""
     if isinstance(contract, (str, Path)):
-        return Path(contract) if Path(contract).is_file() else None
+        return _here(contract) if _here(contract).is_file() else None
     beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
     return next((path for path in beside if path.is_file()), None)
 

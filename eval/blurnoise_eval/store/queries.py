@@ -50,18 +50,13 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, untouched first: numbers of pictures, errors and targets, mean gain, dB, signal to
     noise, dB, brightness, saturated share of the pictures, and invented share of what is seen behind targets."""
-    same = " AND ".join(f"told.{name} IS seen.{name}" for name in CONDITIONS)
     query = f"""
-      SELECT seen.*, n_targets FROM (
-        SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
-          AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
-          AVG(saturated) AS saturated, AVG(invented_share) AS invented_share
-        FROM cells WHERE model = ? GROUP BY {_SHARED}) AS seen
-      LEFT JOIN (
-        SELECT {_SHARED}, COUNT(*) AS n_targets FROM targets WHERE model = ? GROUP BY {_SHARED}) AS told ON {same}
-      ORDER BY {SORTED}
+      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
+        AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
+        AVG(saturated) AS saturated, AVG(invented_share) AS invented_share, NULLIF(SUM(n_targets), 0) AS n_targets
+      FROM cells WHERE model = ? GROUP BY {_SHARED} ORDER BY {SORTED}
     """
-    return list(store.rows(query, model, model))
+    return list(store.rows(query, model))
 
 
 def target_sums(store: Store, model: str, found_score: float) -> Iterator[Row]:
@@ -189,9 +184,8 @@ def count_conditions(store: Store, *others: str) -> int:
 
 def count_cells_of_read(store: Store) -> int:
     """Cells, each once for all models, of the pictures that are not skipped."""
-    (counted,) = store.rows(
-        "SELECT COUNT(DISTINCT cell_id) AS cells FROM cells WHERE image NOT IN (SELECT image FROM skipped)"
-    )
+    skipped = "SELECT COUNT(DISTINCT cell_id) FROM cells WHERE image IN (SELECT image FROM skipped)"
+    (counted,) = store.rows(f"SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) - ({skipped}) AS cells")
     return int(counted["cells"])
 
 
@@ -223,16 +217,16 @@ def target_boxes(store: Store) -> Iterator[Row]:
 
 def errors(store: Store) -> list[Row]:
     """What models failed on, and in how many cells, the most frequent first."""
-    query = "SELECT model, error, COUNT(*) AS cells FROM cells WHERE error IS NOT NULL GROUP BY model, error"
+    query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"
+    query += " GROUP BY model, error"
     return list(store.rows(f"{query} ORDER BY cells DESC"))
 
 
 def median_simulate_ms(store: Store) -> float | None:
     """Of the exposed cells; None without any."""
-    where = "FROM cells WHERE clean = 0 AND simulate_ms IS NOT NULL"
-    middle = f"SELECT COUNT(*) / 2 {where}"
-    query = f"SELECT simulate_ms AS ms {where} ORDER BY simulate_ms LIMIT 1 OFFSET ({middle})"
-    return next((float(row["ms"]) for row in store.rows(query)), None)
+    query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
+    found = sorted(row[0] for rows in store.tuples(query) for row in rows)
+    return float(found[len(found) // 2]) if found else None
 
 
 def example_files(store: Store) -> list[str]:

@@ -96,16 +96,16 @@ def _read(store: Store, model: str) -> TargetColumns:
     exact = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
     asked = ", ".join(("cell_id", '"group"', "target_id", exact, *_OF_TARGET))
     for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
-        ids, named, target_ids, *measured = zip(*rows, strict=True)
+        ids, named, target_ids, *numbers = zip(*rows, strict=True)
         codes = (
             [place_of[each] for each in ids],
             [groups.setdefault(name, len(groups)) for name in named],
             target_ids,
         )
-        of_targets.append([*_whole(*codes), *(np.array(each, float) for each in measured)])
+        of_targets.append([*_whole(*codes), *(np.array(each, float) for each in numbers)])
     place_of.clear()
-    cell, group, target_id, *measured = _joined(of_targets)
-    joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *measured]
+    cell, group, target_id, *of_target = _joined(of_targets)
+    joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *of_target]
     joined += [column[cell] for column in pictured]
     names: list[Any] = []
     for place, codes_of in enumerate(seen):

@@ -26,6 +26,7 @@ from blurnoise_eval.sweep.worker_process import Told
 from blurnoise_eval.system.machine import versions
 
 _NAME = "ray"
+_HINT = "; one that asks for a token, as Ray's own do from 2.60 on, needs RAY_AUTH_MODE=token here, too"
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
 
 
@@ -113,15 +114,21 @@ def _connect(cores: int | None, address: str | None) -> None:
         "_node_ip_address": "127.0.0.1",
     }
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    try:
-        ray.init(**(here if address is None else {"address": address}), **quiet)
-    except BaseException as error:
-        ray.shutdown()
-        if not isinstance(error, Exception):
-            raise
-        raise ChildProcessError(
-            f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)})"
-        ) from None
+    for tries_left in (
+        (1, 0) if address is None else (0,)
+    ):  # Ray gives its own node 30 s, few where others compute
+        try:
+            ray.init(**(here if address is None else {"address": address}), **quiet)
+            return
+        except BaseException as error:
+            ray.shutdown()
+            if not isinstance(error, Exception):
+                raise
+            if not tries_left:
+                hint = "" if address is None else _HINT
+                raise ChildProcessError(
+                    f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)}){hint}"
+                ) from None
 
 
 class _Actors(Crew):

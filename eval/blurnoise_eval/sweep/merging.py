@@ -32,8 +32,9 @@ class Merged(NamedTuple):
     repeated: int
 
 
-def merge(runs: Sequence[Path], output: Path) -> Merged:
-    """Join ``runs`` in ``output``, a new folder, which appears whole or not at all.
+def merge(runs: Sequence[Path], output: Path, command: str | None = None) -> Merged:
+    """Join ``runs`` in ``output``, a new folder, which appears whole or not at all. command: what its
+    page gives as its origin.
 
     Raises :class:`StoreError` that names what differs, for runs of other models, cameras or plans, of pictures or
     targets that are not the same under one name, for a search's run, and where ``output`` holds anything.
@@ -49,7 +50,8 @@ def merge(runs: Sequence[Path], output: Path) -> Merged:
         unfinished = output.with_name(f".{output.name}.partial")
         rmtree(unfinished, ignore_errors=True)
         try:
-            merged = _written(stores, identity, truth, unfinished, output)
+            told = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
+            merged = _written(stores, identity, truth, unfinished, told)
             unfinished.replace(output)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
@@ -59,7 +61,7 @@ def merge(runs: Sequence[Path], output: Path) -> Merged:
 
 
 def _written(
-    stores: Sequence[Store], identity: dict[str, Any], truth: dict[str, Any], folder: Path, output: Path
+    stores: Sequence[Store], identity: dict[str, Any], truth: dict[str, Any], folder: Path, command: str
 ) -> Merged:
     rows = 0
     (folder / INSTANCES).parent.mkdir(parents=True)
@@ -73,7 +75,7 @@ def _written(
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
                     write_whole(folder / name, (store.folder / name).read_bytes())
         joined.set_about("identity", identity)
-        joined.set_about("manifest", _manifest(stores, len(truth["images"]), output))
+        joined.set_about("manifest", _manifest(stores, len(truth["images"]), command))
         joined.set_about("learnt", _learnt(stores))
         cells = queries.count_rows(joined)
         return Merged(cells, len(queries.pictures_seen(joined)), rows - cells)
@@ -189,12 +191,11 @@ def _check_pictures(stores: Sequence[Store]) -> None:
                 )
 
 
-def _manifest(stores: Sequence[Store], pictures: int, output: Path) -> dict[str, Any]:
+def _manifest(stores: Sequence[Store], pictures: int, command: str) -> dict[str, Any]:
     each = [store.about("manifest") for store in stores]
     sources = dict.fromkeys(manifest["images"]["source"] for manifest in each)
     notes = dict.fromkeys(note for manifest in each for note in manifest["images"]["notes"])
     images = {"count": pictures, "source": ", ".join(sources), "notes": list(notes)}
-    command = " ".join(["blurnoise merge", *(str(store.folder) for store in stores), "-o", str(output)])
     return {**each[0], "images": {**each[0]["images"], **images}, "command": command}
 
 

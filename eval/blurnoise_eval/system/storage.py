@@ -256,7 +256,8 @@ def listing(folder: Url) -> dict[str, str]:
     Objects whose names lead elsewhere, or mark a folder, are left out.
     """
     system, address = system_of(folder.scheme), _address(folder)
-    found = tried(str(folder), lambda: system.find(address, detail=True))
+    anew = {"refresh": True} if folder.scheme == "hf" else {}
+    found = tried(str(folder), lambda: system.find(address, detail=True, **anew))
     start = len(system._strip_protocol(f"{folder.scheme}://{address}").rstrip("/")) + 1
     names = ((name[start:], info) for name, info in found.items() if info["type"] == "file")
     return {name: _stamp(info) for name, info in names if _is_below(name)}
@@ -387,8 +388,14 @@ def _stamp(info: dict[str, Any]) -> str:
 
 
 def _info(url: Url) -> dict[str, Any]:
-    found: dict[str, Any] = tried(str(url), lambda: system_of(url.scheme).info(_address(url)))
+    system = system_of(url.scheme)
+    found: dict[str, Any] = tried(str(url), lambda: system.info(_address(url), **_fresh(url)))
     return found
+
+
+def _fresh(url: Url) -> dict[str, Any]:
+    """What makes a file system ask anew: Hugging Face's remembers what it was told, and leaves out the version."""
+    return {"refresh": True, "expand_info": True} if url.scheme == "hf" else {}
 
 
 def _download(version: Url) -> bytes:
@@ -402,7 +409,7 @@ def _download(version: Url) -> bytes:
         if tag == hashlib.md5(data, usedforsecurity=False).hexdigest():
             return data
         if (
-            _stamp(system.info(_address(version))) != version.stamp
+            _stamp(system.info(_address(version), **_fresh(version))) != version.stamp
         ):  # S3's tag need not be the sum of the bytes
             raise Changed
         if size not in (str(len(data)), "None"):

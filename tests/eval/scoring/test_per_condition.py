@@ -246,7 +246,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
         shared |= {"cell_id": f"{image} {where}", "blur_px": 0.01 if where else None}
         row = {**shared, "target_id": 0, "group": "g", "label": "stop sign", "confidence": confidence}
         rows = () if confidence is None else (row,)
-        return CellResult({**shared, "error": error}, rows, found)
+        return CellResult({**shared, "n_targets": len(rows), "error": error}, rows, found)
 
     with Store(tmp_path, create=True) as store:
         store.add([cell("p", right, 0.8), cell("q", nothing, None)])

@@ -16,8 +16,13 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.coco_export import INSTANCES
 from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.storage import location, put_file
+from blurnoise_eval.system.transport import system_of
+from blurnoise_eval.system.working_folder import read_run
 
 PLAN = SweepPlan({"exposure_s": (0.005, 0.05), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)})
 TIMES = {"simulate_ms", "infer_ms", "example", "latency_ms", "latency_p95_ms"}
@@ -58,6 +63,25 @@ def test_run_of_parts_is_that_of_the_whole(runs: Path, order: str, tmp_path: Pat
         shown = [cell["example"] for cell in merged.cells() if cell["example"]]
     assert shown
     assert all((tmp_path / "run" / name).is_file() for name in shown)
+
+
+def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    """Fetched, joined here and put; what is wrong is told of the URL."""
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    there = location("memory://bucket/merged")
+    put_file(runs / "1" / RUN_FILE, there / "1" / RUN_FILE)
+    put_file(runs / "1" / INSTANCES, there / "1" / INSTANCES)
+    command = ["merge", str(there / "1"), str(runs / "2"), "-o", str(there / "run")]
+    assert main(command) == 0
+    with read_run(there / "run") as folder, Store(folder.path) as joined:
+        assert len(list(joined.cells())) == 30
+        assert str(tmp_path) not in joined.about("manifest")["command"]
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "output = 'memory://bucket/merged/run': is not empty" in capsys.readouterr().err
+    assert main(["merge", str(there / "none"), "-o", str(tmp_path / "run")]) == 2
+    assert "memory://bucket/merged/none" in capsys.readouterr().err
+    system_of("memory").store.clear()
 
 
 @pytest.mark.slow
