@@ -3,10 +3,24 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Generic, Literal, TypeVar
 
 Way = TypeVar("Way")
+When = Literal["where it pays", "always", "never"]
+_taken: When = "where it pays"
+
+
+@contextmanager
+def compiled_ways(taken: When) -> Iterator[None]:
+    """Take them always or never meanwhile, in all threads: to hold one way against the other."""
+    global _taken
+    before, _taken = _taken, taken
+    try:
+        yield
+    finally:
+        _taken = before
 
 
 class CompiledWay(Generic[Way]):
@@ -18,18 +32,20 @@ class CompiledWay(Generic[Way]):
 
     def __init__(self, load: Callable[[], Way | None], worth: float) -> None:
         self._load, self._loaded = load, False
-        self.worth, self._done = worth, 0.0
+        self._worth, self._done = worth, 0.0
         self._lock = threading.Lock()
         self._way: Way | None = None
 
     def after(self, work: float) -> Way | None:
         """The way to take for more work of this size, if not the other one."""
         self._done += work
-        if not self._loaded and self._done >= self.worth:
+        if _taken == "never" or (_taken == "where it pays" and self._done < self._worth):
+            return None
+        if not self._loaded:
             with self._lock:
                 if not self._loaded:
                     self._way, self._loaded = self._found(), True
-        return self._way if self._done >= self.worth else None
+        return self._way
 
     def _found(self) -> Way | None:
         try:

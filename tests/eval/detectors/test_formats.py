@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,8 @@ from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
 from blurnoise_eval.detectors.formats.grids import cells
 from blurnoise_eval.detectors.formats.placement import lay_in
 from numpy.typing import NDArray
+
+from blurnoise._core.compiled_ways import compiled_ways
 
 # --- decoding: answers worked out by hand ---
 
@@ -181,20 +184,19 @@ def random_candidates(count: int, classes: int, seed: int) -> Candidates:
 
 
 @pytest.fixture(params=["onnxruntime", "compiled"])
-def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def way(request: pytest.FixtureRequest) -> Iterator[None]:
     """Both ways of suppression."""
     compiled = request.param == "compiled"
     if compiled:
         pytest.importorskip("numba")
-        assert suppression._COMPILED.after(math.inf) is not None
-    monkeypatch.setattr(suppression._COMPILED, "worth", 0.0 if compiled else math.inf)
+    with compiled_ways("always" if compiled else "never"):
+        assert (suppression._COMPILED.after(0) is not None) == compiled
+        yield
 
 
 @pytest.mark.parametrize(("most", "per_class"), [(300, None), (40, None), (60, 7)])
 @pytest.mark.parametrize("iou", [0.0, 0.3, 0.65])
-def test_compiled_or_not_the_same_boxes_stay(
-    iou: float, most: int, per_class: int | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compiled_or_not_the_same_boxes_stay(iou: float, most: int, per_class: int | None) -> None:
     """Turned, empty and equal boxes among them, and overlaps that are just the limit."""
     pytest.importorskip("numba")
     candidates = random_candidates(900, 3, seed=5)
@@ -203,9 +205,9 @@ def test_compiled_or_not_the_same_boxes_stay(
     boxes[::7] = boxes[::7, [2, 3, 0, 1]]
     boxes[::31, 2] = boxes[::31, 0]
     kept = []
-    for worth in (math.inf, 0.0):
-        monkeypatch.setattr(suppression._COMPILED, "worth", worth)
-        kept.append(suppress(candidates, iou, most, per_class=per_class))
+    for taken in ("never", "always"):
+        with compiled_ways(taken):
+            kept.append(suppress(candidates, iou, most, per_class=per_class))
     np.testing.assert_array_equal(kept[0].boxes_xyxy, kept[1].boxes_xyxy)
     np.testing.assert_array_equal(kept[0].scores, kept[1].scores)
     np.testing.assert_array_equal(kept[0].class_ids, kept[1].class_ids)
