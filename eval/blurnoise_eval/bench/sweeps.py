@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,13 @@ _AXES = {
 _BLOCKS = 12  # timed part by part
 
 
+class _Rate(NamedTuple):
+    """Pictures or cells per second, and per second of all cores' time."""
+
+    per_s: float
+    per_core_s: float
+
+
 def sweep_speed(
     detector: Detector, pictures: datasets.PictureSet, threads: int, folder: Path, rounds: int = 3
 ) -> dict[str, Any]:
@@ -45,35 +52,43 @@ def sweep_speed(
     Bare: ``session.run`` alone, on inputs prepared beforehand, over the same shared session and as many
     threads. The sweep reads, simulates, infers, decodes, scores and stores; with what Numba compiles, where it is
     installed, and without. Peak memory is that of the process, before the first and after the last sweep, the last
-    with twice as many cells. Core time of a cell in ms is that of one thread, see :func:`_cell_ms`.
+    with twice as many cells. Ratios by core time are what those of throughput would be with the cores to themselves.
+    Core time of a cell in ms is that of one thread, see :func:`_cell_ms`.
     """
     pictures = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:_PICTURES])
     loaded = [datasets.eight_bit(picture.load()) for picture in pictures]
     blobs = [detector.prepare(image)[0] for image in loaded]
-    bare: list[float] = []
-    swept: dict[When, list[float]] = {"always": [], "never": []}
+    bare: list[_Rate] = []
+    swept: dict[When, list[_Rate]] = {"always": [], "never": []}
     seconds = 0.0
     peak_mb: list[float] = []
     for turn in range(rounds):
         plan = SweepPlan(_AXES, repeats=2 if turn == rounds - 1 else 1, seed=turn, examples=False)
         cells = count_cells(pictures, plan)
-        bare.append(_bare_rate(detector, blobs, threads, max(100, int(seconds * np.median(bare or [0])))))
+        bare.append(
+            _bare_rate(detector, blobs, threads, max(100, int(seconds * (bare[-1].per_s if bare else 0))))
+        )
         for taken, rates in swept.items():
             with compiled_ways(taken), Store(folder / f"turn-{turn}-{taken}", create=True) as store:
-                engine = ThreadEngine(threads)
+                engine, core_s = ThreadEngine(threads), time.process_time()
                 outcome = sweep.run([detector], _CAMERA, pictures, plan, store, engine=engine)
-            rates.append(cells / outcome.wall_s)
+            rates.append(_Rate(cells / outcome.wall_s, cells / (time.process_time() - core_s)))
             seconds = outcome.wall_s
         peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    ratios = {
+        way: np.median(np.array(rates) / np.array(bare), axis=0).tolist() for way, rates in swept.items()
+    }
     return {
         "model": detector.name,
         "pictures": f"{len(pictures)}, {pictures.kind}, the first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
         "threads": threads,
         "cells": count_cells(pictures, plan),
-        "bare_onnxruntime_per_s": float(np.median(bare)),
-        "sweep_cells_per_s": float(np.median(swept["always"])),
-        "sweep_to_bare": float(np.median(np.array(swept["always"]) / np.array(bare))),
-        "sweep_to_bare_without_numba": float(np.median(np.array(swept["never"]) / np.array(bare))),
+        "bare_onnxruntime_per_s": float(np.median([rate.per_s for rate in bare])),
+        "sweep_cells_per_s": float(np.median([rate.per_s for rate in swept["always"]])),
+        "sweep_to_bare": ratios["always"][0],
+        "sweep_to_bare_core_time": ratios["always"][1],
+        "sweep_to_bare_without_numba": ratios["never"][0],
+        "sweep_to_bare_without_numba_core_time": ratios["never"][1],
         **_cell_ms(detector, pictures),
         "peak_memory_mb": [round(value) for value in peak_mb],
         **hardware(),
@@ -123,12 +138,12 @@ def _exposed(scene: Scene, block: Block) -> list[Frame]:
     return list(frames(scene, block.cells, _CAMERA))
 
 
-def _bare_rate(detector: Detector, blobs: list[Any], threads: int, count: int) -> float:
+def _bare_rate(detector: Detector, blobs: list[Any], threads: int, count: int) -> _Rate:
     def infer(index: int) -> None:
         detector.run(blobs[index % len(blobs)])
 
     with limited_threads(1), ThreadPoolExecutor(threads) as pool:
         list(pool.map(infer, range(2 * threads)))
-        started = time.perf_counter()
+        started, core_s = time.perf_counter(), time.process_time()
         list(pool.map(infer, range(count)))
-        return count / (time.perf_counter() - started)
+        return _Rate(count / (time.perf_counter() - started), count / (time.process_time() - core_s))
