@@ -1,8 +1,8 @@
 """A piece of exposures, light to digital numbers in one compiled pass: :mod:`blurnoise.sensor.piece` by Numba.
 
-Domain: float32, the laws "none" and "merged". Convention: values are rounded where ``piece`` rounds them, and products
+Domain: float32, the laws "none" and "merged". Convention: rounding is where ``piece`` does it, and products
 and sums fused where PyTorch and OpenCV fuse them: the same bits, which :mod:`blurnoise.sensor.fused` makes sure of
-before it comes here. Other threads run meanwhile. The first import compiles, for seconds; later ones find that done.
+before it comes here. Other threads run meanwhile. The first import compiles, for seconds; later ones need not.
 """
 
 from __future__ import annotations

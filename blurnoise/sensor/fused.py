@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 
 import numpy as np
 from torch import Tensor
 
+from blurnoise._core.compiled_ways import CompiledWay
 from blurnoise._core.threads import side_by_side
 from blurnoise.camera import Camera
 from blurnoise.sensor import piece, stages
@@ -39,9 +39,6 @@ _STAGES = (
 _PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 MOST_APART = 256.0
 """The brightest of several lights over the faintest, at most: light is cut once, for all of them."""
-_WORTH_LOADING = 1 << 27
-"""Values that this process has read out when it loads the compiled way: they have taken as long as that takes."""
-_values_read_out = 0
 
 
 def supports(active: Sequence[SensorStage]) -> bool:
@@ -74,16 +71,13 @@ def expose(
     law: how noise is drawn, see :data:`blurnoise.sensor.stage.Law`; all but "none" and "merged" take one
     exposure. ``threads`` share the pieces, which changes no bit.
     """
-    global _values_read_out
     colours, pixels = planes.light.shape
     count = threads * math.ceil(colours * pixels / _PIECE / threads)
     step = math.ceil(pixels / count)
     table = None if tones is None else piece.every_code(tones, camera.full_scale_dn)
     way: _Way = piece.expose_piece
     if law in ("none", "merged") and planes.light.dtype == np.float32:
-        _values_read_out += colours * pixels * len(exposures)
-        if _values_read_out >= _WORTH_LOADING:
-            way = _compiled() or way
+        way = _COMPILED.after(colours * pixels * len(exposures)) or way
 
     def expose_from(start: int) -> None:
         of = slice(start, start + step)
@@ -94,13 +88,10 @@ def expose(
     side_by_side(expose_from, range(0, pixels, step), threads)
 
 
-@lru_cache(maxsize=1)
 def _compiled() -> _Way | None:
-    """The compiled way; None without Numba, or where this machine's OpenCV or PyTorch round otherwise."""
-    try:
-        from blurnoise.sensor import compiled
-    except (ImportError, RuntimeError):  # the latter where there is no folder to keep compiled code in
-        return None
+    """The compiled way; None where this machine's OpenCV or PyTorch round otherwise."""
+    from blurnoise.sensor import compiled
+
     return compiled.expose_piece if _same_bits(piece.expose_piece, compiled.expose_piece) else None
 
 
@@ -126,3 +117,6 @@ def _same_bits(one: _Way, other: _Way) -> bool:
         if not np.array_equal(*seen):
             return False
     return True
+
+
+_COMPILED = CompiledWay(_compiled, worth=1 << 27)  # values

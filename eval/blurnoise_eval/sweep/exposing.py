@@ -240,6 +240,14 @@ def _half(taken: Exposure) -> BoxesIn:
     return boxes_in
 
 
+def _alike(kinds: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Places of equal rows, (N,) in all: of one picture's targets mostly one kind, which needs no order."""
+    if (kinds == kinds[:1]).all():
+        return [np.arange(len(kinds))] if len(kinds) else []
+    order = np.lexsort(kinds.T)
+    return np.split(order, np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1)
+
+
 def _mover(
     how: Callable[[Exposure], BoxesIn], taken: Exposure, objects: Objects, within: bool = False
 ) -> MoveBoxes:
@@ -251,10 +259,10 @@ def _mover(
         moved = np.empty_like(boxes_xyxy)
         speeds = {label: objects.speed_of(label) for label in set(labels)}
         own = [speeds[label] for label in labels] or [1.0]
-        kinds = np.column_stack([np.nan_to_num(sizes_px), np.broadcast_to(own, len(boxes_xyxy))])
-        order = np.lexsort(kinds.T)
-        changes = np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1
-        for of in np.split(order, changes) if len(order) else ():
+        kinds = np.column_stack(
+            [np.where(np.isnan(sizes_px), 0.0, sizes_px), np.broadcast_to(own, len(boxes_xyxy))]
+        )
+        for of in _alike(kinds):
             width, height, speed = kinds[of[0]].tolist()
             size = (int(height), int(width)) if width else None
             moved[of] = how(taken.of_targets(speed))(torch.from_numpy(boxes_xyxy[of]), size).numpy()

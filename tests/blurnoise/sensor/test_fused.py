@@ -13,6 +13,7 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core import rng
+from blurnoise._core.compiled_ways import compiled_ways
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import fused as frames
 from blurnoise.sensor import piece
@@ -121,15 +122,15 @@ def test_compiled_or_not_the_bits_are_the_same(
 ) -> None:
     """In the dark, about the well and beyond all bounds; of lights together, in pieces of odd lengths."""
     pytest.importorskip("numba")
-    assert frames._compiled() is not None
     light, table = scene(61, 71).expand(2, -1, -1, -1), tones_8bit(camera) if tones else None
     normal = rng.standard_normal([5], light[:1]).expand(2, -1, -1, -1)
     monkeypatch.setattr(frames, "_PIECE", 10_001)
     seen = []
-    for worth_loading in (math.inf, 0):
-        monkeypatch.setattr(frames, "_WORTH_LOADING", worth_loading)
-        given = {"white_e": [white_e, 20 * white_e], "noise": noise, "normal": normal, "tones": table}
-        seen.append(exposed(light, camera, **given))
+    given = {"white_e": [white_e, 20 * white_e], "noise": noise, "normal": normal, "tones": table}
+    for taken in ("never", "always"):
+        with compiled_ways(taken):
+            assert (frames._COMPILED.after(0) is not None) == (taken == "always")
+            seen.append(exposed(light, camera, **given))
     assert torch.equal(*seen)
 
 
