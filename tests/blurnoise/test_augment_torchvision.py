@@ -16,6 +16,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.augment import RandomExposure, expose_pictures
+from blurnoise.exposure_table import ExposureTable
 from blurnoise.light import effects
 
 pytest.importorskip("PIL")
@@ -242,3 +243,25 @@ def test_masks_of_a_sample_say_what_moves(moves: Any) -> None:
     whole, whole_box = transform(image, box)
     assert not torch.equal(whole, seen)
     assert whole_box.tolist() == [[25.0, 20.0, 55.0, 36.0]]
+
+
+def test_conditions_of_a_table_are_drawn_as_the_kornia_class_draws_them() -> None:
+    table = ExposureTable.of_grid(
+        "imx250", exposure_s=(0.001, 0.01), illuminance_lux=(5.0, 50.0), speed_px_s=(0.0, 300.0)
+    )
+    transform = RandomExposureV2.for_conditions(table, p=1.0)
+    image = torch.rand(3, 21, 17, generator=torch.Generator().manual_seed(1))
+    torch.manual_seed(7)
+    ours = transform(tv_tensors.Image(image))
+    torch.manual_seed(7)
+    params = transform.make_params([])
+    expected = expose_pictures(
+        image[None],
+        "imx250",
+        **{name: params[name] for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")},
+        generator=rng.item_seeds(torch.Generator().manual_seed(int(params["noise_seed"])), 1),
+    )
+    assert torch.equal(ours.as_subclass(Tensor), expected[0])
+    assert 0.001 <= float(params["exposure_s"]) <= 0.01
+    with pytest.raises(TypeError, match="speed_px_s = 3: is stated"):
+        RandomExposureV2.for_conditions(table, speed_px_s=3)
