@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import pytest
 from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
+from blurnoise_eval.cli._help import USUAL
 from blurnoise_eval.cli._options import CAMERAS, FAMILIES, Grid, axis_options
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
@@ -105,22 +106,41 @@ def test_a_new_axis_brings_its_option(monkeypatch: pytest.MonkeyPatch, capsys: O
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_help_names_every_option(name: str, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_names_every_option_and_help_all_explains_it(
+    name: str, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    assert main([name, "--help"]) == 0
-    shown = capsys.readouterr().out
     (command,) = _program([name]).commands.values()
     stated = [word for param in command.params for word in param.opts if word.startswith("-")]
     assert stated
-    assert [word for word in stated if word not in shown] == []
-    # 6500 before sweeps had five options of what moves for itself and a path, 7200 before eight of a vehicle, 8100
-    # before five of clusters and storage
-    assert len(shown) < 9000
-    assert not set(shown) & set("─│╭╮╰╯┃━┏")
-    options = shown[shown.index("Options:") :]
-    assert max(map(len, options.splitlines())) <= 80
     assert all(param.help for param in command.params)
-    assert f"  blurnoise {name} " in shown or name == "bench"
+    assert set(USUAL.get(name, ())) <= {param.name for param in command.params}
+    for asked, most in (("--help", 4500), ("--help-all", 9000)):
+        assert main([name, asked]) == 0
+        shown = capsys.readouterr().out
+        words = {word.strip(",") for word in shown.split()}
+        assert len(shown) < most
+        assert not set(shown) & set("─│╭╮╰╯┃━┏")
+        options = shown[shown.index("Options:") :]
+        assert max(map(len, options.splitlines())) <= 80
+        assert f"  blurnoise {name} " in shown or name == "bench"
+        assert [
+            word for param in command.params for word in param.opts[-1:] if word not in words | {param.name}
+        ] == []
+    assert [word for word in stated if word not in shown] == []
+    assert "More, explained" not in shown
+
+
+def test_prose_of_help_is_wrapped_and_examples_are_whole(
+    capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for columns in (40, 80):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert main(["sweep", "--help"]) == 0
+        shown = capsys.readouterr().out.splitlines()
+        assert "  blurnoise sweep --model a.onnx --coco instances.json -o run" in shown
+        assert "      boxes from COCO: AP and all that" in shown
+        assert max(len(line) for line in shown if not line.startswith("  blurnoise ")) <= columns
 
 
 def test_help_says_the_numbers_that_apply(capsys: Output) -> None:
@@ -149,7 +169,9 @@ def test_nothing_to_do_shows_where_to_begin(capsys: Output) -> None:
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n  blurnoise s") == 3
-    assert "Commands:" in err
+    assert err.endswith("Every command: blurnoise --help; its usual options: blurnoise sweep --help\n")
+    assert len(err.splitlines()) <= 12
+    assert max(map(len, err.splitlines())) <= 79
 
 
 @pytest.mark.parametrize(
