@@ -55,11 +55,11 @@ def _in_options(error: Exception, own: dict[str, str]) -> str:
 
     name, equals, rest = str(error).partition(" = ")
     if equals and name in spoken:
-        value, colon, must = rest.partition(": ")
+        got, colon, must = rest.partition(": ")
         option, unit = spoken[name]
         if unit != 1.0:
-            value = _NUMBER.sub(lambda found: f"{_in_unit(float(found[0]), unit):g}", value)
-        said = f"{option} = {value}{colon}{must}"
+            got = _NUMBER.sub(lambda found: f"{_in_unit(float(found[0]), unit):g}", got)
+        said = f"{option} = {got}{colon}{must}"
     else:
         said = re.sub(r"^[a-z][\w-]*(?=:)", option_of, str(error))
     return re.sub(r"(?<![\w-])[a-z]+(_[a-z]+)+(?!\w)", option_of, said)  # what has an underscore is no word

@@ -33,7 +33,7 @@ USUAL: dict[str, tuple[str, ...]] = {
 class _Described:
     """Help with the description as :func:`described` has it."""
 
-    help: str
+    help: str | None
 
     def get_help_option_names(self, ctx: Any) -> list[str]:
         """In this order."""
@@ -41,7 +41,7 @@ class _Described:
 
     def format_help_text(self, ctx: Any, formatter: Any) -> None:
         """Write the description."""
-        formatter.write("".join(f"\n{line}" for line in described(self.help, formatter.width)) + "\n")
+        formatter.write("".join(f"\n{line}" for line in described(self.help or "", formatter.width)) + "\n")
 
 
 class Command(_Described, TyperCommand):

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 
 
@@ -25,6 +26,7 @@ def merge(
     """
     from blurnoise_eval.sweep.merging import merge as joined
 
-    done = joined(runs, output)
+    with ProgressBar("merge", len(set(runs))) as advance:
+        done = joined(runs, output, advance)
     held = f", {done.repeated} more than once" if done.repeated else ""
     say(f"{done.cells} rows of cells of {done.pictures} pictures{held}", f"blurnoise report {output}")

@@ -8,7 +8,7 @@ run of all parts of a sweep (``--part``) is that sweep's: the same command goes 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -32,8 +32,8 @@ class Merged(NamedTuple):
     repeated: int
 
 
-def merge(runs: Sequence[Path], output: Path) -> Merged:
-    """Join ``runs`` in ``output``, a new folder, which appears whole or not at all.
+def merge(runs: Sequence[Path], output: Path, progress: Callable[[int], None] = lambda runs: None) -> Merged:
+    """Join ``runs`` in ``output``, a new folder, which appears whole or not at all; ``progress`` is told of each.
 
     Raises :class:`StoreError` that names what differs, for runs of other models, cameras or plans, of pictures or
     targets that are not the same under one name, for a search's run, and where ``output`` holds anything.
@@ -49,7 +49,7 @@ def merge(runs: Sequence[Path], output: Path) -> Merged:
         unfinished = output.with_name(f".{output.name}.partial")
         rmtree(unfinished, ignore_errors=True)
         try:
-            merged = _written(stores, identity, truth, unfinished, output)
+            merged = _written(stores, identity, truth, unfinished, output, progress)
             unfinished.replace(output)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
@@ -59,7 +59,12 @@ def merge(runs: Sequence[Path], output: Path) -> Merged:
 
 
 def _written(
-    stores: Sequence[Store], identity: dict[str, Any], truth: dict[str, Any], folder: Path, output: Path
+    stores: Sequence[Store],
+    identity: dict[str, Any],
+    truth: dict[str, Any],
+    folder: Path,
+    output: Path,
+    progress: Callable[[int], None],
 ) -> Merged:
     rows = 0
     (folder / INSTANCES).parent.mkdir(parents=True)
@@ -67,6 +72,7 @@ def _written(
     with Store(folder, create=True) as joined:
         for store in stores:
             joined.take(store)
+            progress(1)
             rows += queries.count_rows(store)
             for name in queries.example_files(store):
                 if (store.folder / name).is_file() and not (folder / name).exists():

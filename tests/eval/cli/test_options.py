@@ -6,17 +6,19 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
 from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
 from blurnoise_eval.cli._help import USUAL
-from blurnoise_eval.cli._options import CAMERAS, FAMILIES, Grid, axis_options
+from blurnoise_eval.cli._options import CAMERAS, ENGINE_NAMES, FAMILIES, Grid, axis_options
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
 from blurnoise_eval.grid import conditions
 from blurnoise_eval.grid.axes import AXES, axis
 from blurnoise_eval.sweep import evaluation
+from blurnoise_eval.sweep.engines import ENGINES
 from typer import Option, Typer
 from typer.main import get_command
 
@@ -225,6 +227,7 @@ def test_ocr_may_stand_alone(
 
 
 def test_completion_knows_what_there_is() -> None:
+    assert sorted(ENGINE_NAMES) == sorted(ENGINES)
     assert sorted(CAMERAS) == sorted(PRESETS)
     assert sorted(FAMILIES) == sorted([*(family.NAME for family in formats.FAMILIES), "ppocr"])
 
@@ -238,14 +241,21 @@ def test_completion_knows_what_there_is() -> None:
         ("blurnoise sweep --camera imx", ["imx250", "imx250c", "imx249"]),
         ("blurnoise inspect m.onnx --contract yolov6", ["yolov6", "yolov6e2e"]),
         ("blurnoise chart s", ["slanted-edge", "siemens-star", "stop-sign"]),
+        ("blurnoise sweep --target tr", ["traffic light", "train", "truck"]),
+        ("blurnoise sweep --object-speed bu", ["bus="]),
+        ("blurnoise decide --coco shop.json --target s", ["shelf"]),
+        ("blurnoise decide --engine p", ["processes"]),
     ],
 )
-def test_the_shell_completes(words: str, expected: list[str]) -> None:
+def test_the_shell_completes(words: str, expected: list[str], tmp_path: Path) -> None:
+    (tmp_path / "shop.json").write_text('{"categories": [{"name": "shelf"}, {"name": "cart"}]}')
     asked = {
         "_BLURNOISE_COMPLETE": "complete_bash",
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split()) - 1),
     }
     code = f"import os; os.environ.update({asked!r}); from blurnoise_eval.cli import main; main([])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == expected
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert sorted(done.stdout.splitlines()) == sorted(expected)
