@@ -49,10 +49,15 @@ def test_a_night_is_told_once_a_minute(monkeypatch: pytest.MonkeyPatch, capsys: 
 def test_what_is_interrupted_says_where(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
-    with pytest.raises(KeyboardInterrupt), ProgressBar("sweep", 10) as advance:
-        advance(4)
-        now[0] = 30.0
-        raise KeyboardInterrupt
+
+    def work() -> None:
+        with ProgressBar("sweep", 10) as advance:
+            advance(4)
+            now[0] = 30.0
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
     assert capsys.readouterr().err == "sweep: 4 of 10, stopped after 30 s\n"
 
 
