@@ -88,15 +88,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
-            program = _program(words)
-            code = program.main(args=words, prog_name="blurnoise", standalone_mode=False)
+            app = _program(words)
+            code = app.main(args=words, prog_name="blurnoise", standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
         first = described(_QUESTION + _FIRST + _NEXT, width() or PROSE)
         say(*[usage(error)] if words else first, error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        own = program.commands[words[0]]
+        own = app.commands[words[0]]
         say(in_a_line(error, [option for each in own.params for option in each.opts]), error=True)
         return 2
     except (MemoryError, RuntimeError) as error:

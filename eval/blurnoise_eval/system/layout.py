@@ -46,12 +46,21 @@ def table(
     if widths:
         return [
             [
-                *paragraph(_one_line(first), width, hanging=4),
+                *(paragraph(_one_line(first), width, hanging=4) if first else []),
                 *(_GAP + line for line in _beside(rest, widths, right[1:], low=place == 0)),
             ]
             for place, (first, *rest) in enumerate(every)
         ]
-    return [[], *(_record(heads, row, width) for row in rows)]
+    named = f"{heads[0]} " if right[0] else ""
+    return [[], *(_record(heads, [named + row[0], *row[1:]], width) for row in rows)]
+
+
+def table_lines(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], width: int | None = None
+) -> list[str]:
+    """The whole table of :func:`table`."""
+    top, *bodies = table(heads, rows, right, width)
+    return [*top, *([rule([top, *bodies])] if top else []), *(line for body in bodies for line in body)]
 
 
 def rule(parts: Sequence[Sequence[str]]) -> str:
