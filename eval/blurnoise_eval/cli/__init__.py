@@ -35,9 +35,10 @@ from blurnoise_eval.cli import (
     train,
 )
 from blurnoise_eval.cli._errors import in_a_line, usage
-from blurnoise_eval.cli._help import Command, Program
+from blurnoise_eval.cli._help import HELP_NAMES, Command, Program, described
+from blurnoise_eval.system.layout import PROSE
 from blurnoise_eval.system.machine import is_out_of_memory
-from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, width
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
@@ -63,14 +64,19 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (scenes.scenes, "render labelled road-sign scenes, as COCO"),
     (bench.bench, "measure: speed beside accuracy; what a training gains"),
 )
-_DESCRIPTION = """\
+_QUESTION = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
+"""
+_FIRST = """
+Begin with one of these:
 
-  blurnoise sweep -o run                        the whole job on built-in targets
+  blurnoise sweep -o run                        the whole job on built-in signs
   blurnoise sweep --model M.onnx --images DIR -o run       ... on your own
-  blurnoise decide --model M.onnx --coco FILE -o run       from fewer conditions
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
+"""
+_NEXT = """
+Every command: blurnoise --help; its usual options: blurnoise sweep --help
 """
 
 
@@ -84,14 +90,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
-            program = _program(words)
-            code = program.main(args=words, prog_name="blurnoise", standalone_mode=False)
+            app = _program(words)
+            code = app.main(args=words, prog_name="blurnoise", standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
-        say(*[usage(error)] if words else error.format_message().splitlines(), error=True)
+        first = described(_QUESTION + _FIRST + _NEXT, width() or PROSE)
+        say(*[usage(error)] if words else first, error=True)
         raise SystemExit(2) from None
     except (ValueError, TypeError, OSError) as error:
-        own = program.commands[words[0]]
+        own = app.commands[words[0]]
         say(in_a_line(error, [option for each in own.params for option in each.opts]), error=True)
         return 2
     except (MemoryError, RuntimeError) as error:
@@ -109,13 +116,17 @@ def _program(arguments: Sequence[str]) -> Any:
     named = [entry for entry in COMMANDS if [_name(entry[0])] == [*arguments[:1]]]
     app = typer.Typer(
         cls=Program,
-        help=_DESCRIPTION,
+        help=_QUESTION + _FIRST,
         no_args_is_help=True,
         add_completion=not named,
         add_help_option=not named,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={
+            "help_option_names": HELP_NAMES,
+            "terminal_width": min(width() or PROSE, PROSE),
+            "obj": "--help-all" in arguments,
+        },
     )
     app.callback()(lambda: None)  # without it, one command would have no name
     for run, about in named or COMMANDS:

@@ -15,6 +15,8 @@ _SPOKEN: tuple[tuple[str, str, float], ...] = (
     *((axis.name, axis.option, axis.per_option) for axis in AXES),
     ("velocity_px_s", "--dx", 1.0),
     ("size_px", "--size", 1.0),
+    ("width_px", "--width", 1.0),
+    ("height_px", "--height", 1.0),
     ("count", "--scenes", 1.0),
     ("readout_s", "--readout-ms", 1e-3),
     ("line_time_s", "--line-time-us", 1e-6),
@@ -55,14 +57,16 @@ def _in_options(error: Exception, own: dict[str, str]) -> str:
 
     name, equals, rest = str(error).partition(" = ")
     if equals and name in spoken:
-        value, colon, must = rest.partition(": ")
+        got, colon, must = rest.partition(": ")
         option, unit = spoken[name]
         if unit != 1.0:
-            value = _NUMBER.sub(lambda found: f"{_in_unit(float(found[0]), unit):g}", value)
-        said = f"{option} = {value}{colon}{must}"
+            got = _NUMBER.sub(lambda found: f"{_in_unit(float(found[0]), unit):g}", got)
+        said = f"{option} = {got}{colon}{must}"
     else:
         said = re.sub(r"^[a-z][\w-]*(?=:)", option_of, str(error))
-    return re.sub(r"(?<![\w-])[a-z]+(_[a-z]+)+(?!\w)", option_of, said)  # what has an underscore is no word
+    return re.sub(
+        r"(?<![\w-])[a-z]+(_[a-z]+)+(?!\w| = )", option_of, said
+    )  # no word of English has an underscore
 
 
 def _in_unit(value: float, unit: float) -> float:

@@ -23,10 +23,12 @@ FAMILIES = (
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "yolofastestv2", "anchors", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
 MATTES = ("auto", "segmentation", "grabcut", "box")
+ENGINE_NAMES = ("threads", "processes", "ray")
 BOXES = ("object", "half", "swept")
 SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"
 _MOST_NUMBERS = 100_000
+_QUICKLY_READ = 30_000_000  # bytes; completion must not keep anybody waiting
 
 
 class Range(NamedTuple):
@@ -118,6 +120,25 @@ def one_of(names: Iterable[str]) -> Callable[[str], list[str]]:
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
 
 
+def classes(context: Context, incomplete: str) -> list[str]:
+    """Complete a word to classes: those of the COCO file that is named before it, else COCO's own."""
+    import json
+
+    from blurnoise_eval.detectors.class_names import COCO80
+
+    try:
+        stated = Path(str(context.params.get("coco")))
+        told = json.loads(stated.read_text()) if stated.stat().st_size <= _QUICKLY_READ else {}
+        known = [str(each["name"]) for each in told["categories"]]
+    except (OSError, ValueError, LookupError, TypeError):
+        known = list(COCO80)
+    return one_of(known)(incomplete)
+
+
+def speeds(context: Context, incomplete: str) -> list[str]:
+    return [f"{name}=" for name in classes(context, incomplete)]
+
+
 CameraName = Annotated[
     str,
     Option(
@@ -186,7 +207,8 @@ Plates = Annotated[
     ),
 ]
 ObjectSpeed = Annotated[
-    list[str] | None, _objects(metavar="CLASS=FACTOR", help="of --dx and --dy; 0: they stand")
+    list[str] | None,
+    _objects(metavar="CLASS=FACTOR", help="of --dx and --dy; 0: they stand", autocompletion=speeds),
 ]
 Boxes = Annotated[
     str,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.layout import table
+from blurnoise_eval.system.layout import paragraph, table
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
 
 if TYPE_CHECKING:
@@ -143,13 +143,20 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
     if as_json:
         say_json(facts)
         return
-    width = max(map(len, facts))
+    longest = max(map(len, facts))
     for name, value in facts.items():
         if isinstance(value, dict):
             value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
         for line in value if isinstance(value, list) else [value]:
-            say(f"{name:{width}s}  {_number(line)}")
+            _say_fact(f"{name:{longest}s}  {_number(line)}", longest + 2)
             name = ""
+
+
+def _say_fact(line: str, hanging: int) -> None:
+    """In the terminal's width, a path that does not fit left whole, to be copied."""
+    wide = width()
+    fits = wide and max(map(len, line.split())) <= wide - hanging
+    say(*paragraph(line, wide, hanging=hanging) if fits else [line])
 
 
 def _number(value: object) -> str:

@@ -9,6 +9,7 @@ from typer import Context, Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
+    ENGINE_NAMES,
     Address,
     CacheGb,
     CameraName,
@@ -20,6 +21,7 @@ from blurnoise_eval.cli._options import (
     Workers,
     bounds,
     left_out,
+    one_of,
     options_of,
     or_auto,
     spread,
@@ -103,7 +105,12 @@ def decide(
     trajectory: StatedPath = None,
     camera: CameraName = "imx250",
     engine: Annotated[
-        str, Option(metavar="threads|processes|ray", help="who computes, as of 'blurnoise sweep'")
+        str,
+        Option(
+            metavar="threads|processes|ray",
+            help="who computes, as of 'blurnoise sweep'",
+            autocompletion=one_of(ENGINE_NAMES),
+        ),
     ] = "threads",
     threads: Workers = None,
     address: Address = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from textwrap import wrap
 from typing import Annotated
 
 from typer import Option
@@ -11,9 +10,7 @@ from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import Folder, Json, RunRead
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json, show
-
-_COLUMNS = 80
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show
 
 
 def maps(
@@ -70,7 +67,7 @@ def maps(
         say_json({"output": str(output), **told.summary(found, criterion.score), **written})
         return
     for sentence in told.sentences(found, criterion.score):
-        say(*wrap(sentence, _COLUMNS))
+        say_wrapped(sentence)
     show(*told.table(found, criterion.score))
     say("told: share of nodes; in brackets 95 % over pictures, none below 8 of them")
     say(f"open {output / 'figures'}, {files[0]}")

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, Region, region
-from blurnoise_eval.system.terminal import plain_console, say, say_json, show
+from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
     from blurnoise.metrics.estimate import Estimate
     from blurnoise_eval.quality.picture import Measured
 
-_LABEL_WIDTH, _REGION_WIDTH = 24, 28  # of the table's columns, in characters
+_LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
 
 
 def measure(
@@ -137,7 +137,7 @@ def _print(measured: list[Measured], target: str) -> None:
 
     from blurnoise_eval.quality.picture import TITLES
 
-    side_by_side = max(1, (plain_console().width - _LABEL_WIDTH) // _REGION_WIDTH)
+    side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):
         shown = measured[start : start + side_by_side]
         table = Table("region", *(str(region.number) for region in shown))
@@ -162,7 +162,7 @@ def reading_text(reading: Estimate) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.{digits}g}"
+    return f"{value:.0f}" if 100 <= abs(value) < 1e9 else f"{value:.{digits}g}"
 
 
 def _angle(region: Measured) -> str:

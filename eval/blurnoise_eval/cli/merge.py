@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.storage import Location, Url, listing, location
 from blurnoise_eval.system.terminal import say
 
@@ -40,6 +41,7 @@ def merge(
         folders = [opened.enter_context(read_run(run)).path for run in runs]
         whole = opened.enter_context(written_run(output))
         command = " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
-        done = joined(folders, whole.path, command)
+        advance = opened.enter_context(ProgressBar("merge", len(set(folders))))
+        done = joined(folders, whole.path, command, advance)
     held = f", {done.repeated} more than once" if done.repeated else ""
     say(f"{done.cells} rows of cells of {done.pictures} pictures{held}", f"blurnoise report {output}")

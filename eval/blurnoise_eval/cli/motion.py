@@ -9,8 +9,8 @@ from typer import Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import CAMERAS, Json, numbers, one_of
-from blurnoise_eval.cli.console import print_facts, say_wrapped
-from blurnoise_eval.system.terminal import say, say_json
+from blurnoise_eval.cli.console import print_facts
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera

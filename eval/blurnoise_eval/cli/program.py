@@ -10,7 +10,7 @@ from typer import Option
 
 from blurnoise_eval.cli._options import Folder, Json, Range, RunRead, bounds
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold
-from blurnoise_eval.system.terminal import say, say_json
+from blurnoise_eval.system.terminal import say, say_json, width
 
 if TYPE_CHECKING:
     from blurnoise.camera import Camera
@@ -163,7 +163,7 @@ def program(
         document = export.document(made, scenario.lights_lux, about)
         say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
         return
-    say(*text.lines(made, scenario, limits, found.metering, criterion, found.model))
+    say(*text.lines(made, scenario, limits, found.metering, criterion, found.model, width()))
     say(*found.notes, error=True)
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")
 

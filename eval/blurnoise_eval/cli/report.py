@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from blurnoise_eval.cli._options import SCORES, Json, RunRead, one_of
-from blurnoise_eval.cli.console import print_models, print_opening, say_wrapped
+from blurnoise_eval.cli.console import print_models, print_opening
 from blurnoise_eval.system.storage import Location, location
-from blurnoise_eval.system.terminal import say, say_json
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
     from blurnoise_eval.sweep.evaluation import Evaluation

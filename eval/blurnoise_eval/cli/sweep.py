@@ -9,6 +9,7 @@ from typer import Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
+    ENGINE_NAMES,
     FAMILIES,
     Address,
     Boxes,
@@ -27,6 +28,7 @@ from blurnoise_eval.cli._options import (
     StatedPath,
     Workers,
     axis_options,
+    classes,
     one_of,
 )
 from blurnoise_eval.cli.console import print_assumed
@@ -104,7 +106,7 @@ def sweep(
     ] = None,
     target: Annotated[
         list[str] | None,
-        _what(metavar="CLASS", help="only this class, and pictures with it"),
+        _what(metavar="CLASS", help="only this class, and pictures with it", autocompletion=classes),
     ] = None,
     keep_empty: Annotated[
         bool,
@@ -149,6 +151,7 @@ def sweep(
             metavar="threads|processes|ray",
             help="who computes: threads over one session of each model; processes, each with its own; or actors of "
             "Ray, on this machine or a cluster",
+            autocompletion=one_of(ENGINE_NAMES),
         ),
     ] = "threads",
     threads: Workers = None,

@@ -2,59 +2,65 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 
 from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import Program, Rival
+from blurnoise_eval.program.making import Course, Program, Rival
 from blurnoise_eval.program.metering import Metering
 from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.system.layout import PROSE, paragraph, table_lines
 
-WIDTH = 80
 _SHOWN = 12  # lights of the table
 
 
 def lines(
-    program: Program, scenario: Scenario, limits: Limits, metering: Metering, criterion: Criterion, model: str
+    program: Program,
+    scenario: Scenario,
+    limits: Limits,
+    metering: Metering,
+    criterion: Criterion,
+    model: str,
+    width: int | None = None,
 ) -> Iterator[str]:
-    """What the terminal shows, line by line."""
-    yield from textwrap.wrap(sentence(program, scenario, criterion, model), WIDTH)
+    """What the terminal shows, line by line, in so many columns."""
+    prose = width and min(width, PROSE)
+    yield from paragraph(sentence(program, scenario, criterion, model), prose)
     yield ""
-    yield f"{'light, lux':>10s}  {'exposure, ms':>12s}  {'gain, dB':>8s}  {unit(criterion):>9s}"
-    for place in shown_places(len(scenario.lights_lux)):
-        course = program.course
-        mark = "  most gain: darker than metered" if course.lacks_gain[place] else ""
-        value = course.values[place]
-        yield (
-            f"{scenario.lights_lux[place]:10.4g}  {milliseconds(course.exposures_s[place]):>12s}  "
-            f"{course.gains_db[place]:8.1f}  {_told(value):>9s}{mark}"
-        )
+    course = program.course
+    heads = ["light, lux", "exposure, ms", "gain, dB", unit(criterion), ""]
+    rows = [
+        [
+            f"{scenario.lights_lux[place]:.4g}",
+            milliseconds(course.exposures_s[place]),
+            f"{course.gains_db[place]:.1f}",
+            _told(course.values[place]),
+            "most gain: darker than metered" if course.lacks_gain[place] else "",
+        ]
+        for place in shown_places(len(scenario.lights_lux))
+    ]
+    yield from table_lines(heads, rows, (True, True, True, True, False), width)
     yield ""
     stages = "; ".join(
         f"{milliseconds(time)} ms, x{gain:.3g}"
         for time, gain in zip(program.stages.times_s, program.stages.gains, strict=True)
     )
-    yield from textwrap.wrap(f"Stages (time first, then gain): {stages}.", WIDTH)
-    yield from textwrap.wrap(f"For {scenario_text(scenario)}. Limits: {', '.join(limits.words)}.", WIDTH)
-    yield from textwrap.wrap(
+    yield from paragraph(f"Stages (time first, then gain): {stages}.", prose)
+    yield from paragraph(f"For {scenario_text(scenario)}. Limits: {', '.join(limits.words)}.", prose)
+    yield from paragraph(
         f"Gain by metering to 18 % of full scale, {metering.camera.name}, pictures of "
         f"{100 * metering.mean_light:.1f} % of white on average.",
-        WIDTH,
+        prose,
     )
     yield ""
-    yield f"{'':38s}{unit(criterion):>10s}{'worst speed':>14s}{'worst light':>14s}"
-    yield _row("this program", program.course.value, program.course.worst_speed, program.course.worst_light)
-    yield _row(
-        "the best, without stages", program.best.value, program.best.worst_speed, program.best.worst_light
-    )
-    for rival in program.rivals:
-        name = named(rival, program)
-        if rival.course is None or rival.course.value is None:
-            yield f"{name:38s}{'-':>10s}  {rival.reason}"
-        else:
-            yield _row(name, rival.course.value, rival.course.worst_speed, rival.course.worst_light)
+    compared = [
+        _row("this program", course),
+        _row("the best, without stages", program.best),
+        *(_row(named(rival, program), rival.course, rival.reason or "") for rival in program.rivals),
+    ]
+    heads = ["", unit(criterion), "worst speed", "worst light", ""]
+    yield from table_lines(heads, compared, (False, True, True, True, False), width)
 
 
 def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: str) -> str:
@@ -113,5 +119,7 @@ def _told(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _row(name: str, value: float | None, worst_speed: float | None, worst_light: float | None) -> str:
-    return f"{name:38s}{_told(value):>10s}{_told(worst_speed):>14s}{_told(worst_light):>14s}"
+def _row(name: str, course: Course | None, reason: str = "") -> list[str]:
+    if course is None or course.value is None:
+        return [name, "-", "", "", reason]
+    return [name, *map(_told, (course.value, course.worst_speed, course.worst_light)), ""]

@@ -71,10 +71,10 @@ def figures_of(data: RunData) -> Figures:
     return FIGURES | further | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
 
 
-def write_report(data: RunData, folder: Path) -> Path:
+def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = lambda figures: None) -> Path:
     """Write ``folder``/report.html and ``folder``/figures/*.png; return the page's path.
 
-    Raises ``OSError`` where the folder cannot be written.
+    progress: told of each figure. Raises ``OSError`` where the folder cannot be written.
     """
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     drawn = figures_of(data)
@@ -84,6 +84,7 @@ def write_report(data: RunData, folder: Path) -> Path:
             drawing = io.BytesIO()
             draw(data).savefig(drawing, format="png", dpi=150, pil_kwargs={"compress_level": 1})
         write_whole(folder / "figures" / name, drawing.getvalue())
+        progress(1)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
         autoescape=True,

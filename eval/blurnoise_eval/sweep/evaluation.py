@@ -258,14 +258,15 @@ class Evaluation:
 
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
-        from blurnoise_eval.report import write_report  # matplotlib and plotly
+        from blurnoise_eval.report import figures_of, write_report  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
         with exported_meanwhile(self.folder, self.output):
             write_tables(self.data, self.output)
             summary = json.dumps(self.summary, indent=1)
             write_whole(self.output / "summary.json", summary.encode("utf-8"))
-            return write_report(self._shown, self.output)
+            with progress_bar("draw", len(figures_of(self._shown)), self._progress) as advance:
+                return write_report(self._shown, self.output, advance)
 
     @property
     def _shown(self) -> RunData:

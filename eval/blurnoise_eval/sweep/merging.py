@@ -8,7 +8,7 @@ run of all parts of a sweep (``--part``) is that sweep's: the same command goes 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
@@ -32,9 +32,14 @@ class Merged(NamedTuple):
     repeated: int
 
 
-def merge(runs: Sequence[Path], output: Path, command: str | None = None) -> Merged:
+def merge(
+    runs: Sequence[Path],
+    output: Path,
+    command: str | None = None,
+    progress: Callable[[int], None] = lambda runs: None,
+) -> Merged:
     """Join ``runs`` in ``output``, a new folder, which appears whole or not at all. command: what its
-    page gives as its origin.
+    page gives as its origin; ``progress`` is told of each run.
 
     Raises :class:`StoreError` that names what differs, for runs of other models, cameras or plans, of pictures or
     targets that are not the same under one name, for a search's run, and where ``output`` holds anything.
@@ -51,7 +56,7 @@ def merge(runs: Sequence[Path], output: Path, command: str | None = None) -> Mer
         rmtree(unfinished, ignore_errors=True)
         try:
             told = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
-            merged = _written(stores, identity, truth, unfinished, told)
+            merged = _written(stores, identity, truth, unfinished, told, progress)
             unfinished.replace(output)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
@@ -61,7 +66,12 @@ def merge(runs: Sequence[Path], output: Path, command: str | None = None) -> Mer
 
 
 def _written(
-    stores: Sequence[Store], identity: dict[str, Any], truth: dict[str, Any], folder: Path, command: str
+    stores: Sequence[Store],
+    identity: dict[str, Any],
+    truth: dict[str, Any],
+    folder: Path,
+    command: str,
+    progress: Callable[[int], None],
 ) -> Merged:
     rows = 0
     (folder / INSTANCES).parent.mkdir(parents=True)
@@ -69,6 +79,7 @@ def _written(
     with Store(folder, create=True) as joined:
         for store in stores:
             joined.take(store)
+            progress(1)
             rows += queries.count_rows(store)
             for name in queries.example_files(store):
                 if (store.folder / name).is_file() and not (folder / name).exists():

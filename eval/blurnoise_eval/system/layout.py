@@ -8,6 +8,7 @@ column on lines of its own, or a record for each row; what stands between two sp
 from __future__ import annotations
 
 from collections.abc import Sequence
+from unicodedata import combining, east_asian_width
 
 PROSE = 79
 _LEAST = 20  # cells of a column that is wrapped
@@ -17,13 +18,11 @@ _BOUND = "\u00a0"  # a space at which no line ends
 
 def paragraph(text: str, width: int | None = None, indent: int = 0, hanging: int = 0) -> list[str]:
     """The text in lines; only a word that is wider than a line is broken, and none where there is no terminal."""
-    from rich.cells import cell_len, chop_cells
-
     most = width or PROSE
     lines, fresh = [" " * indent], True
     for word in text.split(" "):
         whole = width is None or cell_len(word) <= most - len(lines[-1] if fresh else " " * hanging)
-        first, *others = [word] if whole else chop_cells(word, max(most - hanging, 2))
+        first, *others = [word] if whole else _chopped(word, max(most - hanging, 2))
         if not fresh and cell_len(f"{lines[-1]} {first}") > most:
             lines, fresh = [*lines, " " * hanging], True
         lines[-1] += first if fresh else f" {first}"
@@ -47,12 +46,21 @@ def table(
     if widths:
         return [
             [
-                *paragraph(_one_line(first), width, hanging=4),
+                *(paragraph(_one_line(first), width, hanging=4) if first else []),
                 *(_GAP + line for line in _beside(rest, widths, right[1:], low=place == 0)),
             ]
             for place, (first, *rest) in enumerate(every)
         ]
-    return [[], *(_record(heads, row, width) for row in rows)]
+    named = f"{heads[0]} " if right[0] else ""
+    return [[], *(_record(heads, [named + row[0], *row[1:]], width) for row in rows)]
+
+
+def table_lines(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool], width: int | None = None
+) -> list[str]:
+    """The whole table of :func:`table`."""
+    top, *bodies = table(heads, rows, right, width)
+    return [*top, *([rule([top, *bodies])] if top else []), *(line for body in bodies for line in body)]
 
 
 def rule(parts: Sequence[Sequence[str]]) -> str:
@@ -81,8 +89,6 @@ def _widths(rows: Sequence[Sequence[str]], right: Sequence[bool], width: int | N
 
 
 def _widest(texts: Sequence[str], between: str | None = None) -> int:
-    from rich.cells import cell_len
-
     return max((cell_len(part) for text in texts for part in text.split(between)), default=0)
 
 
@@ -99,8 +105,6 @@ def _beside(row: Sequence[str], widths: Sequence[int], right: Sequence[bool], *,
 
 
 def _padded(text: str, width: int, right: bool) -> str:
-    from rich.cells import cell_len
-
     space = " " * (width - cell_len(text))
     return space + text if right else text + space
 
@@ -124,3 +128,19 @@ def _bound(text: str, most: int) -> str:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split("\n")).strip()
+
+
+def cell_len(text: str) -> int:
+    """Cells that the text takes: two for a wide letter, none for an accent that stands above the letter before."""
+    if text.isascii():
+        return len(text)
+    return sum(0 if combining(each) else 2 if east_asian_width(each) in "WF" else 1 for each in text)
+
+
+def _chopped(word: str, most: int) -> list[str]:
+    parts = [""]
+    for letter in word:
+        if cell_len(parts[-1] + letter) > most:
+            parts.append("")
+        parts[-1] += letter
+    return parts

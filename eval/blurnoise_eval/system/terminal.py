@@ -63,7 +63,7 @@ def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
 
 
 def show(*tables: Table) -> None:
-    """Print tables of rich as they fit into the terminal: their titles, headings and cells, as plain text."""
+    """Print tables of rich as they fit into the terminal: their titles, headings, cells and captions, plain."""
     for table in tables:
         if table.title:
             say_wrapped(str(table.title))
@@ -75,6 +75,8 @@ def show(*tables: Table) -> None:
             say(*top, rule([top, *bodies]))
         for row, body in zip(table.rows, bodies, strict=True):
             say(*body, *([""] if row.end_section and body is not bodies[-1] else []))
+        if table.caption:
+            say_wrapped(str(table.caption))
         say("")
 
 

@@ -29,6 +29,7 @@ from typing import Any
 
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.node_cache import cache_folder
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.storage import Location, Url, get_file, is_url, listing, put_file
 from blurnoise_eval.system.transport import without_secrets
 
@@ -121,8 +122,10 @@ class WorkingFolder:
             (self.path / name).parent.mkdir(parents=True, exist_ok=True)
             get_file(url / name, self.path / name)
 
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            list(pool.map(get, [name for name in found if name.startswith(tuple(names))]))
+        wanted = [name for name in found if name.startswith(tuple(names))]
+        with ThreadPoolExecutor(_AT_ONCE) as pool, ProgressBar("fetch files", len(wanted)) as advance:
+            for _ in pool.map(get, wanted):
+                advance(1)
         if RUN_FILE in found:
             self._goes_on_from(found[RUN_FILE])
 

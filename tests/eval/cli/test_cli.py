@@ -96,7 +96,7 @@ def test_help_is_light() -> None:
 def test_installed_command_refuses_nothing_to_do() -> None:
     done = subprocess.run([sys.executable, "-m", "blurnoise_eval.cli"], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "COMMAND" in done.stderr
+    assert "blurnoise sweep -o run" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -194,7 +194,7 @@ def test_sweep_leaves_a_folder_that_answers(run: Path, capsys: Output) -> None:
 def test_same_sweep_again_computes_nothing(
     run: Path, model: Path, pictures: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(report, "write_report", lambda data, folder: folder)
+    monkeypatch.setattr(report, "write_report", lambda data, folder, progress: folder)
     assert main(["sweep", *sweep_of(model, pictures), "-o", str(run), "--json"]) == 0
     out, err = capsys.readouterr()
     summary = json.loads(out)
@@ -288,13 +288,13 @@ def bad(tmp_path: Path) -> Path:
         ("simulate empty.png -o out.png", "0 bytes"),
         ("simulate file -o out.png", "file: not an 8- or 16-bit picture"),
         ("simulate no_pictures -o out.png", "directory"),
-        ("simulate good.png -o out.png --exposure-ms -1", "exposure_s"),
-        ("simulate good.png -o out.png --exposure-ms nan", "exposure_s"),
-        ("simulate good.png -o out.png --lux -1", "illuminance_lux"),
-        ("simulate good.png -o out.png --dx inf", "velocity_px_s"),
-        ("simulate good.png -o out.png --temperature-c nan", "temperature_c"),
+        ("simulate good.png -o out.png --exposure-ms -1", "--exposure-ms = "),
+        ("simulate good.png -o out.png --exposure-ms nan", "--exposure-ms = "),
+        ("simulate good.png -o out.png --lux -1", "--lux = "),
+        ("simulate good.png -o out.png --dx inf", "--dx = "),
+        ("simulate good.png -o out.png --temperature-c nan", "--temperature-c = "),
         ("simulate good.png -o out.png --camera pinhole", "pinhole"),
-        ("simulate good.png -o out.png --f-number 0", "f_number"),
+        ("simulate good.png -o out.png --f-number 0", "--f-number = "),
         ("simulate good.png -o out.png --seed -1", "-1"),
         ("simulate good.png -o out.txt", "suffix"),
         ("simulate good.png -o out", "suffix"),
@@ -316,17 +316,17 @@ def bad(tmp_path: Path) -> Path:
         ("sweep --coco instances.json -o run", "not a COCO instances file"),
         ("sweep --target person -o run", "--coco"),
         ("sweep --camera pinhole -o run", "presets are"),
-        ("sweep --exposure-ms 0 -o run", "exposure_s"),
-        ("sweep --exposure-ms nan -o run", "exposure_s"),
-        ("sweep --exposure-ms 5,-5 -o run", "exposure_s"),
-        ("sweep --lux nan -o run", "illuminance_lux"),
-        ("sweep --dx inf -o run", "velocity"),
+        ("sweep --exposure-ms 0 -o run", "--exposure-ms = "),
+        ("sweep --exposure-ms nan -o run", "--exposure-ms = "),
+        ("sweep --exposure-ms 5,-5 -o run", "--exposure-ms = "),
+        ("sweep --lux nan -o run", "--lux = "),
+        ("sweep --dx inf -o run", "--dx = "),
         ("sweep --repeats 0 -o run", "repeats"),
         ("sweep --limit 0 -o run", "limit"),
         ("sweep --threads 0 -o run", "threads"),
         ("sweep --threshold 1.5 -o run", "threshold"),
         ("sweep --threshold nan -o run", "threshold"),
-        ("sweep --temperature-c nan -o run", "temperature_c"),
+        ("sweep --temperature-c nan -o run", "--temperature-c = "),
         ("sweep --seed -1 -o run", "seed"),
         ("bench blur --threads 0 -o run", "threads"),
         ("bench blur --quick -o file", "file"),
@@ -335,12 +335,12 @@ def bad(tmp_path: Path) -> Path:
         ("sweep -o file/below", "cannot be written"),
         ("report nowhere", "blurnoise sweep"),
         ("report file", "blurnoise sweep"),
-        ("{motion} --speed-kmh -1", "speed_m_s"),
-        ("{motion} --distance-m 0", "distance_m"),
-        ("{motion} --exposure-ms nan", "exposure_s"),
+        ("{motion} --speed-kmh -1", "--speed-kmh = -1"),
+        ("{motion} --distance-m 0", "--distance-m = "),
+        ("{motion} --exposure-ms nan", "--exposure-ms = "),
         ("chart stop-sign -o out.png --size -3", "size"),
         ("chart stop-sign -o out.png --size nan", "size"),
-        ("chart flat-patch -o out.png --width 0", "width_px"),
+        ("chart flat-patch -o out.png --width 0", "--width = "),
         ("chart slanted-edge -o out.png --angle nan", "angle"),
         ("chart siemens-star -o file/out.png", "file/out.png"),
     ],

@@ -61,9 +61,9 @@ def test_help_teaches(capsys: Output) -> None:
     ("options", "told"),
     [
         (["--exposure-ms", "5"], "must be a range"),
-        (["--lux", "0:100"], "illuminance_lux = 0: must be above 0"),
+        (["--lux", "0:100"], "--lux = 0: must be above 0"),
         (["--regret", "2"], "regret"),
-        (["--most-nodes", "1"], "most_nodes"),
+        (["--most-nodes", "1"], "--most-nodes = 1"),
         (["--keep", "0.9", "--threshold", "0.5"], "keep"),
         (["--gain", "loud"], "loud"),
     ],

@@ -79,8 +79,8 @@ def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: s
     ("options", "message"),
     [
         (["--pictures", "10"], "pictures = 10"),
-        (["--scenes", "0"], "count = 0"),
-        (["--size", "33"], "size_px = 33"),
+        (["--scenes", "0"], "--scenes = 0"),
+        (["--size", "33"], "--size = 33"),
         (["--seed", "-1"], "seed = -1"),
         (["--seed", "9" * 400], "seed = 999"),
         (["--scenes", "1" + "0" * 15], "scenes take 3.07e+11 GB"),
@@ -156,5 +156,5 @@ def test_benches_refuse_what_is_not_theirs(
 
 def test_scenes_too_large_leave_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes", "-o", str(tmp_path / "s"), "--count", "1", "--size", "100000000"]) == 2
-    assert "size_px = 100000000: must be >= 64 and <= 8192" in capsys.readouterr().err
+    assert "--size = 100000000: must be >= 64 and <= 8192" in capsys.readouterr().err
     assert not (tmp_path / "s").exists()

@@ -6,16 +6,19 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
 from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
-from blurnoise_eval.cli._options import CAMERAS, FAMILIES, Grid, axis_options
+from blurnoise_eval.cli._help import USUAL
+from blurnoise_eval.cli._options import CAMERAS, ENGINE_NAMES, FAMILIES, Grid, axis_options
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
 from blurnoise_eval.grid import conditions
 from blurnoise_eval.grid.axes import AXES, axis
 from blurnoise_eval.sweep import evaluation
+from blurnoise_eval.sweep.engines import ENGINES
 from typer import Option, Typer
 from typer.main import get_command
 
@@ -105,22 +108,41 @@ def test_a_new_axis_brings_its_option(monkeypatch: pytest.MonkeyPatch, capsys: O
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_help_names_every_option(name: str, capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_help_names_every_option_and_help_all_explains_it(
+    name: str, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    assert main([name, "--help"]) == 0
-    shown = capsys.readouterr().out
     (command,) = _program([name]).commands.values()
     stated = [word for param in command.params for word in param.opts if word.startswith("-")]
     assert stated
-    assert [word for word in stated if word not in shown] == []
-    # 6500 before sweeps had five options of what moves for itself and a path, 7200 before eight of a vehicle, 8100
-    # before five of clusters and storage
-    assert len(shown) < 9000
-    assert not set(shown) & set("─│╭╮╰╯┃━┏")
-    options = shown[shown.index("Options:") :]
-    assert max(map(len, options.splitlines())) <= 80
     assert all(param.help for param in command.params)
-    assert f"  blurnoise {name} " in shown or name == "bench"
+    assert set(USUAL.get(name, ())) <= {param.name for param in command.params}
+    for asked, most in (("--help", 4500), ("--help-all", 9000)):
+        assert main([name, asked]) == 0
+        shown = capsys.readouterr().out
+        words = {word.strip(",") for word in shown.split()}
+        assert len(shown) < most
+        assert not set(shown) & set("─│╭╮╰╯┃━┏")
+        options = shown[shown.index("Options:") :]
+        assert max(map(len, options.splitlines())) <= 80
+        assert f"  blurnoise {name} " in shown or name == "bench"
+        assert [
+            word for param in command.params for word in param.opts[-1:] if word not in words | {param.name}
+        ] == []
+    assert [word for word in stated if word not in shown] == []
+    assert "More, explained" not in shown
+
+
+def test_prose_of_help_is_wrapped_and_examples_are_whole(
+    capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for columns in (40, 80):
+        monkeypatch.setenv("COLUMNS", str(columns))
+        assert main(["sweep", "--help"]) == 0
+        shown = capsys.readouterr().out.splitlines()
+        assert "  blurnoise sweep --model a.onnx --coco instances.json -o run" in shown
+        assert "      boxes from COCO: AP and all that" in shown
+        assert max(len(line) for line in shown if not line.startswith("  blurnoise ")) <= columns
 
 
 def test_help_says_the_numbers_that_apply(capsys: Output) -> None:
@@ -149,7 +171,9 @@ def test_nothing_to_do_shows_where_to_begin(capsys: Output) -> None:
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n  blurnoise s") == 3
-    assert "Commands:" in err
+    assert err.endswith("Every command: blurnoise --help; its usual options: blurnoise sweep --help\n")
+    assert len(err.splitlines()) <= 12
+    assert max(map(len, err.splitlines())) <= 79
 
 
 @pytest.mark.parametrize(
@@ -203,6 +227,7 @@ def test_ocr_may_stand_alone(
 
 
 def test_completion_knows_what_there_is() -> None:
+    assert sorted(ENGINE_NAMES) == sorted(ENGINES)
     assert sorted(CAMERAS) == sorted(PRESETS)
     assert sorted(FAMILIES) == sorted([*(family.NAME for family in formats.FAMILIES), "ppocr"])
 
@@ -217,14 +242,21 @@ def test_completion_knows_what_there_is() -> None:
         ("blurnoise sweep --camera imx", ["imx250", "imx250c", "imx249"]),
         ("blurnoise inspect m.onnx --contract yolov6", ["yolov6", "yolov6e2e"]),
         ("blurnoise chart s", ["slanted-edge", "siemens-star", "stop-sign"]),
+        ("blurnoise sweep --target tr", ["traffic light", "train", "truck"]),
+        ("blurnoise sweep --object-speed bu", ["bus="]),
+        ("blurnoise decide --coco shop.json --target s", ["shelf"]),
+        ("blurnoise decide --engine p", ["processes"]),
     ],
 )
-def test_the_shell_completes(words: str, expected: list[str]) -> None:
+def test_the_shell_completes(words: str, expected: list[str], tmp_path: Path) -> None:
+    (tmp_path / "shop.json").write_text('{"categories": [{"name": "shelf"}, {"name": "cart"}]}')
     asked = {
         "_BLURNOISE_COMPLETE": "complete_bash",
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split()) - 1),
     }
     code = f"import os; os.environ.update({asked!r}); from blurnoise_eval.cli import main; main([])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == expected
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert sorted(done.stdout.splitlines()) == sorted(expected)

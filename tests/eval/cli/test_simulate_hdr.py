@@ -137,7 +137,7 @@ def test_linear_light_of_files(folder: Path) -> None:
         ("grey.png --hdr 16,x", "hdr = '16,x': must be RATIO"),
         ("grey.png --hdr 0.5", "captures: number 2 saturates at"),
         ("grey.png --hdr 0", "exposure_ratio = 0.0: must be"),
-        ("grey.png --hdr 16 --hdr-white 0", "hdr_white"),
+        ("grey.png --hdr 16 --hdr-white 0", "--hdr-white = 0.0"),
         ("grey.png --pwm 90", "pwm = '90': must be HZ,DUTY"),
         ("grey.png --pwm 90,1.5", "duty = 1.5: must be"),
         ("grey.png --pwm-mask mask.png", "pwm-mask: goes with --pwm"),

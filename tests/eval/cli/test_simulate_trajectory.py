@@ -84,7 +84,7 @@ def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
         ("--trajectory=", "trajectory = '': must be FILE.csv"),
         ("--trajectory .", "trajectory = '.': must be FILE.csv"),
         ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
-        ("--line-time-us -3", "row_time_s = -3e-06"),
+        ("--line-time-us -3", "--line-time-us = -3.0"),
     ],
 )
 def test_what_is_no_trajectory(tmp_path: Path, capsys: Output, options: str, words: str) -> None:

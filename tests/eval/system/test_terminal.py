@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
+import os
+import pty
+import struct
+import subprocess
 import sys
+import termios
 import warnings
 
 import pytest
@@ -62,6 +68,42 @@ def test_tables_show_text_as_it_stands(text: str, capsys: Output) -> None:
     shown = plain(text)
     wide = "-" * len(f"in {shown}")
     assert capsys.readouterr().out.splitlines() == [f"of {shown}", "the", shown, wide, f"in {shown}", ""]
+
+
+def test_tables_have_title_caption_and_sections(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    table = Table("name", title="what " * 30 + "it is", caption="as fast as that")
+    table.add_column("ms", justify="right")
+    table.add_row("a" * 90, "1", end_section=True)
+    table.add_row("b", "20", end_section=True)
+    show(table)
+    *title, heads, under, first, gap, second, caption, end = capsys.readouterr().out.splitlines()
+    assert " ".join(title) == "what " * 30 + "it is"
+    assert max(map(len, title)) <= 79
+    assert (heads, under) == (f"{'name':90}  ms", "-" * 94)
+    assert (first, gap, second) == ("a" * 90 + "   1", "", f"{'b':90}  20")
+    assert (caption, end) == ("as fast as that", "")
+
+
+@pytest.mark.parametrize("columns", [30, 200])
+def test_a_terminal_says_how_wide_it_is(columns: int) -> None:
+    code = (
+        "from rich.table import Table\n"
+        "from blurnoise_eval.system.terminal import show\n"
+        "table = Table('a', 'b')\n"
+        "table.add_row('x' * 20, 'y' * 20)\n"
+        "show(table)\n"
+    )
+    seen, own = pty.openpty()
+    fcntl.ioctl(own, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
+    stated = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    subprocess.run([sys.executable, "-c", code], stdin=own, stdout=own, check=True, env=stated)
+    os.close(own)
+    lines = os.read(seen, 65536).decode().splitlines()
+    os.close(seen)
+    assert max(map(len, lines)) <= columns
+    assert any("x" * 20 in line and "y" * 20 in line for line in lines) == (columns == 200)
+    assert all(any(letter * 20 in line for line in lines) for letter in "xy")
 
 
 def test_bars_show_their_label_as_it_stands(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:

@@ -1,0 +1,95 @@
+"""Progress: on a pipe a line now and then, on a terminal one that changes; how far, how fast, when it ends."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import subprocess
+import sys
+
+import pytest
+from blurnoise_eval.system import progress
+from blurnoise_eval.system.progress import ProgressBar, duration_text
+
+Output = pytest.CaptureFixture[str]
+
+
+def told(monkeypatch: pytest.MonkeyPatch, capsys: Output, steps: int, each_s: float) -> list[str]:
+    """What work of that many steps, each so long, says on a pipe."""
+    now = [100.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    with ProgressBar("draw \x1b", steps) as advance:
+        for step in range(steps):
+            now[0] += each_s
+            if step == steps // 2:
+                advance.note("1 worker died")
+            advance(1)
+    return capsys.readouterr().err.splitlines()
+
+
+def test_short_work_says_nothing(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    assert told(monkeypatch, capsys, 9, 1.0) == []
+
+
+def test_long_work_says_how_far_it_is_and_when_it_ends(
+    monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    lines = told(monkeypatch, capsys, 100, 4.0)
+    assert lines[0] == "draw ?: 3 of 100, 3 %, 0.25/s, 6 min left"
+    assert lines[-2].endswith("left; 1 worker died")
+    assert lines[-1] == "draw ?: 100 of 100, took 7 min; 1 worker died"
+    assert len(lines) < 16
+
+
+def test_a_night_is_told_once_a_minute(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    assert 470 < len(told(monkeypatch, capsys, 8 * 3600, 1.0)) < 490
+
+
+def test_what_is_interrupted_says_where(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    now = [0.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+
+    def work() -> None:
+        with ProgressBar("sweep", 10) as advance:
+            advance(4)
+            now[0] = 30.0
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert capsys.readouterr().err == "sweep: 4 of 10, stopped after 30 s\n"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0, "0 s"), (89, "89 s"), (720, "12 min"), (12_000, "3 h 20 min")]
+)
+def test_durations_have_the_unit_that_fits(seconds: float, text: str) -> None:
+    assert duration_text(seconds) == text
+
+
+@pytest.mark.parametrize("columns", [40, 120])
+def test_a_terminal_has_a_line_that_breaks_no_number(columns: int) -> None:
+    code = (
+        "from blurnoise_eval.system.progress import ProgressBar\n"
+        "with ProgressBar('train 9 networks', 12345) as advance:\n"
+        "    advance(12000)\n    advance.note('2 workers died')\n"
+    )
+    seen, own = pty.openpty()
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        stderr=own,
+        stdout=own,
+        check=True,
+        env={**os.environ, "COLUMNS": str(columns)},
+    )
+    os.close(own)
+    assert done.returncode == 0
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(seen, 65536).decode())
+    os.close(seen)
+    lines = [line.rstrip() for line in re.split(r"[\r\n]+", shown)]
+    assert max(map(len, lines)) <= columns
+    assert "…" not in shown
+    assert "12000 of 12345, 97 %," in shown
+    assert "2 workers died" in shown
+    assert ("[===================" in shown) == (columns > 100)
