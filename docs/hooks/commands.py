@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -58,13 +59,11 @@ def _described(text: str) -> Iterator[str]:
     """Paragraphs as they are; what is indented is an example, with its remark behind two spaces or more."""
     inside = False
     for line in text.splitlines():
-        example = line.startswith("  ") and line.strip() != ""
+        example = line.startswith("  ")
         if example != inside:
-            yield "```text" if example else "```"
-            if not example:
-                yield ""
+            yield "```bash" if example else "```\n"
         inside = example
-        yield line[2:] if example else line
+        yield re.sub(r"(?<=\S) {2,}(?=\S)", "   # ", line[2:]) if example else line
     if inside:
         yield "```"
 

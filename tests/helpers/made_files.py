@@ -50,14 +50,19 @@ def _write_pictures(folder: Path, scene: str) -> None:
     mask[40:80, 60:100] = 255
     for name in ("lamps.png", "car.png"):
         write_picture(folder / name, mask)
-    np.asarray(large / 255, np.float32).tofile(folder / "pixels")
     (folder / "street.hdr").write_bytes(_radiance(large))
-    (folder / "pixels").unlink()
     edge = charts.slanted_edge(100, 100, angle_deg=5.0)
-    for name, noise in (("chart.png", 0.01), ("simulated.png", 0.01), ("real.png", 0.011)):
-        seen = edge + noise * torch.randn(edge.shape, generator=torch.Generator().manual_seed(1))
-        coded = srgb_from_linear(seen.clamp(0, 1))[0].mul(255).round().byte().permute(1, 2, 0).numpy()
-        write_picture(folder / name, np.repeat(coded, 3, axis=2))
+    seen = [
+        edge + 0.01 * torch.randn(edge.shape, generator=rng) for rng in (_random(1), _random(2), _random(3))
+    ]
+    coded = srgb_from_linear(seen[0].clamp(0, 1))[0, 0].mul(255).round().byte().numpy()
+    write_picture(folder / "chart.png", coded)
+    for name, light in zip(("simulated.png", "real.png"), seen[1:], strict=True):
+        write_picture(folder / name, (light[0, 0].clamp(0, 1) * 60000 + 64).round().numpy().astype(np.uint16))
+
+
+def _random(seed: int) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
 
 
 def _radiance(picture: np.ndarray) -> bytes:
