@@ -19,10 +19,12 @@ NO_COMMAND_OF_OURS = (
 LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
     "blurnoise paper": "minutes; tests/eval/cli/test_paper.py has its items",
+    "blurnoise sweep --ocr find": "a minute; tests/eval/detectors/test_ocr_real.py has it",
     "blurnoise quality": "minutes; tests/eval/quality has it",
 }
 SUBSTITUTES = (
     ("--engine ray --address HOST:6379", "--engine processes"),  # tests/eval/sweep has Ray's
+    ("--count 100", "--count 2"),
     ("--images DIR", "--images photos/"),
     ("s3://bucket", "file://{folder}/bucket"),  # tests/eval/system has S3's
     ("--model trained/stop_sign.onnx", "--model m.onnx"),

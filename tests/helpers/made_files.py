@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import made_frames
@@ -75,14 +76,14 @@ def _radiance(picture: np.ndarray) -> bytes:
 def _write_labels(folder: Path, names: list[str]) -> None:
     (folder / "data.yaml").write_text("val: photos\nnames: [stop sign]\n")
     (folder / "labels.txt").write_text("".join(f"{name}\trgb\n" for name in names))
-    (folder / "keys.txt").write_text("\n".join(LETTERS) + "\n")
+    (folder / "keys.txt").write_text(LETTERS + "\n")
     band_reader(folder / "rec.onnx")
     for name in names:
         (folder / "photos" / name).with_suffix(".txt").write_text("0 0.5 0.5 0.4 0.4\n")
 
 
 def _write_camera(folder: Path) -> None:
-    Camera.preset("imx250").save(folder / "mine.yaml")
+    replace(Camera.preset("imx250"), dark_current_e_s=10.0).save(folder / "mine.yaml")
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
     levels = {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)}
