@@ -87,7 +87,7 @@ def test_commands_run(page: str, prepared: Path, capsys: pytest.CaptureFixture[s
             continue
         if "--ocr" in words:
             pytest.importorskip("rapidocr")
-        if words[0] in ("sweep", "decide"):
+        if words[0] in ("sweep", "decide", "merge"):
             shutil.rmtree(prepared / words[words.index("-o") + 1], ignore_errors=True)
         assert cli.main(documented.substituted(words, prepared)) == 0, f"{words}: {capsys.readouterr().err}"
 

@@ -19,20 +19,20 @@ from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
 
 SIZE_PX = 128
-PICTURES = 3
+PHOTOS = ("photo-0.png", "photo-1.png", "photo-2.png")  # by their names, either half of --part has some
 MODELS = ("yolox_nano", "yolov8n", "fastestdet", "fp32", "int8", "m", "a", "b")
 
 
 def write_all(folder: Path) -> None:
     """Into an empty folder."""
-    listing = write_coco(folder, seed=2, count=PICTURES, size_px=SIZE_PX)
+    listing = write_coco(folder, seed=2, count=len(PHOTOS), size_px=SIZE_PX)
     names = [entry["file_name"] for entry in json.loads(listing.read_text())["images"]]
-    for into in ("photos", "scenes", "bucket/photos", "bucket"):
-        (folder / into).mkdir(exist_ok=True, parents=True)
-        for name in names if "photos" in into or into == "scenes" else ():
-            shutil.copy(folder / name, folder / into / name)
-        if "photos" not in into:
-            shutil.copy(listing, folder / into / "instances.json")
+    for into, taken in (("photos", PHOTOS), ("scenes", names), ("bucket/photos", names)):
+        (folder / into).mkdir(parents=True)
+        for name, called in zip(names, taken, strict=True):
+            shutil.copy(folder / name, folder / into / called)
+    for into in ("scenes", "bucket"):
+        shutil.copy(listing, folder / into / "instances.json")
     for name in MODELS:
         shutil.copy(STOP_SIGN, folder / f"{name}.onnx")
     shutil.copy(STOP_SIGN, folder / "bucket" / "m.onnx")
@@ -78,7 +78,7 @@ def _write_labels(folder: Path, names: list[str]) -> None:
     (folder / "labels.txt").write_text("".join(f"{name}\trgb\n" for name in names))
     (folder / "keys.txt").write_text(LETTERS + "\n")
     band_reader(folder / "rec.onnx")
-    for name in names:
+    for name in PHOTOS:
         (folder / "photos" / name).with_suffix(".txt").write_text("0 0.5 0.5 0.4 0.4\n")
 
 
