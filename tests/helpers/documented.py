@@ -20,6 +20,7 @@ LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
     "blurnoise paper": "minutes; tests/eval/cli/test_paper.py has its items",
     "blurnoise sweep --ocr find": "a minute; tests/eval/detectors/test_ocr_real.py has it",
+    "blurnoise maps": "a minute; tests/eval/maps has it",
     "blurnoise quality": "minutes; tests/eval/quality has it",
 }
 SUBSTITUTES = (
