@@ -13,9 +13,9 @@ from blurnoise_eval import SweepPlan, datasets, evaluate
 model, labels = (*sys.argv[1:], None, None)[:2]
 plan = SweepPlan(
     {
-        "exposure_s": (0.002, 0.005, 0.01, 0.02, 0.04),
-        "illuminance_lux": (5.0,),
-        "velocity_x_px_s": (0.0, 600.0),
+        "exposure_s": (0.001, 0.003, 0.01, 0.03, 0.09),
+        "illuminance_lux": (0.5,),
+        "velocity_x_px_s": (0.0, 1000.0),
     }
 )
 with tempfile.TemporaryDirectory() as folder:

@@ -3,48 +3,52 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from blurnoise_eval.cli import COMMANDS, _name, _program
+import typer
+from blurnoise_eval.cli import COMMANDS
 from mkdocs.structure.files import File, Files
+from typer.main import get_command
 
 
 def on_config(config: Any) -> None:
     """A place in the navigation for every command."""
     section = next(entry for entry in config.nav if "Commands" in entry)
-    section["Commands"] = ["commands/index.md", *({name: _path(name)} for name in _names())]
+    section["Commands"] = ["commands/index.md", *({_name(run): _path(run)} for run, _ in COMMANDS)]
 
 
 def on_files(files: Files, *, config: Any) -> None:
     """The pages themselves."""
     files.append(File.generated(config, "commands/index.md", content=_index()))
-    for name in _names():
-        files.append(File.generated(config, _path(name), content=_page(name)))
+    for run, _ in COMMANDS:
+        files.append(File.generated(config, _path(run), content=_page(run)))
 
 
-def _names() -> list[str]:
-    return [_name(run) for run, _ in COMMANDS]
+def _name(run: Callable[..., None]) -> str:
+    return run.__name__.replace("_", " ")
 
 
-def _path(name: str) -> str:
-    return f"commands/{name.replace(' ', '-')}.md"
+def _path(run: Callable[..., None]) -> str:
+    return f"commands/{run.__name__.replace('_', '-')}.md"
 
 
 def _index() -> str:
-    rows = [
-        f"| [`{_name(run)}`]({_path(_name(run)).removeprefix('commands/')}) | {about} |"
-        for run, about in COMMANDS
-    ]
     lines = ["# Commands", "", "What `blurnoise COMMAND --help` says, from the same source.", ""]
-    return "\n".join([*lines, "| command | what it does |", "|---|---|", *rows, ""])
+    lines += ["| command | what it does |", "|---|---|"]
+    lines += [
+        f"| [`{_name(run)}`]({_path(run).removeprefix('commands/')}) | {about} |" for run, about in COMMANDS
+    ]
+    return "\n".join([*lines, ""])
 
 
-def _page(name: str) -> str:
-    program = _program([name])
-    command = getattr(program, "commands", {}).get(name, program)
-    context = command.make_context(name, [], resilient_parsing=True)
-    lines = [f"# blurnoise {name}", "", *_described(command.help)]
+def _page(run: Callable[..., None]) -> str:
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command()(run)
+    command = get_command(app)
+    context = command.make_context(_name(run), [], resilient_parsing=True)
+    lines = [f"# blurnoise {_name(run)}", "", *_described(command.help or "")]
     for title, records in _sections(command, context).items():
         lines += ["", f"## {title}", "", "| | |", "|---|---|"]
         lines += [f"| <code>{_cell(option)}</code> | {_cell(about)} |" for option, about in records]
@@ -55,13 +59,11 @@ def _described(text: str) -> Iterator[str]:
     """Paragraphs as they are; what is indented is an example, with its remark behind two spaces or more."""
     inside = False
     for line in text.splitlines():
-        example = line.startswith("  ") and line.strip() != ""
+        example = line.startswith("  ")
         if example != inside:
-            yield "```text" if example else "```"
-            if not example:
-                yield ""
+            yield "```bash" if example else "```\n"
         inside = example
-        yield line[2:] if example else line
+        yield re.sub(r"(?<=\S) {2,}(?=\S)", "   # ", line[2:]) if example else line
     if inside:
         yield "```"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import made_frames
@@ -18,20 +19,20 @@ from blurnoise import Camera, charts
 from blurnoise.encoding import srgb_from_linear
 
 SIZE_PX = 128
-PICTURES = 3
+PHOTOS = ("photo-0.png", "photo-1.png", "photo-2.png")  # by their names, either half of --part has some
 MODELS = ("yolox_nano", "yolov8n", "fastestdet", "fp32", "int8", "m", "a", "b")
 
 
 def write_all(folder: Path) -> None:
     """Into an empty folder."""
-    listing = write_coco(folder, seed=2, count=PICTURES, size_px=SIZE_PX)
+    listing = write_coco(folder, seed=2, count=len(PHOTOS), size_px=SIZE_PX)
     names = [entry["file_name"] for entry in json.loads(listing.read_text())["images"]]
-    for into in ("photos", "scenes", "bucket/photos", "bucket"):
-        (folder / into).mkdir(exist_ok=True, parents=True)
-        for name in names if "photos" in into or into == "scenes" else ():
-            shutil.copy(folder / name, folder / into / name)
-        if "photos" not in into:
-            shutil.copy(listing, folder / into / "instances.json")
+    for into, taken in (("photos", PHOTOS), ("scenes", names), ("bucket/photos", names)):
+        (folder / into).mkdir(parents=True)
+        for name, called in zip(names, taken, strict=True):
+            shutil.copy(folder / name, folder / into / called)
+    for into in ("scenes", "bucket"):
+        shutil.copy(listing, folder / into / "instances.json")
     for name in MODELS:
         shutil.copy(STOP_SIGN, folder / f"{name}.onnx")
     shutil.copy(STOP_SIGN, folder / "bucket" / "m.onnx")
@@ -50,14 +51,19 @@ def _write_pictures(folder: Path, scene: str) -> None:
     mask[40:80, 60:100] = 255
     for name in ("lamps.png", "car.png"):
         write_picture(folder / name, mask)
-    np.asarray(large / 255, np.float32).tofile(folder / "pixels")
     (folder / "street.hdr").write_bytes(_radiance(large))
-    (folder / "pixels").unlink()
     edge = charts.slanted_edge(100, 100, angle_deg=5.0)
-    for name, noise in (("chart.png", 0.01), ("simulated.png", 0.01), ("real.png", 0.011)):
-        seen = edge + noise * torch.randn(edge.shape, generator=torch.Generator().manual_seed(1))
-        coded = srgb_from_linear(seen.clamp(0, 1))[0].mul(255).round().byte().permute(1, 2, 0).numpy()
-        write_picture(folder / name, np.repeat(coded, 3, axis=2))
+    seen = [
+        edge + 0.01 * torch.randn(edge.shape, generator=rng) for rng in (_random(1), _random(2), _random(3))
+    ]
+    coded = srgb_from_linear(seen[0].clamp(0, 1))[0, 0].mul(255).round().byte().numpy()
+    write_picture(folder / "chart.png", coded)
+    for name, light in zip(("simulated.png", "real.png"), seen[1:], strict=True):
+        write_picture(folder / name, (light[0, 0].clamp(0, 1) * 60000 + 64).round().numpy().astype(np.uint16))
+
+
+def _random(seed: int) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
 
 
 def _radiance(picture: np.ndarray) -> bytes:
@@ -70,14 +76,14 @@ def _radiance(picture: np.ndarray) -> bytes:
 def _write_labels(folder: Path, names: list[str]) -> None:
     (folder / "data.yaml").write_text("val: photos\nnames: [stop sign]\n")
     (folder / "labels.txt").write_text("".join(f"{name}\trgb\n" for name in names))
-    (folder / "keys.txt").write_text("\n".join(LETTERS) + "\n")
+    (folder / "keys.txt").write_text(LETTERS + "\n")
     band_reader(folder / "rec.onnx")
-    for name in names:
+    for name in PHOTOS:
         (folder / "photos" / name).with_suffix(".txt").write_text("0 0.5 0.5 0.4 0.4\n")
 
 
 def _write_camera(folder: Path) -> None:
-    Camera.preset("imx250").save(folder / "mine.yaml")
+    replace(Camera.preset("imx250"), dark_current_e_s=10.0).save(folder / "mine.yaml")
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
     levels = {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)}
