@@ -133,6 +133,7 @@ def endless() -> bytes:
         ],
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(model, {"names": "{0: 'sign', 1: 'car'}"})
     return bytes(model.SerializeToString())
 
 
