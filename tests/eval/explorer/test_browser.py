@@ -31,7 +31,7 @@ ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.sta
 SHOWN = "document.documentElement.dataset.shown"
 READY = (
     "document.querySelector('.seen img.as-seen')?.naturalWidth && document.querySelector('.numbers b') "
-    "&& document.querySelector('.strip .kept')"
+    "&& document.querySelector('.strip .kept') !== null"
 )
 
 

@@ -52,7 +52,7 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_what_is_no_picture_is_refused_with_a_line(name: str, shelf: Shelf) -> None:
     content, told = BROKEN[name]
-    with pytest.raises(ValueError, match="^[^\n]+$") as error:
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         shelf.take("picture", name, content)
     assert told in str(error.value)
     assert "/tmp" not in str(error.value)
@@ -161,7 +161,7 @@ def test_hostile_models_are_refused_and_a_sound_one_is_taken(
         "endless.onnx": (endless(), "endless.onnx: does not answer to a picture within 25 s"),
     }
     for name, (content, told) in hostile.items():
-        with pytest.raises(ValueError, match="^[^\n]+$") as error:
+        with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
             shelf.take("model", name, content)
         assert told in str(error.value)
         assert "root:" not in str(error.value)

@@ -62,7 +62,7 @@ def test_what_does_not_go_together_gives_way() -> None:
     ],
 )
 def test_a_wrong_url_says_what_is_wrong(query: str, told: str) -> None:
-    with pytest.raises(ValueError, match="^(?s:.)*$") as error:
+    with pytest.raises(ValueError, match=r"^(?s:.)*$") as error:
         State.of_query(query)
     assert told in str(error.value)
     assert "\n" not in str(error.value)
