@@ -96,7 +96,9 @@ class Tab:
         """Wait for an expression to be true; returns its value."""
         end = time.monotonic() + seconds
         while True:
-            value = self.run(f"(() => {{ try {{ return {script}; }} catch {{ return null; }} }})()")
+            told = "value instanceof Node ? true : value"  # an element has no value of its own here
+            tried = f"try {{ const value = {script}; return {told}; }} catch {{ return null; }}"
+            value = self.run(f"(() => {{ {tried} }})()")
             if value:
                 return value
             assert time.monotonic() < end, f"not within {seconds} s: {script}; failures: {self.failures}"
