@@ -11,7 +11,9 @@ from torch.nn.functional import avg_pool2d
 from blurnoise import Camera, simulate
 from blurnoise.binning import binned
 
-CAMERA = replace(Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0)
+CAMERA = replace(
+    Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0
+)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -20,7 +22,7 @@ def test_mean_and_variance_are_those_of_averages(n: int) -> None:
     grey = torch.full((1, 1, 120 * n, 150 * n), 0.4)
     taken = {"exposure_s": 0.02, "illuminance_lux": 3.0, "fidelity": "full", "generator": [3]}
     full = simulate(grey, CAMERA, **taken).double()
-    small = simulate(grey[..., : 120, : 150], binned(CAMERA, n), **taken).double()
+    small = simulate(grey[..., :120, :150], binned(CAMERA, n), **taken).double()
     averages = avg_pool2d(full, n)
     noise = float(averages.std() / averages.numel() ** 0.5)
     assert float(small.mean()) == pytest.approx(float(averages.mean()), abs=5 * 2**0.5 * noise)
@@ -31,7 +33,13 @@ def test_mean_and_variance_are_those_of_averages(n: int) -> None:
 def test_blur_shrinks_with_the_picture() -> None:
     edge = torch.zeros(1, 1, 64, 128)
     edge[..., 64:] = 1
-    at = {"exposure_s": 0.01, "illuminance_lux": 20.0, "noise": False, "quantised": False, "encoding": "linear"}
+    at = {
+        "exposure_s": 0.01,
+        "illuminance_lux": 20.0,
+        "noise": False,
+        "quantised": False,
+        "encoding": "linear",
+    }
     quiet = replace(CAMERA, prnu=0.0, dsnu_e=0.0)
     full = avg_pool2d(simulate(edge, quiet, velocity_px_s=(1600.0, 0.0), **at), 2)
     small = simulate(avg_pool2d(edge, 2), binned(quiet, 2), velocity_px_s=(800.0, 0.0), **at)

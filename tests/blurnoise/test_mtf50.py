@@ -13,7 +13,9 @@ from blurnoise.mtf50 import mtf50
 def test_of_motion_alone() -> None:
     assert mtf50(Optics(), (8.0, 0.0)) == pytest.approx(0.603355 / 8, rel=1e-4)
     assert mtf50(Optics(), (3.0, 4.0), 90) == pytest.approx(0.603355 / 4, rel=1e-4)
-    assert mtf50(Optics(), (3.0, 4.0), math.degrees(math.atan2(4, 3))) == pytest.approx(0.603355 / 5, rel=1e-4)
+    assert mtf50(Optics(), (3.0, 4.0), math.degrees(math.atan2(4, 3))) == pytest.approx(
+        0.603355 / 5, rel=1e-4
+    )
 
 
 def test_of_a_lens_alone() -> None:

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -34,15 +34,21 @@ class Tab:
     asked for."""
 
     def __init__(self, address: str, width: int = 1280, height: int = 800) -> None:
-        from websockets.sync.client import connect
-
-        self._socket = connect(address, max_size=1 << 28, open_timeout=30)
-        self._number = 0
-        self.failures: list[str] = []
-        self.asked: list[str] = []
+        self._open(address)
         for domain in ("Page", "Runtime", "Network", "Log", "DOM"):
             self.call(f"{domain}.enable")
         self.resize(width, height)
+
+    def _open(self, address: str) -> None:
+        from websockets.sync.client import connect
+
+        self._opened = ExitStack()
+        self._socket = self._opened.enter_context(
+            connect(address, max_size=1 << 28, open_timeout=30, ping_interval=None)
+        )
+        self._number = 0
+        self.failures: list[str] = []
+        self.asked: list[str] = []
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         self._number += 1
@@ -90,7 +96,9 @@ class Tab:
         """Wait for an expression to be true; returns its value."""
         end = time.monotonic() + seconds
         while True:
-            value = self.run(f"(() => {{ try {{ return {script}; }} catch {{ return null; }} }})()")
+            told = "value instanceof Node ? true : value"  # an element has no value of its own here
+            tried = f"try {{ const value = {script}; return {told}; }} catch {{ return null; }}"
+            value = self.run(f"(() => {{ {tried} }})()")
             if value:
                 return value
             assert time.monotonic() < end, f"not within {seconds} s: {script}; failures: {self.failures}"
@@ -124,7 +132,7 @@ class Tab:
         path.write_bytes(base64.b64decode(data))
 
     def close(self) -> None:
-        self._socket.close()
+        self._opened.close()
 
 
 class Browser:
@@ -133,11 +141,8 @@ class Browser:
     def __init__(self, port: int) -> None:
         self._port = port
         with urlopen(f"http://127.0.0.1:{port}/json/version", timeout=30) as answer:
-            self._all = Tab.__new__(Tab)
-            from websockets.sync.client import connect
-
-            self._all._socket = connect(json.load(answer)["webSocketDebuggerUrl"], max_size=1 << 28)
-            self._all._number, self._all.failures, self._all.asked = 0, [], []
+            self._all = Tab.__new__(Tab)  # the browser itself, which has no page
+            self._all._open(json.load(answer)["webSocketDebuggerUrl"])
         self._tabs: list[Tab] = []
 
     def tab(self, width: int = 1280, height: int = 800) -> Tab:
@@ -152,7 +157,7 @@ class Browser:
     def close(self) -> None:
         for tab in self._tabs:
             tab.close()
-        self._all._socket.close()
+        self._all.close()
 
 
 @contextmanager

@@ -50,7 +50,7 @@ COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
     (detections.detections, "write what a run's models found as COCO results files"),
     (inspect.inspect, "what a model takes and gives, and how it would be read"),
     (simulate.simulate, "one picture as a camera would take it"),
-    (explore.explore, "sliders: what exposure, light and motion do to a picture and a detector"),
+    (explore.explore, "sliders: what conditions do to a picture and a detector"),
     (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
     (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
     (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),

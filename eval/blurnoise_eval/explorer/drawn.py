@@ -196,11 +196,11 @@ def heat_map(found: HeatMap, chosen: str = "") -> str:
                 f'aria-label="{escape(at)}: {held:.2f}" title="{escape(at)}">{held:.2f}</button></td>'
             )
         rows.append(f'<tr><th scope="row">{escape(name)}</th>{"".join(cells)}</tr>')
-    corner = escape(f"{found.down.title}{_unit(found.down)}") if found.down else ""
     across = escape(f"{found.across.title}{_unit(found.across)}")
+    down = f"down: {escape(found.down.title)}{_unit(found.down)}; " if found.down else ""
     return (
-        f'<table class="heat"><thead><tr><th class="corner">{corner} \\ {across}</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table>"
+        f'<table class="heat"><caption>{down}across: {across}</caption>'
+        f"<thead><tr><td></td>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     )
 
 
@@ -211,7 +211,7 @@ def _plain(axis: Axis | None, value: float) -> str:
 
 
 def _unit(axis: Axis) -> str:
-    return f", {axis.unit}" if axis.unit else ""
+    return escape(f", {axis.unit}") if axis.unit else ""
 
 
 def plan_table(plan: Plan) -> str:

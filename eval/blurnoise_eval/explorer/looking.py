@@ -305,7 +305,7 @@ def numbers(frame: Frame, size: tuple[int, int]) -> tuple[Number, ...]:
             f"{sharp[0]} c/px",
             f"{sharp[1]} across" if blur_px else "lens alone",
         ),
-        Number("clipped", "Clipped", clipped, _percent(clipped), "of the values, at the top"),
+        Number("clipped", "Clipped", clipped, _percent(clipped), "of all values"),
         Number(
             "gain_db",
             "Gain",

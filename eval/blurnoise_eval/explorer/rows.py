@@ -64,6 +64,7 @@ class Row:
             self._choice.set_value(int(value))
             return
         automatic = value == AUTOMATIC
+        self._element.classes(**({"add": "set"} if automatic else {"remove": "set"}))
         if self._auto is not None:
             self._auto.props("color=primary" if automatic else "color=grey")
         self._number.set_value("auto" if automatic else f"{value:.4g}" if math.isfinite(value) else "")

@@ -15,7 +15,7 @@ from fastapi import FastAPI, Request, Response
 from nicegui import ui
 
 from blurnoise_eval.explorer.page import Page
-from blurnoise_eval.explorer.shelf import Shelf
+from blurnoise_eval.explorer.shelf import Shelf, cell_state
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.visit import Visit
 
@@ -81,6 +81,7 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
             try:
                 state = State.of_query(request.url.query)
                 shelf.camera(state)
+                state = cell_state(shelf, state.cell, state) if state.cell else state
             except (ValueError, TypeError) as error:
                 state, note = usual, str(error)
         page = Page(shelf, state, usual, note)

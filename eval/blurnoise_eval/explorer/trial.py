@@ -1,4 +1,5 @@
-"""A trial of a model's file, as a program: whether it opens and answers to a picture, within bounded memory.
+"""A trial of a model's file, as a program: whether it opens and answers to a picture, within bounded memory and
+time.
 
 It ends with 0, or with 2 and a line that says what is wrong.
 """
@@ -19,8 +20,9 @@ from blurnoise_eval.system.terminal import say
 MOST_BYTES = 12 << 30
 
 
-def main(path: str) -> int:
-    """Try the file; returns the exit code."""
+def main(path: str, most_cpu_s: int) -> int:
+    """Try the file for so many seconds of computing; returns the exit code."""
+    resource.setrlimit(resource.RLIMIT_CPU, (most_cpu_s, most_cpu_s + 5))
     resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, MOST_BYTES))
     grey = np.full((96, 128, 3), 128, np.uint8)
     try:
@@ -36,4 +38,4 @@ def main(path: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(sys.argv[1], int(sys.argv[2])))

@@ -32,7 +32,9 @@ def test_every_control_stands_where_the_state_is_and_moves_it(name: str) -> None
             moved = each.put(state if each.name != "direction" else state.put("velocity_x_px_s", 1e4), stop)
             told = each.read(moved, moved.camera_of(camera))
             apart = (told - stop) % 360 if each.name == "direction" else told - stop
-            assert apart == pytest.approx(0, abs=0.06 if each.name in ("speed", "direction") else 1e-9 * abs(stop))
+            assert apart == pytest.approx(
+                0, abs=0.06 if each.name in ("speed", "direction") else 1e-9 * abs(stop)
+            )
             moved.camera_of(camera)
 
 
@@ -76,4 +78,6 @@ def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> No
     assert "--read-noise-e=33" in command(state, Files())
     assert "read_noise_made_up=33.0" in python(state, Files())
     assert state.at.exposure(IMX250).camera.read_noise_e == 33.0
-    assert sum(each.name.startswith("read_noise") for each in controls(IMX250)) == 1  # the axis, in the figure's place
+    assert (
+        sum(each.name.startswith("read_noise") for each in controls(IMX250)) == 1
+    )  # the axis, in the figure's place

@@ -83,7 +83,8 @@ def test_a_heat_map_has_a_button_for_each_cell_that_was_computed() -> None:
     tree = ET.fromstring(drawn.heat_map(found, "0,0"))
     (button,) = tree.iter("button")
     assert (button.text, button.get("data-place"), button.get("aria-pressed")) == ("0.25", "0,0", "true")
-    assert [each.text for each in tree.iter("th")][1:] == ["10", "automatic exposure", "1"]
+    assert tree.findtext("caption") == "down: <i>light</i>, lux; across: Exposure, ms"
+    assert [each.text for each in tree.iter("th")] == ["10", "automatic exposure", "1"]
 
 
 def test_a_histogram_and_a_plan_are_well_formed() -> None:

@@ -48,7 +48,9 @@ def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
     assert told["blur_px"].value == pytest.approx(0.02 * 1250)
     assert told["mtf50"].value == pytest.approx(0.603355 / 25, rel=1e-4)
     grey_e = 0.18 * white_e
-    noise_e = math.sqrt(grey_e + CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * 0.02) / CAMERA.system_gain_dn_per_e**2)
+    noise_e = math.sqrt(
+        grey_e + CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * 0.02) / CAMERA.system_gain_dn_per_e**2
+    )
     assert told["snr_db"].value == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
     assert told["gain_db"].text == "0.0 dB"
 

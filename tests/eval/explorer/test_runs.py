@@ -48,19 +48,25 @@ def test_every_kept_picture_is_computed_anew(run: Run) -> None:
     kept = [row for row in rows(run) if row["example"]]
     assert len(kept) > 4
     for row in kept:
-        assert np.array_equal(run.frame(str(row["cell_id"])).image, read_picture(run.folder / str(row["example"])))
+        assert np.array_equal(
+            run.frame(str(row["cell_id"])).image, read_picture(run.folder / str(row["example"]))
+        )
 
 
 def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) -> None:
     shelf = Shelf(STOP_SIGN, run=run)
-    row = next(row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"])
+    row = next(
+        row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
+    )
     state = cell_state(shelf, str(row["cell_id"]), State(model=f"run/{row['model']}"))
     shown = seen(state, shelf.subject(state), shelf.camera(state), shelf.model(state))
     assert np.array_equal(shown.image, read_picture(run.folder / str(row["example"])))
     assert shown.confidence == row["target_confidence"]
     stored = run.stored(str(row["cell_id"]), str(row["model"]))
     assert shown.sight is not None
-    assert [each["confidence"] for each in shown.sight.targets] == [each["confidence"] for each in stored["targets"]]
+    assert [each["confidence"] for each in shown.sight.targets] == [
+        each["confidence"] for each in stored["targets"]
+    ]
     assert np.array_equal(shown.sight.detections.boxes_xyxy, stored["detections"].boxes_xyxy)
 
 
@@ -90,7 +96,8 @@ def test_the_map_has_the_runs_means(run: Run) -> None:
             own = [
                 each["target_confidence"]
                 for each in rows(run)
-                if (each["exposure_s"], each["illuminance_lux"], each["velocity_x_px_s"]) == (exposure_s, lux, 800.0)
+                if (each["exposure_s"], each["illuminance_lux"], each["velocity_x_px_s"])
+                == (exposure_s, lux, 800.0)
             ]
             assert found.values[row][column] == pytest.approx(np.mean(own))  # type: ignore[arg-type]  # as many targets in each
     at = {"exposure_s": 0.02, "illuminance_lux": 50.0, "velocity_x_px_s": 800.0}
@@ -105,7 +112,9 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None
     folder.mkdir()
     (picture,) = rendered_signs((50,), count=1).pictures
     write_picture(folder / "a.png", picture.load())
-    run = Run(swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)}))
+    run = Run(
+        swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
+    )
     row = next(row for row in rows(run) if row["example"] and not row["clean"])
     kept = read_picture(run.folder / str(row["example"]))
     assert np.array_equal(run.frame(str(row["cell_id"])).image, kept)

@@ -40,7 +40,11 @@ def test_every_number_survives_the_url(exposure_ms: float, lux: float, dx: float
 
 def test_what_does_not_go_together_gives_way() -> None:
     driven = MOVED.put("ego_speed_m_s", 20.0)
-    assert (driven.at["velocity_x_px_s"], driven.at["velocity_y_px_s"], driven.at["moves"]) == (0.0, 0.0, None)
+    assert (driven.at["velocity_x_px_s"], driven.at["velocity_y_px_s"], driven.at["moves"]) == (
+        0.0,
+        0.0,
+        None,
+    )
     assert driven.put("velocity_x_px_s", 3.0).at["ego_speed_m_s"] is None
     assert replace(USUAL, cell="abc").put("illuminance_lux", 3.0).cell == ""
 
@@ -58,7 +62,7 @@ def test_what_does_not_go_together_gives_way() -> None:
     ],
 )
 def test_a_wrong_url_says_what_is_wrong(query: str, told: str) -> None:
-    with pytest.raises(ValueError, match="^(?s:.)*$") as error:
+    with pytest.raises(ValueError, match=r"^(?s:.)*$") as error:
         State.of_query(query)
     assert told in str(error.value)
     assert "\n" not in str(error.value)

@@ -24,7 +24,10 @@ STATES = {
     .put("exposure_s", float("inf"))
     .put_figure("prnu", 0.02)
     .put_figure("row_time_s", 1.7e-5),
-    "driven": State(model="none").put("ego_speed_m_s", 50 / 3.6).put("f_number", 8.0).put("defocus_radius_px", 1.3),
+    "driven": State(model="none")
+    .put("ego_speed_m_s", 50 / 3.6)
+    .put("f_number", 8.0)
+    .put("defocus_radius_px", 1.3),
 }
 
 
@@ -44,9 +47,11 @@ def test_both_give_the_picture(name: str, tmp_path: Path, monkeypatch: pytest.Mo
     same(STATES[name], Shelf(STOP_SIGN), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("kinds", [("picture", "camera"), pytest.param(("picture", "model"), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kinds", [("picture", "camera"), pytest.param(("picture", "model"), marks=pytest.mark.slow)]
+)
 def test_of_files_of_ones_own(
-    kinds: tuple[str, ...],tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kinds: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Uploaded, they are the files that they were."""
     rng = np.random.default_rng(0)
@@ -65,5 +70,7 @@ def test_of_files_of_ones_own(
 @pytest.mark.slow
 def test_a_script_runs_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(python(State(), Shelf(STOP_SIGN).files(State())))
-    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert done.stdout.startswith("[0.9")

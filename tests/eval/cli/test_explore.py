@@ -1,0 +1,76 @@
+"""``blurnoise explore`` without its page: what it writes, and what it refuses."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import read_picture, write_picture
+from commands import Output, pixels
+
+
+def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    found = importlib.util.find_spec
+
+    def without(name: str, *rest: str) -> object:
+        return None if name == "nicegui" else found(name, *rest)
+
+    monkeypatch.setattr(importlib.util, "find_spec", without)
+    assert main(["explore"]) == 2
+    told = capsys.readouterr().err
+    assert 'pip install "blurnoise[explore]"' in told
+    assert told.count("\n") == 1
+
+
+def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Output) -> None:
+    write_picture(tmp_path / "a.png", pixels((40, 60, 3)))
+    at = ["--exposure-ms", "12", "--lux", "30", "--dx", "400", "--camera", "imx249", "--seed", "3"]
+    assert main(["simulate", str(tmp_path / "a.png"), "-o", str(tmp_path / "s.png"), *at]) == 0
+    capsys.readouterr()
+    words = [
+        "explore",
+        str(tmp_path / "a.png"),
+        "-o",
+        str(tmp_path / "e.png"),
+        "--model",
+        "none",
+        "--gain",
+        "0",
+        *at,
+    ]
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["blur_px"] == pytest.approx(4.8)
+    assert "confidence" not in told
+    assert np.array_equal(read_picture(tmp_path / "e.png"), read_picture(tmp_path / "s.png"))
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--lux", "1,2"], "--lux: must be one value"),
+        (["--sign", "99"], "signs are sign-1 to sign-20"),
+        (["--cell", "abc"], "cell: goes with a run"),
+        (["--camera", "nikon"], "nikon"),
+        (["--figure", "prnu"], "NAME=NUMBER"),
+        (["--figure", "colour=3"], "figure = 'colour': must be one of"),
+        (["--figure", "f_number=-1"], "f_number"),
+        (["nowhere.png"], "nowhere.png"),
+        (["."], "results.sqlite"),
+        (["--seed", "-1"], "seed"),
+        (["--dx", "100", "--ego-kmh", "50"], "ego_speed_m_s"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(
+    words: list[str], told: str, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["explore", *words, "-o", "seen.png"]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

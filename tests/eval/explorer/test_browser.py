@@ -1,0 +1,341 @@
+"""The explorer in a real browser: what sliders, files, keys and two visitors do; skipped where there is no
+Chromium."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import browsers
+import numpy as np
+import pytest
+from blurnoise_eval import SweepPlan, evaluate
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import encode, read_picture, rendered_signs, write_picture
+from blurnoise_models.detector import STOP_SIGN
+from browsers import Browser, Tab
+
+pytest.importorskip("nicegui")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(browsers.CHROMIUM is None, reason="no Chromium on this machine"),
+]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+"""NiceGUI does otherwise where it finds pytest's."""
+SHOWN = "document.documentElement.dataset.shown"
+READY = (
+    "document.querySelector('.seen img.as-seen')?.naturalWidth && document.querySelector('.numbers b') "
+    "&& document.querySelector('.strip .kept') !== null"
+)
+
+
+@contextmanager
+def served(*words: object) -> Iterator[str]:
+    """The explorer's address."""
+    command = [sys.executable, "-m", "blurnoise_eval.cli", "explore", "--no-browser", *map(str, words)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        said = process.stdout.readline()
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        found = re.search(r"http://127\.0\.0\.1:\d+/", said)
+        assert found, said
+        yield found[0]
+        assert process.poll() is None, "the explorer has ended"
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with browsers.browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with served() as found:
+        yield found
+
+
+@pytest.fixture
+def tab(browser: Browser, address: str) -> Iterator[Tab]:
+    """Opened at the start; whatever a test does, the page has no error, and asks nobody but the explorer."""
+    tab = browser.tab()
+    tab.open(address)
+    tab.until(READY)
+    yield tab
+    assert tab.failures == []
+    assert [url for url in tab.asked if not url.startswith((address, "data:", "blob:", "about:"))] == []
+    tab.close()
+
+
+def changes(tab: Tab, act: object) -> str:
+    """What is shown once it is another picture, in full."""
+    before = tab.run(SHOWN)
+    act()  # type: ignore[operator]
+    return str(tab.until(f"{SHOWN} !== {before!r} && !document.body.classList.contains('busy') && {SHOWN}"))
+
+
+def text(tab: Tab, selector: str) -> str:
+    return str(tab.run(f"document.querySelector({selector!r})?.innerText ?? ''"))
+
+
+def slide(tab: Tab, name: str, key: str = "ArrowRight", times: int = 1) -> None:
+    tab.run(f"document.querySelector('[data-control={name}] .q-slider [tabindex]').focus()")
+    for _ in range(times):
+        tab.press(key)
+
+
+def test_the_first_screen_answers(tab: Tab) -> None:
+    assert re.match(r"\d of 3 found at confidence 0\.\d\d", text(tab, "h1"))
+    assert re.search(r"the mean stays at 0\.60 or above from about .* to .* ms", text(tab, ".window"))
+    told = {
+        each: text(tab, f"[data-number={each}] b")
+        for each in ("white_electrons", "snr_db", "blur_px", "mtf50")
+    }
+    assert told == {
+        "white_electrons": "276 e-",
+        "snr_db": "16.6 dB",
+        "blur_px": "20.0 px",
+        "mtf50": "0.030 c/px",
+    }
+    assert tab.run("document.querySelectorAll('.seen .over g').length") >= 3
+    assert tab.run("location.search") == ""
+
+
+def test_sliders_move_the_picture_the_numbers_and_the_url(tab: Tab) -> None:
+    for name, number in (("exposure_s", "blur_px"), ("illuminance_lux", "snr_db"), ("speed", "blur_px")):
+        before = text(tab, f"[data-number={number}] b")
+        changes(tab, lambda name=name: slide(tab, name, times=4))
+        tab.until(f"document.querySelector('[data-number={number}] b').innerText !== {before!r}")
+        tab.until(f"document.querySelector('[data-control={name}]').classList.contains('last')")
+    assert "exposure-ms=" in tab.run("location.search")
+    assert "along=speed" in tab.run("location.search")
+
+
+def test_the_url_brings_the_state_back(tab: Tab, browser: Browser, address: str) -> None:
+    changes(tab, lambda: slide(tab, "exposure_s", "ArrowLeft", 9))
+    tab.until("location.search.includes('exposure-ms')")
+    other = browser.tab()
+    other.open(address + tab.run("location.search"))
+    other.until(READY)
+    for each in ("blur_px", "snr_db"):
+        assert text(other, f"[data-number={each}] b") == text(tab, f"[data-number={each}] b")
+    other.open(f"{address}?exposure-ms=-4")
+    other.until("document.querySelector('.message')?.innerText.includes('exposure-ms')")
+    other.until(READY)
+    other.close()
+
+
+def test_two_visitors_do_not_disturb_each_other(tab: Tab, browser: Browser, address: str) -> None:
+    other = browser.tab()
+    other.open(address)
+    other.until(READY)
+    before = (text(other, "[data-number=blur_px] b"), other.run(SHOWN))
+    for _ in range(3):
+        changes(tab, lambda: slide(tab, "exposure_s"))
+        changes(other, lambda: slide(other, "illuminance_lux"))
+    assert text(other, "[data-number=blur_px] b") == before[0]
+    assert text(tab, "[data-number=blur_px] b") != before[0]
+    assert "lux" not in tab.run("location.search")
+    assert "exposure" not in other.run("location.search")
+    assert other.failures == []
+    status = other.run(
+        f"fetch({tab.run(SHOWN)!r}.replace(/pictures\\/\\w+/, 'pictures/0')).then(r => r.status)"
+    )
+    assert status == 404
+    other.failures.clear()
+    other.close()
+
+
+def test_files_are_taken_or_refused_and_the_page_lives_on(tab: Tab, tmp_path: Path) -> None:
+    sound = encode(np.random.default_rng(0).integers(0, 255, (60, 90, 3), np.uint8))
+    files = {
+        "text.png": (b"not a picture", "picture", "text.png: not an"),
+        "cut.png": (sound[: len(sound) // 2], "picture", "cut.png"),
+        "bad.onnx": (b"\x08\x07" + bytes(range(256)) * 4, "model", "bad.onnx: is not an ONNX model"),
+        "bad.yaml": (b"f_number: [", "camera", "bad.yaml"),
+    }
+    for name, (content, kind, told) in files.items():
+        (tmp_path / name).write_bytes(content)
+        tab.choose(f".upload-{kind} input[type=file]", tmp_path / name)
+        tab.until(f"document.querySelector('.message').innerText.includes({told!r})")
+    (tmp_path / "sound.png").write_bytes(sound)
+    changes(tab, lambda: tab.choose(".upload-picture input[type=file]", tmp_path / "sound.png"))
+    tab.until("document.querySelector('.untouched .caption').innerText.includes('90 x 60 px')")
+    assert tab.run("document.querySelector('.message').offsetParent") is None
+    assert tab.run("document.querySelector('[data-control=moves]')") is None  # nobody knows its parts
+    changes(tab, lambda: slide(tab, "exposure_s"))
+
+
+def test_an_uploaded_model_is_looked_through(tab: Tab, tmp_path: Path) -> None:
+    (tmp_path / "mine.onnx").write_bytes(STOP_SIGN.read_bytes())
+    before = text(tab, "h1")
+    tab.choose(".upload-model input[type=file]", tmp_path / "mine.onnx")
+    tab.until("location.search.includes('model=model-')")
+    tab.until(READY)
+    assert text(tab, "h1") == before
+
+
+def test_what_is_copied_gives_the_picture_that_is_seen(
+    tab: Tab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes(tab, lambda: slide(tab, "speed", times=3))
+    tab.press("n")
+    tab.until("location.search.includes('seed=1')")
+    shown = tab.run(f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))")
+    (tmp_path / "shown.png").write_bytes(bytes(shown))
+    monkeypatch.chdir(tmp_path)
+    tab.click(".copy-command")
+    command = tab.until("document.documentElement.dataset.copied")
+    assert command in tab.until("document.querySelector('.shown-code')?.innerText")
+    assert main(command.split()[1:]) == 0
+    assert np.array_equal(read_picture(Path("seen.png")), read_picture(Path("shown.png")))
+    Path("seen.png").unlink()
+    tab.press("p")
+    script = tab.until(
+        "document.documentElement.dataset.copied.startsWith('from') && document.documentElement.dataset.copied"
+    )
+    exec(compile(script, "script", "exec"), {})
+    assert np.array_equal(read_picture(Path("seen.png")), read_picture(Path("shown.png")))
+
+
+def test_keys_and_numbers_that_are_typed(tab: Tab) -> None:
+    tab.run("document.activeElement?.blur()")
+    changes(tab, lambda: tab.press("E"))
+    assert "exposure-ms" in tab.until("location.search")
+    dark = "document.body.classList.contains('body--dark')"
+    before = tab.run(dark)
+    tab.press("d")
+    tab.until(f"{dark} !== {str(before).lower()}")
+    tab.press("b")
+    tab.until("document.body.classList.contains('no-boxes')")
+    tab.click("[data-control=exposure_s] input")
+    tab.run("document.querySelector('[data-control=exposure_s] input').select()")
+    tab.call("Input.insertText", text="12.5")
+    changes(tab, lambda: tab.press("Enter"))
+    assert "exposure-ms=12.5" in tab.until("location.search")
+    tab.run("document.querySelector('[data-control=exposure_s] input').select()")
+    tab.call("Input.insertText", text="long")
+    tab.press("Enter")
+    tab.until("document.querySelector('.message').innerText.includes('must be a number')")
+
+
+def test_a_click_on_the_strip_goes_there(tab: Tab) -> None:
+    changes(tab, lambda: tab.click(".strip .dot:nth-of-type(3)"))
+    assert "exposure-ms=" in tab.until("location.search")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_phone_and_desk_in_light_and_dark(
+    scheme: str, browser: Browser, address: str, tmp_path: Path
+) -> None:
+    for width, height in ((1280, 800), (390, 844)):
+        tab = browser.tab(width, height)
+        tab.scheme(scheme)
+        tab.open(address)
+        tab.until(READY)
+        assert tab.run("document.body.classList.contains('body--dark')") is (scheme == "dark")
+        assert tab.run("document.documentElement.scrollWidth <= innerWidth")
+        place = tab.run("document.querySelector('.seen img').getBoundingClientRect().toJSON()")
+        assert place["bottom"] < height  # the answer is on the first screen
+        assert tab.run("document.querySelector('h1').getBoundingClientRect().bottom") < place["top"] + 1
+        assert (
+            tab.run("document.querySelector('[data-control=exposure_s]').getBoundingClientRect().top")
+            < height
+        )
+        assert tab.failures == []
+        tab.close()
+
+
+def test_a_loupe_follows_the_pointer(tab: Tab) -> None:
+    tab.run("document.querySelector('.seen .held').scrollIntoView()")
+    place = tab.run("document.querySelector('.seen .held').getBoundingClientRect().toJSON()")
+    tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=place["x"] + 100, y=place["y"] + 100)
+    tab.until("document.body.classList.contains('looking')")
+    shown = tab.run(
+        "[...document.querySelectorAll('.loupe')].map(each => getComputedStyle(each).backgroundImage)"
+    )
+    assert len(shown) == 2
+    assert all("pictures/" in each for each in shown)
+    assert shown[0] != shown[1]
+
+
+def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path: Path) -> None:
+    grid = {"exposure_s": (0.002, 0.02), "illuminance_lux": (1.0, 50.0), "gain_db": (float("inf"),)}
+    run = tmp_path / "run"
+    found = evaluate(
+        pictures=rendered_signs((50,), count=1), plan=SweepPlan(grid), output=run, progress=False
+    )
+    kept = [row for row in found.cells if row["example"] and not row["clean"]]
+    with served(run) as address:
+        tab = browser.tab()
+        tab.open(address)
+        tab.until(READY.replace(".kept", ".here"))
+        assert tab.run("document.querySelectorAll('.heat .cell').length") == 4
+        for row in kept[:3]:
+            exposures, lights = sorted(grid["exposure_s"]), sorted(grid["illuminance_lux"])
+            place = f"{lights.index(row['illuminance_lux'])},{exposures.index(row['exposure_s'])}"
+            tab.click(f".heat [data-place='{place}']")
+            tab.until(f"location.search.includes('cell={row['cell_id']}') || location.search === ''")
+            tab.until(f"document.querySelector('.heat [aria-pressed]')?.dataset.place === {place!r}")
+            tab.until("!document.body.classList.contains('busy')")
+            shown = tab.run(
+                f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))"
+            )
+            (tmp_path / "shown.png").write_bytes(bytes(shown))
+            assert np.array_equal(read_picture(tmp_path / "shown.png"), read_picture(run / row["example"]))
+        assert tab.failures == []
+
+
+def test_memory_stays_flat_over_500_changes(browser: Browser, tmp_path: Path) -> None:
+    """Of the server and of the page, with a picture large enough to be seen smaller first: after the first 100
+    changes, which fill what is kept, 400 more add less than 48 MB and 8 MB."""
+    write_picture(tmp_path / "large.png", np.random.default_rng(0).integers(0, 255, (480, 720, 3), np.uint8))
+    command = [
+        sys.executable,
+        "-m",
+        "blurnoise_eval.cli",
+        "explore",
+        str(tmp_path / "large.png"),
+        "--model",
+        "none",
+    ]
+    process = subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    try:
+        assert process.stdout is not None
+        found = re.search(r"http://\S+/", process.stdout.readline())
+        assert found
+        tab = browser.tab()
+        tab.open(found[0])
+        tab.until("document.querySelector('.seen img.as-seen')?.naturalWidth")
+        held = []
+        for round_ in range(5):
+            for step in range(100):
+                name = ("exposure_s", "illuminance_lux", "speed")[step % 3]
+                slide(tab, name, "ArrowRight" if (step // 3 + round_) % 2 else "ArrowLeft")
+                if step % 10 == 9:
+                    tab.until("!document.body.classList.contains('busy')")
+            tab.call("HeapProfiler.collectGarbage")
+            resident = Path(f"/proc/{process.pid}/statm").read_text().split()[1]
+            held.append(
+                (int(resident) * os.sysconf("SC_PAGE_SIZE"), tab.run("performance.memory.usedJSHeapSize"))
+            )
+        server, page = (max(values[1:]) - values[0] for values in zip(*held, strict=True))
+        assert server < 48e6, held
+        assert page < 8e6, held
+        assert tab.failures == []
+    finally:
+        process.terminate()
+        process.wait(30)
