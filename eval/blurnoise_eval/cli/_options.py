@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
 from inspect import Parameter, signature
+from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Argument, Context, Option
