@@ -40,14 +40,12 @@ def _pictures(rows: Sequence[Row], group: str) -> list[int]:
 
 
 def _deciding(data: RunData, row: Row) -> dict[str, Any]:
-    first, last = row.settings[0], row.settings[-1]
-    setting = data.at_any_speed.text(first)
     gain = gain_at(data, data.settings.of(row.shown), row.exposure_s)
     many = row.shown["few_pictures"]
     return {
         "group": row.group,
         "pictures": words.pictures_text(row.shown) + (" (few)" if many else ""),
-        "setting": setting if first == last else f"{setting} to {data.at_any_speed.text(last)}",
+        "setting": data.at_any_speed.together(row.settings),
         "verdict": row.verdict,
         "to": None
         if row.top is None

@@ -282,3 +282,12 @@ def test_a_figure_of_what_moves_is_of_runs_that_have_several(tmp_path: Path) -> 
     assert "score_moves.png" in figures_of(several)
     assert "confidence_moves.png" not in figures_of(several)  # names have no places on an axis
     assert "score_moves.png" not in figures_of(made_run(tmp_path, n_examples=0))
+
+
+def test_settings_that_differ_by_what_moves_are_named(tmp_path: Path) -> None:
+    settings = made_run(tmp_path, n_examples=0, moves=(0.0, 2.0)).settings
+    every = [setting for setting in settings.every if 200.0 in setting]
+    assert settings.together(every) == "200 lux · all moves, background moves"
+    assert settings.together(every[:1]) == settings.text(every[0])
+    lit = made_run(tmp_path / "other", n_examples=0).settings
+    assert " to " in lit.together(lit.every)
