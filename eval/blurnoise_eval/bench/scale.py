@@ -20,17 +20,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-from blurnoise_models.detector import STOP_SIGN
-
 from blurnoise_eval.bench.made_up_run import scale_of_results
 from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
 from blurnoise_eval.bench.timing import machine
 from blurnoise_eval.bench.written import write_bench
-from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.actors import local_cluster
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import ENGINES, Engine, staying
+from blurnoise_eval.sweep.evaluation import usual_detector
 from blurnoise_eval.sweep.flight import IN_FLIGHT
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.files import RUN_FILE
@@ -193,7 +191,7 @@ def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda
     results_of: dict[str, float] = {}
     if extent.results:
         with TemporaryDirectory() as folder:
-            results_of = scale_of_results(Path(folder) / "run", extent.results, Detector(STOP_SIGN))
+            results_of = scale_of_results(Path(folder) / "run", extent.results, usual_detector())
         progress(1)
     sent = [pickle.dumps(results(block)) for block in made_blocks(8)]
     return Bench(

@@ -284,6 +284,13 @@ class Evaluation:
             )
 
 
+def usual_detector() -> Detector:
+    """The built-in one, of stop signs."""
+    from blurnoise_models.detector import STOP_SIGN
+
+    return Detector(STOP_SIGN)
+
+
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
     """Rendered stop signs for detectors; for readers, the word on them."""
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
