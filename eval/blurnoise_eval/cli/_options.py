@@ -42,6 +42,8 @@ class Range(NamedTuple):
         """As it is typed."""
         return f"{self.low:g}:{self.high:g}"
 
+    __repr__ = __str__
+
 
 class Region(NamedTuple):
     """A rectangle of a picture, px."""

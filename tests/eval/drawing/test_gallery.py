@@ -129,8 +129,8 @@ def test_command_writes_the_gallery(tmp_path: Path, capsys: Output) -> None:
 @pytest.mark.parametrize(
     ("given", "named"),
     [
-        (["--exposure-ms", "0:60"], "exposure_s"),
-        (["--lux", "9:3"], "illuminance_lux"),
+        (["--exposure-ms", "0:60"], "--exposure-ms"),
+        (["--lux", "9:3"], "--lux = 9:3"),
         (["--count", "0"], "count"),
         (["--count", "1000"], "count"),
         (["--seed", "-1"], "seed"),

@@ -124,7 +124,9 @@ def test_list_has_a_line_for_each_preset(capsys: Output) -> None:
     out = capsys.readouterr().out
     assert "…" not in out
     assert max(map(len, out.splitlines())) <= 80
-    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.split()[0] in PRESETS}
+    rows = {
+        line.split()[0]: line.split()[1:] for line in out.splitlines() if line and line.split()[0] in PRESETS
+    }
     assert list(rows) == list(PRESETS)
     assert rows["imx250"] == [
         "3.45", "10715", "2.45", "0.3816", "12", "2464x2056", "10715", "40.3", "70.7",

@@ -190,7 +190,8 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     assert main(["measure", *map(str, asked), "--plot", str(tmp_path / "edges.png")]) == 0
     out_text, err = capsys.readouterr()
     assert "nan" not in out_text
-    assert out_text.count(" - ") >= 3 * len(measuring.TITLES)
+    dashes = [word for line in out_text.splitlines() for word in line.split() if word == "-"]
+    assert len(dashes) >= 3 * len(measuring.TITLES)
     assert f"2: {Flag.CLIPPED.value}" in " ".join(out_text.split())
     assert err == (
         "16 bits: taken as linear; --srgb if the picture is sRGB-coded\n"
@@ -250,14 +251,14 @@ def test_photographs_give_flags_or_numbers(path: Path, capsys: Output) -> None:
         (["--roi", "0,0,4,4"], "8 x 8"),
         (["--roi", "90,0,40,40"], "roi"),
         (["--roi", "-5,0,40,40"], "roi"),
-        (["--black-level", "-1"], "black_level"),
-        (["--black-level", "nan"], "black_level"),
-        (["--full-scale", "100"], "full_scale"),
-        (["--full-scale", "70000"], "full_scale"),
+        (["--black-level", "-1"], "--black-level"),
+        (["--black-level", "nan"], "--black-level"),
+        (["--full-scale", "100"], "--full-scale"),
+        (["--full-scale", "70000"], "--full-scale"),
         (["--srgb", "--black-level", "40"], "--linear"),
-        (["--target-size", "0"], "target_size"),
-        (["--target-size", "65"], "target_size"),
-        (["--target-contrast", "0"], "target_contrast"),
+        (["--target-size", "0"], "--target-size"),
+        (["--target-size", "65"], "--target-size"),
+        (["--target-contrast", "0"], "--target-contrast"),
         (["--plot", "out.bmp"], "suffix"),
         (["--csv", "nowhere/out.csv"], "nowhere"),
     ],
@@ -321,7 +322,7 @@ def test_a_clipped_and_then_noisy_png_has_no_plain_number(tmp_path: Path, capsys
         assert main(["measure", str(path), "--roi", "0,0,120,100"]) == 0
         printed = capsys.readouterr().out
         (line,) = (line for line in printed.splitlines() if "MTF50, cycles/px" in line)
-        assert "?" in line or " - " in line
+        assert "?" in line or "-" in line.split()
         assert "lopsided" in printed
 
 

@@ -415,11 +415,11 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
     ("given", "named"),
     [
         (["--repeats", "0"], "repeats"),
-        (["--exposure-ms", "0"], "exposure_s"),
+        (["--exposure-ms", "0"], "--exposure-ms"),
         (["--camera", "nosuch"], "nosuch"),
         (["--threads", "0"], "threads"),
-        (["--gain", "auto"], "gain_db"),
-        (["--gain", "0,auto"], "gain_db"),
+        (["--gain", "auto"], "--gain ="),
+        (["--gain", "0,auto"], "--gain ="),
     ],
 )
 def test_wrong_input_is_one_line(given: list[str], named: str, tmp_path: Path, capsys: Output) -> None:
