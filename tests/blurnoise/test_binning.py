@@ -16,13 +16,16 @@ CAMERA = replace(
 )
 
 
-@pytest.mark.parametrize("n", [2, 3])
-def test_mean_and_variance_are_those_of_averages(n: int) -> None:
+READING = replace(Camera.preset("imx250"), read_noise_e=12.0, black_level_dn=100.0)
+
+
+@pytest.mark.parametrize(("n", "camera", "lux"), [(2, CAMERA, 3.0), (3, CAMERA, 3.0), (2, READING, 0.01)])
+def test_mean_and_variance_are_those_of_averages(n: int, camera: Camera, lux: float) -> None:
     """Of a grey picture. Of 6 n^2 x 18000 pixels a variance is known to k sqrt(2 / 18000) = 5.3 %, k = 5."""
     grey = torch.full((1, 1, 120 * n, 150 * n), 0.4)
-    taken = {"exposure_s": 0.02, "illuminance_lux": 3.0, "fidelity": "full", "generator": [3]}
-    full = simulate(grey, CAMERA, **taken).double()
-    small = simulate(grey[..., :120, :150], binned(CAMERA, n), **taken).double()
+    taken = {"exposure_s": 0.02, "illuminance_lux": lux, "fidelity": "full", "generator": [3]}
+    full = simulate(grey, camera, **taken).double()
+    small = simulate(grey[..., :120, :150], binned(camera, n), **taken).double()
     averages = avg_pool2d(full, n)
     noise = float(averages.std() / averages.numel() ** 0.5)
     assert float(small.mean()) == pytest.approx(float(averages.mean()), abs=5 * 2**0.5 * noise)

@@ -87,7 +87,10 @@ def test_of_many_changes_the_last_is_seen_and_few_between(shelf: Shelf) -> None:
 
     visit, told = visited(shelf, QUIET, steps)
     assert len(told.of("seen")) <= 3
+    names = [visit._keep(bytes(3), "png") for _ in range(50)]
     assert len(visit._files) <= 6
+    assert visit.file(names[-1]) == bytes(3)
+    assert visit.file(names[0]) is None
 
 
 def test_a_large_picture_is_seen_smaller_first(shelf: Shelf) -> None:
