@@ -42,7 +42,9 @@ class Range(NamedTuple):
         """As it is typed."""
         return f"{self.low:g}:{self.high:g}"
 
-    __repr__ = __str__
+    def __repr__(self) -> str:
+        """As it is typed, too: errors tell it."""
+        return str(self)
 
 
 class Region(NamedTuple):
