@@ -72,7 +72,7 @@ def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """
     made_files.write_all(tmp_path)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("blurnoise_eval.report.write_report", lambda data, folder: folder / "report.html")
+    monkeypatch.setattr("blurnoise_eval.report.write_report", lambda data, folder, *_: folder / "report.html")
     for name in ("rendered_signs", "rendered_texts"):
         monkeypatch.setattr(datasets, name, functools.partial(getattr(datasets, name), count=1))
     return tmp_path

@@ -20,6 +20,7 @@ LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
     "blurnoise paper": "minutes; tests/eval/cli/test_paper.py has its items",
     "blurnoise sweep --ocr find": "a minute; tests/eval/detectors/test_ocr_real.py has it",
+    "blurnoise explore": "serves a page for as long as it is wanted; tests/eval/explorer has it",
     "blurnoise maps": "a minute; tests/eval/maps has it",
     "blurnoise quality": "minutes; tests/eval/quality has it",
 }
@@ -61,4 +62,6 @@ def substituted(words: list[str], folder: Path) -> list[str]:
 
 
 def is_long(words: list[str]) -> bool:
+    if words[0] == "explore" and "-o" in words:  # writes a picture and ends
+        return False
     return any(["blurnoise", *words][: len(long.split())] == long.split() for long in LONG)
