@@ -224,7 +224,8 @@ def _record(name: str, kind: type[R], stated: object) -> R:
             raise TypeError(f"must map figures to values, got {type(stated).__name__}")
         return kind(**_known(kind, stated))
     except (TypeError, ValueError) as error:
-        raise type(error)(f"{name}: {error}") from None
+        refusal = TypeError if isinstance(error, TypeError) else ValueError
+        raise refusal(f"{name}: {error}") from None
 
 
 def _known(kind: Any, stated: Mapping[str, Any]) -> Mapping[str, Any]:

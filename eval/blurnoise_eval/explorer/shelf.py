@@ -33,6 +33,7 @@ from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
 from blurnoise_eval.explorer.told import Files, is_sign
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.system.files import write_whole
 
 MOST_MEGAPIXELS = 40.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
@@ -195,7 +196,7 @@ class Shelf:
         folder.mkdir(parents=True, exist_ok=True)
         safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "file"
         path = folder / safe
-        path.write_bytes(content)
+        write_whole(path, content)
         try:
             with _named(path, name):
                 _CHECKS[kind](path)

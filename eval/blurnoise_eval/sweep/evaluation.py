@@ -187,23 +187,23 @@ class Evaluation:
     def cells(self) -> Rows:
         """A row per picture, condition and model, as results.csv has them."""
         with Store(self.folder, shared=True) as store:
-            return list(store.cells())
+            return [named(row) for row in store.cells()]
 
     @cached_property
     def targets(self) -> Rows:
         """A row per cell and target, as targets.csv has them."""
         with Store(self.folder, shared=True) as store:
-            return list(store.targets())
+            return [named(row) for row in store.targets()]
 
     @property
     def scores(self) -> Rows:
         """A row per model and condition, as scores.csv has them."""
-        return self.data.scores
+        return [named(row) for row in self.data.scores]
 
     @property
     def curves(self) -> Rows:
         """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
-        return self.data.endurances
+        return [named(row) for row in self.data.endurances]
 
     @property
     def models(self) -> Rows:
@@ -213,7 +213,7 @@ class Evaluation:
     @property
     def answers(self) -> Rows:
         """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
-        return self.data.answers
+        return [named(row) for row in self.data.answers]
 
     @property
     def figures(self) -> list[Path]:
@@ -242,7 +242,7 @@ class Evaluation:
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
             "models": self.models,
-            "answers": [{name: plain(value) for name, value in named(row).items()} for row in self.answers],
+            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
         }
         if self.outcome is not None:
             done = self.outcome

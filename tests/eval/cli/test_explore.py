@@ -58,11 +58,11 @@ def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Outp
         (["--camera", "nikon"], "nikon"),
         (["--figure", "prnu"], "NAME=NUMBER"),
         (["--figure", "colour=3"], "figure = 'colour': must be one of"),
-        (["--figure", "f_number=-1"], "f_number"),
+        (["--figure", "f_number=-1"], "f-number = -1"),
         (["nowhere.png"], "nowhere.png"),
         (["."], "results.sqlite"),
         (["--seed", "-1"], "seed"),
-        (["--dx", "100", "--ego-kmh", "50"], "ego_speed_m_s"),
+        (["--dx", "100", "--ego-kmh", "50"], "--ego-kmh = 50"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(

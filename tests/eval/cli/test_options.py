@@ -164,7 +164,8 @@ def test_programs_help_lists_the_commands(capsys: Output) -> None:
         assert f"  {name:11}  {about}\n" in shown
 
 
-def test_nothing_to_do_shows_where_to_begin(capsys: Output) -> None:
+def test_nothing_to_do_shows_where_to_begin(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
     with pytest.raises(SystemExit) as end:
         main([])
     assert end.value.code == 2

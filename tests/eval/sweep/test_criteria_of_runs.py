@@ -150,10 +150,10 @@ def test_what_does_not_go_together_is_refused(
 ) -> None:
     folder = str(tmp_path / "new")
     for command, named in (
-        (["report", str(run), "--keep", "0.9", "--threshold", "0.6", "-o", folder], "keep = 0.9"),
-        (["report", str(run), "--score", "exact_match", "-o", folder], "score = 'exact_match'"),
-        (["sweep", "--score", "nonsense", "-o", folder], "score = 'nonsense'"),
-        (["sweep", "--keep", "2", "-o", folder], "keep = 2"),
+        (["report", str(run), "--keep", "0.9", "--threshold", "0.6", "-o", folder], "--keep = 0.9"),
+        (["report", str(run), "--score", "exact_match", "-o", folder], "--score = 'exact_match'"),
+        (["sweep", "--score", "nonsense", "-o", folder], "--score = 'nonsense'"),
+        (["sweep", "--keep", "2", "-o", folder], "--keep = 2"),
     ):
         assert cli.main(command) == 2
         error = capsys.readouterr().err
