@@ -263,7 +263,7 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
     @classmethod
     def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
         """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
-        augmentation = cls(**beside_table(options))
+        augmentation = cls(**beside_table(table, options))
         augmentation.ranges = table
         augmentation._param_generator = ExposureGenerator(table)
         return augmentation

@@ -89,7 +89,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
     @classmethod
     def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
         """As :meth:`blurnoise.augment.RandomExposure.for_conditions`."""
-        transform = cls(**beside_table(options))
+        transform = cls(**beside_table(table, options))
         transform.ranges = table
         transform._generator = ExposureGenerator(table)
         return transform

@@ -9,19 +9,19 @@ a row at rest stays at rest. All else is the row's.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import integer, one_of, shown
+from blurnoise._core.checks import an_instance, integer, one_of, shown
 from blurnoise._core.documents import json_of
-from blurnoise._core.limits import limited
+from blurnoise._core.limits import LIMITS, limited
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.exposure import MOVES
@@ -115,7 +115,7 @@ class ExposureTable(Draws):
                 AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL,
                 direction_deg,
             )
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
 
     @classmethod
@@ -128,11 +128,23 @@ class ExposureTable(Draws):
         speed_px_s: Sequence[float] = (0.0,),
         direction_deg: Range | None = (0.0, 360.0),
         temperature_c: Sequence[float] = (25.0,),
-        gain_db: Sequence[float] | AutoExposure = (0.0,),
+        gain_db: Sequence[float] | Literal["auto"] | AutoExposure = (0.0,),
         moves: Sequence[Moves] = ("all",),
     ) -> ExposureTable:
-        """Every combination of these values. Raises as the class does."""
+        """Every combination of these values. Raises as the class does, ``TypeError`` for what is no sequence."""
+        gain_db = USUAL if gain_db == "auto" else gain_db
         gains = (None,) if isinstance(gain_db, AutoExposure) else gain_db
+        lists = {"exposure_s": exposure_s, "illuminance_lux": illuminance_lux, "speed_px_s": speed_px_s}
+        for name, given in {
+            **lists,
+            "temperature_c": temperature_c,
+            "gain_db": gains,
+            "moves": moves,
+        }.items():
+            if isinstance(given, str) or not isinstance(given, Iterable):
+                raise TypeError(
+                    f"{name} = {shown(given)}: must be a sequence of values, such as [{shown(given)}]"
+                )
         cameras = cameras_of(camera)
         values = (exposure_s, illuminance_lux, speed_px_s, (0.0,), temperature_c, gains, moves)
         rows = (Condition(*each) for each in product(*values, range(len(cameras))))
@@ -173,6 +185,10 @@ class ExposureTable(Draws):
                 in_logarithm, low * (high / low.clamp_min(1e-30)) ** share, low + (high - low) * share
             )
             drawn[name] = torch.minimum(torch.maximum(value, low), high)
+        fastest = LIMITS["displacement_px"].high / drawn["exposure_s"].clamp_min(
+            1e-30
+        )  # a row's own is within it
+        drawn["speed_px_s"] = torch.minimum(drawn["speed_px_s"], fastest * (1 - 1e-6))
         if self.direction_deg is None:
             drawn["direction_deg"] = column("direction_deg")
         else:
@@ -215,8 +231,9 @@ class ExposureTable(Draws):
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
 
 
-def beside_table(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of an augmentation whose conditions a table states. Raises ``TypeError`` for a range among them."""
+def beside_table(table: object, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of an augmentation whose conditions a table states. Raises ``TypeError`` for no table, or a range."""
+    an_instance("table", table, ExposureTable)
     for name in options:
         if name in {each.name for each in fields(ExposureRanges)}:
             raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")

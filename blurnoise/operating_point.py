@@ -24,6 +24,9 @@ from blurnoise.spectra import Curve
 from blurnoise.trajectory import Polyline, Trajectory, per_picture
 
 Number = TypeVar("Number", float, Tensor)
+_SKEWED_PX = (
+    1 / 64
+)  # of rows at the picture's ends: a blurred picture ends there, what is warped goes on beyond
 
 
 @dataclass(frozen=True)
@@ -152,11 +155,11 @@ def in_rows(at: OperatingPoint[float]) -> bool:
 
 
 def skewed(at: OperatingPoint[float]) -> bool:
-    """Whether rows in uniform motion are displaced by a pixel or more, which a rolling shutter then blurs, too."""
+    """Whether rows in uniform motion are displaced so far that a rolling shutter blurs them, too."""
     if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
         return False
     fastest = max(abs(float(along)) for along in at.displacement_px) / at.exposure_s
-    return fastest * at.camera.row_time_s * at.camera.height_px / 2 >= 1
+    return fastest * at.camera.row_time_s * at.camera.height_px / 2 >= _SKEWED_PX
 
 
 def each_of(

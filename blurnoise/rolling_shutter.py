@@ -6,7 +6,7 @@ tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each 
 
 A picture in uniform motion v is first blurred, as if all rows were exposed together, and then :func:`warped`. (Warped
 first, it would have to be blurred by v T / (1 - v_y row_s).) A picture that is blurred already, continued as its
-border says, is not quite what is seen there: where rows are displaced by a pixel and more,
+border says, is not quite what is seen there: where rows are displaced by 1/64 px and more,
 :mod:`blurnoise.rolled_motion` continues it before. In any other motion each row sees the path in its own window:
 :func:`of_rows`.
 """

@@ -24,7 +24,7 @@ def compiled_ways(taken: When) -> Iterator[None]:
 
 
 class CompiledWay(Generic[Way]):
-    """What ``load`` returns, None where that is None or Numba is missing, once work of ``worth`` has been asked for.
+    """What ``load`` returns, None where that is None or fails, once work of ``worth`` has been asked for.
 
     Until then the other way has taken as long as loading takes: what is over soon never waits for it.
     load: imports what Numba compiles, and makes sure of the bits on this machine.
@@ -50,5 +50,5 @@ class CompiledWay(Generic[Way]):
     def _found(self) -> Way | None:
         try:
             return self._load()
-        except (ImportError, RuntimeError):  # the latter where there is no folder to keep compiled code in
+        except Exception:  # no Numba, no folder to keep compiled code in, or what is kept there is damaged
             return None

@@ -46,7 +46,8 @@ class Checkpoint:
             return
         try:
             held = torch.load(self.path, weights_only=True)
-            recipe = held["recipe"]
+            recipe, losses, generator = held["recipe"], held["losses"], held["generator"]
+            states = [(part, held["parts"][name]) for name, part in self.parts.items()]
         except (RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError):
             raise ValueError(f"checkpoint = {str(self.path)!r}: is none; remove it to begin anew") from None
         if recipe != self.recipe:
@@ -54,10 +55,10 @@ class Checkpoint:
                 f"checkpoint = {str(self.path)!r}: was begun with {recipe}, not with {dict(self.recipe)}; choose "
                 "another folder, repeat the command that it comes from, or remove it"
             )
-        for name, part in self.parts.items():
-            part.load_state_dict(held["parts"][name])
-        torch.set_rng_state(held["generator"])
-        self.losses = held["losses"]
+        for part, state in states:
+            part.load_state_dict(state)
+        torch.set_rng_state(generator)
+        self.losses = losses
 
     def keep(self) -> None:
         """Write the file. Raises ``OSError``."""

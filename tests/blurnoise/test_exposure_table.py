@@ -135,6 +135,25 @@ def test_every_row_is_as_likely_and_spread_to_the_middles() -> None:
     assert not params["direction_deg"].any()
 
 
+def test_what_is_spread_stays_within_the_longest_motion() -> None:
+    """Though the row of the long exposure would reach half-way to the fast one's speed."""
+    far = ExposureTable("imx250", (Condition(10.0, 5.0, 1000.0), Condition(1e-3, 5.0, 1e6)))
+    params = drawn(far, 200)
+    assert float((params["speed_px_s"] * params["exposure_s"]).max()) == pytest.approx(1e5, rel=1e-3)
+    torch.manual_seed(1)
+    assert bool(RandomExposure.for_conditions(far, p=1.0)(torch.rand(8, 1, 4, 4)).isfinite().all())
+
+
+def test_grids_and_tables_that_are_none_are_told_by_name() -> None:
+    with pytest.raises(TypeError, match=r"exposure_s = 0\.01: must be a sequence"):
+        table(exposure_s=0.01)
+    with pytest.raises(TypeError, match="moves = 'targets': must be a sequence"):
+        table(moves="targets")
+    with pytest.raises(TypeError, match=r"table: must be a .*ExposureTable, got dict"):
+        RandomExposure.for_conditions({"exposure_s": 0.01})  # type: ignore[arg-type]
+    assert table(gain_db="auto") == table(gain_db=AutoExposure())
+
+
 def test_a_single_condition_stays_as_it_is() -> None:
     one = Condition(0.01, 0.0, 30.0, direction_deg=-45.0, temperature_c=60.0, gain_db=3.0, moves="targets")
     params = drawn(ExposureTable("imx250", (one,)), 7)
@@ -193,6 +212,10 @@ def test_is_expose_pictures_under_what_was_drawn() -> None:
         ({"conditions": [{"exposure_s": 0.01}]}, "no table of conditions"),
         ({"conditions": [{"exposure_s": -1, "illuminance_lux": 5.0}]}, "exposure_s"),
         ({"conditions": [{"exposure_s": 1, "illuminance_lux": 5.0, "camera": 9}]}, "camera"),
+        (
+            {"conditions": [{"exposure_s": 1, "illuminance_lux": 5.0, "camera": math.inf}]},
+            "no table of conditions",
+        ),
         ({"conditions": 7}, "no table of conditions"),
         ({"cameras": [{"name": "x"}]}, "must be stated|missing|needs|camera"),
     ],

@@ -122,3 +122,7 @@ def test_what_is_no_checkpoint_is_refused(scenes: Pool, tmp_path: Path) -> None:
         file.write_bytes(data)
         with pytest.raises(ValueError, match=r"checkpoint = .*is none; remove it"):
             train(scenes, "none", pictures=PICTURES, checkpoint=file)
+    recipe = {"arm": "none", "seed": 0, "pictures": PICTURES, "scenes": len(scenes.pictures), "size_px": 32}
+    torch.save({"recipe": recipe}, file)
+    with pytest.raises(ValueError, match=r"checkpoint = .*is none; remove it"):
+        train(scenes, "none", pictures=PICTURES, checkpoint=file)

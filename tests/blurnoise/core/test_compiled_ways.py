@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
 from blurnoise._core.compiled_ways import CompiledWay, compiled_ways
@@ -14,7 +16,16 @@ def test_loaded_once_when_the_other_way_has_taken_as_long() -> None:
     assert asked == ["loaded"]
 
 
-@pytest.mark.parametrize("error", [ImportError("no numba"), RuntimeError("no folder for the cache")])
+@pytest.mark.parametrize(
+    "error",
+    [
+        ImportError("no numba"),
+        RuntimeError("no folder for the cache"),
+        OSError("disk full"),
+        EOFError("its index is cut short"),
+        pickle.UnpicklingError("its index is no index"),
+    ],
+)
 def test_where_it_cannot_be_loaded_the_other_way_is_taken(error: Exception) -> None:
     def load() -> str:
         raise error

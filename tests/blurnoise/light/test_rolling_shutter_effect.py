@@ -259,3 +259,29 @@ def test_the_sensor_s_pattern_stays() -> None:
     still = simulate(even, uneven, **taken)
     assert float(still.std()) > 10
     assert torch.equal(simulate(even, uneven, **taken, velocity_px_s=(900.0, -400.0)), still)
+
+
+@pytest.mark.parametrize("velocity", [(0.0, 1500.0), (1200.0, 900.0)])
+def test_rows_read_within_a_pixel_see_what_was_beyond_a_black_border(velocity: tuple[float, float]) -> None:
+    """What a long exposure sweeps over the border is there for the rows at it, too; truth: an analytic spot."""
+    (height, width), exposure_s, row_s, (x_px_s, y_px_s) = SIZE, 0.06, 1e-5, velocity
+    x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+
+    def spot(at: float | np.ndarray) -> np.ndarray:
+        across, down = x - x_px_s * at - 31.5, y - y_px_s * at - 19.5
+        return np.exp(-(across**2 + down**2) / 18)
+
+    at = operating_points(
+        light := torch.from_numpy(spot(0.0))[None, None],
+        replace(ROLLING, row_time_s=row_s),
+        exposure_s=exposure_s,
+        illuminance_lux=100.0,
+        velocity_px_s=velocity,
+        temperature_c=25.0,
+        illuminant="D55",
+    )
+    read = (np.arange(height)[:, None] - (height - 1) / 2) * row_s
+    moments = ((np.arange(400) + 0.5) / 400 - 0.5) * exposure_s
+    brute = sum(spot(read + moment) for moment in moments) / 400
+    assert brute[0].max() > 0.05
+    assert np.abs(effects.through(light, at, border="constant")[0, 0].numpy() - brute).max() < 1e-3
