@@ -34,6 +34,7 @@ _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _NOT_DRAWN = {
     "trajectory": "its pictures move along a trajectory",
     "ego": "its camera drives, so that each place of a picture moves in its own way",
+    "speeds": "its classes move at speeds of their own",
     "grey_anchor": "its light is metered by a grey anchor",
 }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -46,6 +47,7 @@ _WEIGHT_DECAY = 0.01
 _STEEPEST = 10.0  # gradient norm; a rare batch of odd boxes shall not throw the weights away
 _MEMORY = 0.998  # of the moving average of the weights, per step
 _KEPT_EVERY = 100  # steps, about half a minute of one core
+_KEPT_EVERY_S = 10.0  # s, where steps are slow: one that is stopped again and again goes on all the same
 _CHUNK = 64  # scenes that a worker draws at a time
 
 
@@ -225,14 +227,16 @@ def _train(
     for step, value in enumerate(checkpoint.losses, start=1):
         progress(Step(step * BATCH, value))
     done = len(checkpoint.losses)
+    next_kept = time.monotonic() + _KEPT_EVERY_S
     for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), done, steps), start=done + 1):
         seen, boxes = batch(scenes, chosen)
         value = learn(network, optimiser, change(seen), boxes, bfloat16=has_bfloat16())
         cycle.step()
         average.update_parameters(network)
         checkpoint.losses.append(value)
-        if step % _KEPT_EVERY == 0:
+        if step % _KEPT_EVERY == 0 or time.monotonic() >= next_kept:
             checkpoint.keep()
+            next_kept = time.monotonic() + _KEPT_EVERY_S
         progress(Step(step * BATCH, value))
     return average.module.eval()  # type: ignore[return-value]
 

@@ -205,6 +205,7 @@ def test_is_expose_pictures_under_what_was_drawn() -> None:
     ("changes", "message"),
     [
         ({"trajectory": "shake 3 px"}, "trajectory"),
+        ({"speeds": [["person", 0.3]]}, "speeds of their own"),
         ({"ego": "a car"}, "drives"),
         ({"grey_anchor": "mean"}, "grey anchor"),
         ({"conditions": [{"exposure_s": "auto", "illuminance_lux": 5.0, "gain_db": "auto"}]}, "exposures"),

@@ -32,6 +32,7 @@ def met_conditions(rows: Sequence[Mapping[str, Any]], manifest: Mapping[str, Any
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
+        "speeds": plan.get("objects", {}).get("speeds"),
         **{name: manifest.get(name) for name in ("trajectory", "ego", "grey_anchor")},
         "conditions": [dict(each) for each in conditions],
     }

@@ -12,6 +12,7 @@ import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan, with_lens
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.sweep.met_conditions import met_conditions
 from blurnoise_eval.sweep.run_folder import write_tables
 from plans import IMX250
@@ -70,6 +71,12 @@ def test_what_training_pictures_are_not_taken_under_is_told(tmp_path: Path, name
     (tmp_path / FILE).write_text(json.dumps(table(PLAN, **{name: "something"})))
     with pytest.raises(ValueError, match="training pictures are not taken so"):
         ExposureTable.of_run(tmp_path)
+
+
+def test_speeds_of_classes_are_told() -> None:
+    assert table(PLAN)["speeds"] is None
+    slow = replace(PLAN, objects=Objects(speeds={"person": 0.3}))
+    assert list(map(list, table(slow)["speeds"])) == [["person", 0.3]]
 
 
 def test_training_draws_what_a_finished_run_has_met(tmp_path: Path) -> None:
