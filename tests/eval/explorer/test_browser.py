@@ -154,9 +154,14 @@ def test_what_a_url_cannot_have_is_told_and_stays_told(
     assert other.run("document.querySelector('.message').offsetParent !== null"), "nobody sees it"
     changes(other, lambda: slide(other, "illuminance_lux"))
     assert other.run("document.querySelector('.message').offsetParent") is None
-    other.open("about:blank")
-    other.open(f"{address}?dx=50000&exposure-ms=3600000")  # nothing of it can be seen
+    other.close()
+
+
+def test_conditions_that_give_no_picture_are_told(browser: Browser, address: str) -> None:
+    other = browser.tab()
+    other.open(f"{address}?dx=50000&exposure-ms=3600000")
     other.until("document.querySelector('h1')?.innerText === 'No picture yet.'")
+    assert "velocity times exposure" in text(other, ".message")
     other.close()
 
 
