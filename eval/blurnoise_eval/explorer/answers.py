@@ -133,9 +133,8 @@ class Answers:
             self._histogram.set_content(drawn.histogram(seen.histogram, seen.clipped))
         self._plan.set_content(drawn.plan_table(seen.plan))
         self._plan_title.set_text(words.left_out(seen.plan))
-        self._message.set_visibility(False)
         self._strip_card.set_visibility(bool(seen.sight and seen.sight.targets))
-        self._window.set_text("")
+        self._window.set_text(words.instead(seen))
 
     def strip(self, state: State, curve: Curve, along: Control, finished: bool) -> None:
         """The strip so far."""
@@ -153,9 +152,15 @@ class Answers:
 
     def fails(self, told: str) -> None:
         """A line on what cannot be done; what was seen before stays."""
+        if self.last is None:
+            self._verdict.set_content("No picture yet.")
         self._message_text.set_text(told)
         self._message.set_visibility(True)
         self.js("document.body.classList.remove('busy')")
+
+    def goes_on(self) -> None:
+        """What failed is passed: no line on it."""
+        self._message.set_visibility(False)
 
     def js(self, code: str) -> None:
         """Run a line in the visitor's browser, from wherever this is called."""

@@ -72,6 +72,7 @@ class Page:
 
     def change(self, state: State) -> None:
         """Look at another state."""
+        self._answers.goes_on()
         if state != self.state:
             self._answers.js("document.body.classList.add('busy')")
             self.visit.change(state)
@@ -163,6 +164,7 @@ class Page:
             self.fails(str(error))
             return
         self._side.fill()
+        self._answers.goes_on()
         self.selected(kind, name)
 
     # -- a run, keys, and what is copied ---------------------------------------------------------------------

@@ -14,8 +14,9 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from nicegui import ui
 
+from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.page import Page
-from blurnoise_eval.explorer.shelf import Shelf, cell_state
+from blurnoise_eval.explorer.shelf import Shelf, cell_state, held
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.visit import Visit
 
@@ -80,8 +81,10 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         if request.url.query:
             try:
                 state = State.of_query(request.url.query)
-                shelf.camera(state)
+                camera = shelf.camera(state)
+                control(state.along, camera)
                 state = cell_state(shelf, state.cell, state) if state.cell else state
+                state, note = held(shelf, state, usual)
             except (ValueError, TypeError) as error:
                 state, note = usual, str(error)
         page = Page(shelf, state, usual, note)

@@ -32,6 +32,7 @@ from blurnoise_eval.explorer.looking import Subject
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
 from blurnoise_eval.explorer.told import Files, is_sign
+from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.system.files import write_whole
 
@@ -255,6 +256,23 @@ def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
         seed=cell.seed,
         cell=cell_id,
     )
+
+
+def held(shelf: Shelf, state: State, usual: State) -> tuple[State, str]:
+    """The state with a picture and a model that are here, those of ``usual`` in place of what is not, and a line
+    on what is not."""
+    lacking = [
+        kind
+        for kind, names in (("picture", shelf.pictures()), ("model", shelf.models()))
+        if getattr(state, kind) not in names
+    ]
+    if not lacking:
+        return state, ""
+    told = ", ".join(f"{kind} = {getattr(state, kind)[:60]!r}" for kind in lacking)
+    instead = {kind: getattr(usual, kind) for kind in lacking}
+    if "picture" in lacking:
+        instead |= {"at": state.put(MOVES.name, None).at}
+    return replace(state, **instead, cell=""), f"{told}: not held here (any more); upload again"
 
 
 def picture_of_file(path: str | Path, name: str = "") -> Picture:

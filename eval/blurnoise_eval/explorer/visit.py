@@ -95,7 +95,7 @@ class Visit:
         model = await _apart(self.shelf.model, state)
         found = await _apart(seen, state, subject, camera, model)
         self._shown.seen(found, self._keep(await _apart(png, found.image), "png"))
-        if model is not None and found.sight is not None and not found.sight.error:
+        if model is not None and found.sight is not None and found.sight.targets and not found.sight.error:
             await self._strip(state, subject, model)
 
     async def _preview(self, state: State, subject: Subject, camera: Camera) -> None:

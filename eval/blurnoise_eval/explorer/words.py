@@ -30,6 +30,13 @@ def verdict(seen: Seen) -> str:
     return f"<b{kind}>{what}{verb}</b> at confidence {held:.2f}{spread}."
 
 
+def instead(seen: Seen) -> str:
+    """What to do where there is nothing to judge by, until a strip tells where it works; nothing else."""
+    if seen.sight is None or seen.sight.error or seen.sight.targets:
+        return ""
+    return "Light, noise and blur are as told below; for an answer choose a model that knows what is in the picture."
+
+
 def window(curve: Curve, along: Control, at: float, threshold: float) -> str:
     """From where to where along the strip it works."""
     kept = works(curve, threshold, at)

@@ -132,9 +132,36 @@ def test_the_url_brings_the_state_back(tab: Tab, browser: Browser, address: str)
     other.until(READY)
     for each in ("blur_px", "snr_db"):
         assert text(other, f"[data-number={each}] b") == text(tab, f"[data-number={each}] b")
-    other.open(f"{address}?exposure-ms=-4")
-    other.until("document.querySelector('.message')?.innerText.includes('exposure-ms')")
-    other.until(READY)
+    other.close()
+
+
+@pytest.mark.parametrize(
+    ("query", "told", "kept"),
+    [
+        ("exposure-ms=-4", "exposure-ms", ""),
+        ("along=wild&lux=7", "along = 'wild'", ""),
+        ("model=wild&lux=7", "model = 'wild': not held here", "?lux=7"),
+        ("picture=wild&lux=7", "picture = 'wild': not held here", "?lux=7"),
+    ],
+)
+def test_what_a_url_cannot_have_is_told_and_stays_told(
+    query: str, told: str, kept: str, browser: Browser, address: str
+) -> None:
+    other = browser.tab()
+    other.open(f"{address}?{query}")
+    other.until(f"location.search === {kept!r} && {READY}")
+    assert told in text(other, ".message")
+    assert other.run("document.querySelector('.message').offsetParent !== null"), "nobody sees it"
+    changes(other, lambda: slide(other, "illuminance_lux"))
+    assert other.run("document.querySelector('.message').offsetParent") is None
+    other.close()
+
+
+def test_conditions_that_give_no_picture_are_told(browser: Browser, address: str) -> None:
+    other = browser.tab()
+    other.open(f"{address}?dx=50000&exposure-ms=3600000")
+    other.until("document.querySelector('h1')?.innerText === 'No picture yet.'")
+    assert "velocity times exposure" in text(other, ".message")
     other.close()
 
 

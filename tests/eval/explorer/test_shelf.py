@@ -6,6 +6,7 @@ import struct
 import threading
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,15 @@ def test_a_url_names_no_files(name: str, shelf: Shelf) -> None:
         shelf.camera(State(camera=name))
     with pytest.raises(ValueError, match="model = "):
         shelf.model(State(model=name))
+
+
+def test_of_what_is_not_held_the_rest_of_the_state_is_kept(shelf: Shelf) -> None:
+    lux = State().put("illuminance_lux", 7.0)
+    assert shelves.held(shelf, lux, State()) == (lux, "")
+    asked = replace(lux.put("moves", 1.0), picture="picture-00", model="model-00", cell="a")
+    state, told = shelves.held(shelf, asked, State(picture="sign-2"))
+    assert state == replace(lux, picture="sign-2")
+    assert told == "picture = 'picture-00', model = 'model-00': not held here (any more); upload again"
 
 
 def test_a_broken_camera_is_refused(shelf: Shelf) -> None:
