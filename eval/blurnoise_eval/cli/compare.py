@@ -45,6 +45,12 @@ def compare(
     """
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")
+    for picture in (simulated, real):
+        if picture.is_dir():
+            raise ValueError(
+                f"compare = {str(picture)!r}: is a folder; must be a picture of a chart. Models are compared by "
+                "'blurnoise sweep --model A.onnx --model B.onnx'"
+            )
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.drawing.photon_transfer import plot_suffix
     from blurnoise_eval.quality import comparison, comparison_view

@@ -36,11 +36,11 @@ from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.system.files import write_whole
 
-MOST_MEGAPIXELS = 40.0
+MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
 MOST_UPLOADED_MB = {"picture": 128, "camera": 1, "model": 1024}
 _HELD = {"picture": 12, "camera": 12, "model": 4}
-_SUBJECTS = 4
+_SUBJECTS = 2
 _TRIAL_CPU_S, _TRIAL_S = 30, 240.0
 T = TypeVar("T")
 

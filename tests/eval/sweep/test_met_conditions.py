@@ -75,7 +75,8 @@ def test_what_training_pictures_are_not_taken_under_is_told(tmp_path: Path, name
 
 def test_speeds_of_classes_are_told() -> None:
     assert table(PLAN)["speeds"] is None
-    slow = replace(PLAN, objects=Objects(speeds={"person": 0.3}))
+    plan = swept((0.002,), (5.0,), (0.0, 400.0), moves=(1.0,))
+    slow = replace(plan, objects=Objects(speeds={"person": 0.3}))
     assert list(map(list, table(slow)["speeds"])) == [["person", 0.3]]
 
 
