@@ -43,7 +43,8 @@ def expose_piece(
     gain_dn, well_e, read_noise_e = camera.system_gain_dn_per_e, camera.well_limit_e, camera.read_noise_e
     rows = planes.light, planes.normal, planes.read, planes.gain, planes.offset_e
     by_colour = [
-        [_NO_ROW if row is None else row[colour] for row in rows] for colour in range(len(planes.light))
+        [_NO_ROW if row is None else np.ascontiguousarray(row[colour]) for row in rows]
+        for colour in range(len(planes.light))
     ]
     noisy, shifted = law == "merged", planes.offset_e is not None
     flags = noisy, noisy and planes.read is not None, planes.gain is not None, shifted

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise._core.compiled_ways import compiled_ways
+from blurnoise._core.compiled_ways import When, compiled_ways
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import fused as frames
 from blurnoise.sensor import piece
@@ -132,6 +132,18 @@ def test_compiled_or_not_the_bits_are_the_same(
             assert (frames._COMPILED.after(0) is not None) == (taken == "always")
             seen.append(exposed(light, camera, **given))
     assert torch.equal(*seen)
+
+
+@pytest.mark.parametrize("taken", ["never", "always"])
+def test_light_lies_in_memory_as_it_likes(taken: When) -> None:
+    """Colours side by side, as pictures are read: the frames of colours one after the other."""
+    pytest.importorskip("numba")
+    light = torch.rand(1, 3, 21, 34, generator=torch.Generator().manual_seed(5))
+    given = {"normal": rng.standard_normal([5], light)}
+    with compiled_ways(taken):
+        expected = exposed(light, EVERY_EFFECT, **given)
+        beside = exposed(light.contiguous(memory_format=torch.channels_last), EVERY_EFFECT, **given)
+    assert torch.equal(beside, expected)
 
 
 def test_a_compiled_way_that_rounds_otherwise_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -56,7 +56,7 @@ def test_speeds_on_the_road(run: Path, tmp_path: Path, capsys: pytest.CaptureFix
         (["--lux", "2:100000000"], "the run tells of light x exposure"),
         (["--stages", "8"], "stages = 8: must be 1 to 7"),
         (["--speed-unit", "kmh"], "needs --speeds and --distance-m"),
-        (["--distance-m", "3"], "distance_m = 3: goes with --speed-unit kmh"),
+        (["--distance-m", "3"], "--distance-m = 3: goes with --speed-unit kmh"),
         (["--model", "other"], "model = 'other': must be one of stop_sign"),
         (["--targets", "cat"], "targets = 'cat'"),
     ],
