@@ -214,6 +214,16 @@ def test_compiled_or_not_the_same_boxes_stay(iou: float, most: int, per_class: i
 
 
 @pytest.mark.usefixtures("way")
+def test_boxes_lie_in_memory_as_they_like() -> None:
+    """Coordinate by coordinate, as networks that give columns leave them; classes in four bytes."""
+    rows = random_candidates(200, 2, seed=3)
+    columns = Candidates(np.asfortranarray(rows.boxes_xyxy), rows.scores, rows.class_ids.astype(np.int32))
+    kept, expected = suppress(columns, 0.5, 300), suppress(rows, 0.5, 300)
+    np.testing.assert_array_equal(kept.boxes_xyxy, expected.boxes_xyxy)
+    np.testing.assert_array_equal(kept.class_ids, expected.class_ids)
+
+
+@pytest.mark.usefixtures("way")
 @pytest.mark.parametrize(
     ("count", "classes", "most"),
     [(0, 1, 300), (1, 1, 300), (200, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)],

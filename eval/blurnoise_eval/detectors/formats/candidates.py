@@ -150,9 +150,9 @@ def suppress(
     while True:
         ordered = _strongest(candidates, most)
         if compiled := _COMPILED.after(len(ordered)):
-            stays = compiled(
-                ordered.boxes_xyxy, ordered.class_ids, nms_iou, per_class or max_detections, max_detections
-            )
+            boxes = np.ascontiguousarray(ordered.boxes_xyxy, np.float32)
+            classes = np.ascontiguousarray(ordered.class_ids, np.int64)
+            stays = compiled(boxes, classes, nms_iou, per_class or max_detections, max_detections)
             kept = ordered[np.flatnonzero(stays)]
         else:
             kept = _suppressed(ordered, nms_iou, per_class or max_detections)[:max_detections]
