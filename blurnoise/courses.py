@@ -34,9 +34,9 @@ class Course(ABC):
 
     displacement_px: Tensor
 
-    @abstractmethod
     def passed(self, rest: Window) -> Window:
-        """The pixels that something may cover which at rest is in ``rest``."""
+        """The pixels that something may cover which at rest is in ``rest``: grown by the reach."""
+        return rest.grown(*self.reach(rest))
 
     @abstractmethod
     def reach(self, window: Window) -> tuple[int, int]:
@@ -80,10 +80,6 @@ class Straight(Course):
     """Uniform motion."""
 
     displacement_px: Tensor
-
-    def passed(self, rest: Window) -> Window:
-        """Grown by what the line spreads."""
-        return rest.grown(*self.reach(rest))
 
     def reach(self, window: Window) -> tuple[int, int]:
         """Half of the way, and the tail of the band-limited line."""
@@ -170,10 +166,6 @@ class Along(Course):
     trajectory: Trajectory
     exposure_s: float
 
-    def passed(self, rest: Window) -> Window:
-        """Grown by what the path covers."""
-        return rest.grown(*self.reach(rest))
-
     def reach(self, window: Window) -> tuple[int, int]:
         """As far as the path goes, and its band-limited ends."""
         across, down = (reach_px(2 * along) for along in self._path.reach_px)
@@ -238,10 +230,6 @@ class PathByRow(Course):
     displacement_px: Tensor
     path: Trajectory
     readout: Readout
-
-    def passed(self, rest: Window) -> Window:
-        """Grown by as far as the path goes from first to last."""
-        return rest.grown(*self.reach(rest))
 
     def reach(self, window: Window) -> tuple[int, int]:
         """As far as the path goes, and its ends."""

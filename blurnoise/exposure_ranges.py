@@ -7,6 +7,7 @@ displayed, 0 to the right.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -36,29 +37,30 @@ _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s"}
 """Ranges to the condition that follows from them, the camera and the exposure time."""
 
 
-class Draws:
+class Draws(ABC):
     """What conditions of training pictures are drawn from: :class:`ExposureRanges`, or a table of conditions.
 
     gain_db: what holds for all pictures whose ``Params`` have none. moves: what ``moves_index`` counts in. cameras:
     what ``camera_index`` counts in. draws: how many uniform values the conditions of one picture take.
     """
 
+    camera: Cameras
     gain_db: Gain
     moves: Moves | Sequence[Moves]
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The cameras to choose from."""
-        raise NotImplementedError
+        """The cameras to choose from; ``camera_index`` of the conditions counts in them."""
+        return cameras_of(self.camera)
 
     @property
+    @abstractmethod
     def draws(self) -> int:
         """How many uniform values the conditions of one picture take."""
-        raise NotImplementedError
 
+    @abstractmethod
     def conditions(self, uniform: Tensor) -> Params:
         """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each."""
-        raise NotImplementedError
 
     def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
         """What was drawn for these pictures, or what holds for all."""
@@ -141,11 +143,6 @@ class ExposureRanges(Draws):
 
     def _most_px_s(self, shortest_s: float) -> float:
         return 0.0 if self.blur_px is None else _bounds("blur_px", self.blur_px)[1] / shortest_s
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """The cameras to choose from; ``camera_index`` of the conditions counts in them."""
-        return cameras_of(self.camera)
 
     @property
     def shaken(self) -> bool:

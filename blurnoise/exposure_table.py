@@ -153,11 +153,6 @@ class ExposureTable(Draws):
         return cls(cameras, tuple(rows), auto, direction_deg)
 
     @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """The cameras that the rows name."""
-        return cameras_of(self.camera)
-
-    @property
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
         """Whatever the motion of some row is of."""
         return tuple(dict.fromkeys(row.moves for row in self.rows))

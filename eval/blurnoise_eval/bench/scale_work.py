@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise.camera import Camera
-from blurnoise_eval.datasets import Picture
+from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.on_picture import Sight
@@ -72,7 +72,7 @@ def made_blocks(count: int, cell_s: float = 0.0) -> Iterator[Block]:
 
 
 def _never() -> NDArray[np.uint8]:
-    raise NotImplementedError("made-up pictures are not read")
+    raise UnreadablePicture("is made up")
 
 
 def _result(cell: Cell, rng: np.random.Generator) -> CellResult:
