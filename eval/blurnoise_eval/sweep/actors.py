@@ -27,6 +27,7 @@ from blurnoise_eval.system.machine import versions
 
 _NAME = "ray"
 _HINT = "; one that asks for a token, as Ray's own do from 2.60 on, needs RAY_AUTH_MODE=token here, too"
+_REACHED_S = 10.0
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
 
 
@@ -103,6 +104,8 @@ def _imported() -> Any:
 
 def _connect(cores: int | None, address: str | None) -> None:
     """To the cluster at the address, or to one that is started here. Raises ``ChildProcessError``."""
+    if address is not None:
+        _check_reached(address)
     ray = _imported()
     logging.getLogger("ray").setLevel(logging.ERROR)
     here: dict[str, Any] = {
@@ -129,6 +132,17 @@ def _connect(cores: int | None, address: str | None) -> None:
                 raise ChildProcessError(
                     f"engine = 'ray': no cluster at {address or 'this machine'} ({_line(error)}){hint}"
                 ) from None
+
+
+def _check_reached(address: str) -> None:
+    """Raise ``ChildProcessError`` where nobody listens: Ray itself would try for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdecimal():  # "auto", which Ray finds by its files
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _REACHED_S).close()
+    except (OSError, OverflowError) as error:
+        raise ChildProcessError(f"engine = 'ray': no cluster at {address} ({_line(error)})") from None
 
 
 class _Actors(Crew):
@@ -179,8 +193,8 @@ class _Actors(Crew):
         """Ray, connected."""
         ray = _imported()
         if not ray.is_initialized():
-            self._connected = True
             _connect(self._engine.workers, self._engine.address)
+            self._connected = True
         return ray
 
     @cached_property

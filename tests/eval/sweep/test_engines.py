@@ -8,6 +8,7 @@ import os
 import pickle
 import random
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -286,6 +287,16 @@ def test_ray_by_name(how: dict[str, Any]) -> None:
     assert engine_of("ray", **how) == RayEngine(**how)
     with pytest.raises(ValueError, match=r"ray = 0: must be >= 1"):
         engine_of("ray", 0)
+
+
+def test_an_address_where_nobody_listens_is_told_at_once(pictures: PictureSet) -> None:
+    """Ray itself tries for minutes, and is not asked, neither to begin nor to leave."""
+    pytest.importorskip("ray")
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))  # and does not listen
+        address = "127.0.0.1:{1}".format(*bound.getsockname())
+        with pytest.raises(ChildProcessError, match=f"engine = 'ray': no cluster at {address} "):
+            list(RayEngine(1, address).map(Work((), CAMERA), [Block(pictures.pictures[0], ())]))
 
 
 @pytest.mark.slow
