@@ -27,6 +27,12 @@ _OfBoxes = Callable[[Tensor, OperatingPoint[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
+def places_of(boxes_xyxy: Tensor) -> Tensor:
+    """Of boxes (N, 4) the corners, the sides' middles and their own, (N, 9, 2), (x, y)."""
+    x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
+    return torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).flatten(1, 2)
+
+
 @dataclass(frozen=True)
 class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
@@ -131,10 +137,7 @@ class Exposure:
         at = self._point(size)
         if not self.drives or not len(boxes_xyxy):
             return effect(boxes_xyxy, at)
-        x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
-        places = torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).reshape(
-            -1, 2
-        )
+        places = places_of(boxes_xyxy).view(-1, 2)
         moved = self.displacements_px(places, size).tolist()
         seen = [
             effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))
