@@ -123,13 +123,14 @@ class Exposure:
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(places)
 
-    def of_targets(self, speed: float = 1.0) -> Exposure:
-        """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
+    def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
+        """The exposure as targets see it whose speed is ``speed`` times the velocity, and their own beside it, all
+        moving as they do."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = self.velocity_px_s
-        return replace(self, velocity_px_s=(share * x, share * y), moves="all")
+        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
         """What an effect makes of boxes (N, 4). Where each place has its own motion: what holds that of the corners,

@@ -166,3 +166,23 @@ def test_what_cannot_be_is_refused() -> None:
         Exposure(
             replace(Camera.preset("ar0237"), shutter="global-reset"), 0.01, 60.0, VELOCITY, moves="targets"
         )
+
+
+def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
+    """With speed 0 it is what the object does against the background, whether that stands or moves."""
+    still, own = (0.0, 0.0), VELOCITY
+    crosses = CutScene(cut(), [0.0], [own])
+    assert np.array_equal(
+        frame(crosses, taken("targets", velocity=still)), frame(CutScene(cut()), taken("targets"))
+    )
+    against = tuple(-along for along in own)  # a background that moves so is passed by an object that stays
+    tracked = frame(CutScene(cut(), [1.0]), taken("background", velocity=against))
+    assert np.array_equal(frame(crosses, taken("background", velocity=against)), tracked)
+    assert rms(tracked, frame(crosses, taken("targets", velocity=against))) > 4.0
+    assert np.array_equal(frame(crosses, taken("all")), frame(CutScene(cut()), taken("all")))
+    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
+    scene = CutScene(Cut(ground(), (layer,), np.ones((HEIGHT, WIDTH), bool)), [0.0], [(2000.0, 0.0)])
+    for moves, velocity in (("targets", still), ("background", (500.0, 0.0))):
+        assert scene.invented(taken(moves, velocity=velocity)) == pytest.approx((20 / 160,), abs=0.004)
+    with pytest.raises(ValueError, match="own_px_s: 2; must be 1"):
+        CutScene(cut(), [1.0], [still, still])
