@@ -72,12 +72,6 @@ class Exposure:
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
         one_of("moves", self.moves, MOVES)
-        other = self.trajectory is not None or self.camera.shutter == "global-reset"
-        if self.moves != "all" and self.camera.row_time_s and other:
-            raise ValueError(
-                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
-                "rolling shutter and without a trajectory; must be 'all'"
-            )
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
         an_instance("vehicle", self.vehicle, Vehicle)
         if not self.drives:

@@ -136,12 +136,6 @@ class ExposureRanges(Draws):
                 f"exposure, must be <= {LIMITS['displacement_px'].high:g} px"
             )
 
-        for camera in self.cameras if self.moves != ("all",) else ():
-            if camera.row_time_s and (self.shaken or camera.shutter == "global-reset"):
-                raise ValueError(
-                    f"moves = {self.moves!r}: before {camera.name!r}, which reads row by row, parts move only with a "
-                    "rolling shutter and shake_px = 0; must be 'all'"
-                )
         if self.shaken:
             for camera in self.cameras:
                 if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:

@@ -14,6 +14,7 @@ from blurnoise.cut_scene import CutScene
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut
+from blurnoise.trajectory import Trajectory
 
 CAMERA = Camera.preset("imx250")
 HEIGHT, WIDTH, SIZE_PX = 91, 140, 30.0
@@ -162,10 +163,6 @@ def test_what_cannot_be_is_refused() -> None:
         taken("some")
     with pytest.raises(ValueError, match=r"moves = 'targets': must be 'all' of a scene"):
         frame(ExposedScene(ground()), taken("targets"))
-    with pytest.raises(ValueError, match=r"moves = 'targets': .* row_time_s"):
-        Exposure(
-            replace(Camera.preset("ar0237"), shutter="global-reset"), 0.01, 60.0, VELOCITY, moves="targets"
-        )
 
 
 def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
@@ -186,3 +183,21 @@ def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
         assert scene.invented(taken(moves, velocity=velocity)) == pytest.approx((20 / 160,), abs=0.004)
     with pytest.raises(ValueError, match="own_px_s: 2; must be 1"):
         CutScene(cut(), [1.0], [still, still])
+
+
+@pytest.mark.parametrize("shutter", ["global", "rolling", "global-reset"])
+def test_parts_shake_with_the_camera_row_by_row(shutter: Any) -> None:
+    """Where nothing moves but the camera, cut parts and whole pictures are the same; else the target moves beside."""
+    row_s = 0.0 if shutter == "global" else 2e-5
+    camera = replace(CAMERA, row_time_s=row_s, shutter="rolling" if shutter == "global" else shutter)
+    path = Trajectory.sinusoid(4.0, 35.0, 0.2, direction_deg=30.0)
+
+    def shaken(scene: ExposedScene, moves: str, velocity: tuple[float, float], along: Any = path) -> Any:
+        at = replace(taken(moves, velocity=velocity), camera=camera, trajectory=along)
+        return frame(scene, at)
+
+    still = (0.0, 0.0)
+    whole = shaken(ExposedScene(sign(ground())), "all", still)
+    assert rms(shaken(CutScene(cut()), "targets", still), whole) < 0.8
+    assert rms(shaken(CutScene(cut()), "targets", still, None), whole) > 3.0
+    assert rms(shaken(CutScene(cut()), "targets", VELOCITY), whole) > 3.0
