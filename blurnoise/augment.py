@@ -114,10 +114,10 @@ def expose_pictures(
             "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0, trajectory None "
             "and moves 'all' or 'background'"
         )
-    own_masks = None if masks is None else checked(masks, batch, (scene.shape[-2], scene.shape[-1]))
     still = (velocity == 0).all(1) if ego is None else (ego == 0) & (not vehicle.turns)
-    moving = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
-    cuts = _cuts(scene, encoding, own_masks, moving, velocity, exposure)
+    names = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
+    own_masks = None if masks is None else checked(masks, batch, (scene.shape[-2], scene.shape[-1]))
+    cuts = _cuts(scene, encoding, own_masks, names, velocity, exposure)
     if isinstance(gain_db, AutoExposure):
         with torch.no_grad():
             light = scene_reflectance(scene, encoding)
