@@ -27,6 +27,7 @@ from blurnoise._core.uncompiled import uncompiled
 from blurnoise.augment_boxes import moved_corners, swept_px, velocity_px_s, within_picture
 from blurnoise.auto_exposure import AutoExposure, mean_luma
 from blurnoise.camera import Amplified
+from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import MOVES, scene_reflectance
 from blurnoise.exposure_ranges import (
@@ -65,6 +66,8 @@ def expose_pictures(
     masks: Tensor | None = None,
     moves: str | Sequence[str] = "all",
     trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
+    ego_kmh: Numbers | None = None,
+    vehicle: Vehicle = USUAL_VEHICLE,
     generator: rng.Randomness = None,
     encoding: Encoding = "srgb",
     fidelity: Fidelity = "auto",
@@ -79,6 +82,10 @@ def expose_pictures(
     masks: (B, N, H, W) within [0, 1], what the targets of each picture cover, empty where there are fewer. moves:
     what the speed is of, "all", the "targets" or the "background" behind them, one or one for each picture; what the
     targets hide is invented from around them. A picture without masks, or with nothing beside them, moves as a whole.
+
+    ego_kmh: a number or one per picture, in place of a speed in px/s: the camera drives over a flat road on
+    ``vehicle``, and each place moves in its own way, by the camera's focal length and the picture's size. With masks
+    and moves = "background" the targets drive along. Where one blur for all of a picture is enough, there is one.
 
     trajectory, generator, encoding, fidelity: as ``simulate`` takes them; picture i depends on its own conditions
     and seed alone. Returns image's shape and dtype, in [0, 1].
@@ -95,12 +102,20 @@ def expose_pictures(
     speed = limited_per_image("speed_px_s", speed_px_s, batch, scene)
     velocity = velocity_px_s(speed, limited_per_image("direction_deg", direction_deg, batch, scene))
     paths = per_picture(trajectory, batch)
+    ego = None if ego_kmh is None else limited_per_image("ego_kmh", ego_kmh, batch, scene)
     seeds = rng.item_seeds(generator, batch)
     names: list[str] = [moves] * batch if isinstance(moves, str) else list(moves)
     for each in names:
         one_of("moves", each, MOVES)
     if len(names) != batch:
         raise ValueError(f"moves: got {len(names)}; must be one, or {batch}, one for each picture")
+    if ego is not None and (bool(velocity.detach().any()) or paths or "targets" in names):
+        raise ValueError(
+            "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0, trajectory None "
+            "and moves 'all' or 'background'"
+        )
+    still = (velocity == 0).all(1) if ego is None else (ego == 0) & (not vehicle.turns)
+    names = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
     own_masks = None if masks is None else checked(masks, batch, (scene.shape[-2], scene.shape[-1]))
     cuts = _cuts(scene, encoding, own_masks, names, velocity, exposure)
     if isinstance(gain_db, AutoExposure):
@@ -126,8 +141,11 @@ def expose_pictures(
         camera, digital_db = taker
         own = [(item, cut) for item in of if (cut := cuts.get(item))]
         seen, coded, moved = scene if len(of) == batch else scene[of], encoding, velocity[of]
+        if ego is not None:
+            moved = vehicle.flows_px_s(camera, (scene.shape[-2], scene.shape[-1]), ego[of] / 3.6)
         if own:
             seen, coded = torch.cat([cut.background for _, cut in own]), "linear"
+        if own and ego is None:
             moved = moved * moved.new_tensor([[names[item] == "background"] for item in of])
         dn = simulate(
             seen,
@@ -222,6 +240,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         moves: Moves | Sequence[Moves] = ExposureRanges.moves,
         white_e: Range | None = ExposureRanges.white_e,
         blur_px: Range | None = ExposureRanges.blur_px,
+        ego_kmh: Range | None = ExposureRanges.ego_kmh,
+        vehicle: Vehicle = ExposureRanges.vehicle,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -242,6 +262,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             moves,
             white_e,
             blur_px,
+            ego_kmh,
+            vehicle,
         )
         self._param_generator = ExposureGenerator(self.ranges)
         self.flags = {
@@ -302,6 +324,8 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
             masks=params["masks"][of] if "masks" in params else None,
             moves=self.ranges.moving(params, of),
             trajectory=shakes(params, cameras, of),
+            ego_kmh=params["ego_kmh"][of] if "ego_kmh" in params else None,
+            vehicle=self.ranges.vehicle,
             generator=params["noise_seed"][of].tolist(),
             encoding=flags["encoding"],
             fidelity=flags["fidelity"],
@@ -320,10 +344,9 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         if not flags["grow_boxes"]:
             return input
         # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
-        low, high = (
-            side.to(corners).reshape(-1, *[1] * (corners.ndim - 2), 2)
-            for side in swept_px(params, self.ranges).unbind(1)
-        )
+        boxes = torch.cat([corners.amin(-2), corners.amax(-2) + 1], -1)
+        swept = swept_px(params, self.ranges, boxes.view(-1, *boxes.shape[-2:]), (height, width)).to(corners)
+        low, high = (side.reshape(*corners.shape[:-2], 1, 2) for side in swept.unbind(2))
         centre = (corners.amin(-2, keepdim=True) + corners.amax(-2, keepdim=True)) / 2
         outward = (corners - centre).sign()
         # A box of one pixel has all its corners in the centre: there they go by their order.
@@ -356,8 +379,7 @@ def _cuts(
         return {}
     found = {}
     for item, moving in enumerate(moves):
-        still = not bool(velocity[item].detach().any())
-        matte = None if moving == "all" or still else matte_of(masks[item])
+        matte = None if moving == "all" else matte_of(masks[item])
         if matte is not None:
             light = scene_reflectance(scene[item : item + 1], encoding)
             own = velocity[item] if moving == "targets" else torch.zeros_like(velocity[item])

@@ -5,16 +5,14 @@ Convention: px, x right, y down; corners as Kornia has them, (B, N, 4, 2), or (N
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import torch
 from torch import Tensor
 
+from blurnoise.driving import USUAL_VEHICLE
+from blurnoise.exposed_with import Exposure, places_of
 from blurnoise.exposure_ranges import Draws, Params, shakes
 from blurnoise.light import effects, motion
 from blurnoise.moving_masks import matte_of
-from blurnoise.operating_point import OperatingPoint
-from blurnoise.radiometry import photoelectrons
 
 
 def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
@@ -23,15 +21,23 @@ def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
     return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
 
 
-def swept_px(params: Params, ranges: Draws) -> Tensor:
-    """What targets sweep to the left and above, and to the right and below, of their place, (B, 2, 2), px, >= 0."""
+def swept_px(params: Params, ranges: Draws, boxes_xyxy: Tensor, size: tuple[int, int]) -> Tensor:
+    """What boxes (B, N, 4) sweep to the left and above, and to the right and below, of their place, px, >= 0.
+
+    Returns (B, N, 2, 2). size: (H, W) of the picture, from whose corner boxes are counted.
+    """
     half = motion.swept_half_px(_target_velocity_px_s(params, ranges) * params["exposure_s"][:, None])
-    swept = torch.stack([half, half], 1)
-    for item, at in enumerate(_points(params, ranges) if "shake_px" in params else ()):
-        if at.trajectory is not None:
-            x, y = (float(along) / at.exposure_s for along in at.displacement_px)
-            left, top, right, bottom = at.trajectory.seen(at.exposure_s, (x, y)).box
+    swept = torch.stack([half, half], 1)[:, None].repeat(1, boxes_xyxy.shape[1], 1, 1)
+    for item, taken in enumerate(_taken(params, ranges) if {"shake_px", "ego_kmh"} & {*params} else ()):
+        if taken.trajectory is not None:
+            left, top, right, bottom = taken.trajectory.seen(taken.exposure_s, taken.velocity_px_s).box
             swept[item] = swept.new_tensor([[-left, -top], [right, bottom]]).clamp_min(0)
+        if taken.drives:
+            boxes = boxes_xyxy[item].double()
+            places = places_of(boxes)
+            moved = motion.swept_half_px(taken.displacements_px(places.flatten(0, 1), size).view_as(places))
+            low, high = (places - moved).amin(1), (places + moved).amax(1)
+            swept[item] = torch.stack([boxes[:, :2] - low, high - boxes[:, 2:]], 1).to(swept)
     return swept
 
 
@@ -42,12 +48,12 @@ def moved_corners(corners: Tensor, params: Params, ranges: Draws, size: tuple[in
     """
     if not any(map(effects.displace, ranges.cameras)):
         return corners
-    points = [replace(at, size=size) for at in _points(params, ranges)]
-    batched = corners if len(points) > 1 or corners.ndim == 4 else corners[None]
+    every = _taken(params, ranges)
+    batched = corners if len(every) > 1 or corners.ndim == 4 else corners[None]
     moved = batched.clone()
-    for item, (boxes, at) in enumerate(zip(batched.double(), points, strict=True)):
+    for item, (boxes, taken) in enumerate(zip(batched.double(), every, strict=True)):
         low, high = boxes.amin(-2), boxes.amax(-2)
-        new = effects.moved_boxes(torch.cat([low, high], -1), at)
+        new = taken.move_boxes(torch.cat([low, high], -1), size)
         share = (boxes - low[:, None]) / (high - low)[:, None].clamp_min(1e-12)
         moved[item] = (new[:, None, :2] + share * (new[:, None, 2:] - new[:, None, :2])).to(moved)
     return moved.view_as(corners)
@@ -62,27 +68,38 @@ def within_picture(corners: Tensor, by: Tensor, last: tuple[float, float]) -> Te
 def _target_velocity_px_s(params: Params, ranges: Draws) -> Tensor:
     """Velocities (B, 2) of the targets: none where the camera follows them."""
     velocity = velocity_px_s(params["speed_px_s"], params["direction_deg"])
-    followed = [
+    followed = torch.tensor(_followed(params, ranges), device=velocity.device)
+    return velocity.masked_fill(followed[:, None], 0.0)
+
+
+def _followed(params: Params, ranges: Draws) -> list[bool]:
+    """Whether the camera follows the targets of each picture."""
+    return [
         moves == "background" and "masks" in params and matte_of(params["masks"][item]) is not None
         for item, moves in enumerate(ranges.moving(params))
     ]
-    return velocity.masked_fill(torch.tensor(followed, device=velocity.device)[:, None], 0.0)
 
 
-def _points(params: Params, ranges: Draws) -> list[OperatingPoint[float]]:
-    """What the targets of each picture meet."""
+def _taken(params: Params, ranges: Draws) -> list[Exposure]:
+    """What the targets of each picture are exposed with, whatever its gain."""
     cameras = [ranges.cameras[index] for index in params["camera_index"].tolist()]
     numbers = [params[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c")]
-    moved_px = _target_velocity_px_s(params, ranges) * params["exposure_s"][:, None]
-    rows = zip(cameras, *numbers, moved_px.tolist(), shakes(params, cameras, slice(None)), strict=True)
+    velocities = _target_velocity_px_s(params, ranges).tolist()
+    ego = params["ego_kmh"].tolist() if "ego_kmh" in params else [None] * len(cameras)
+    drives = [
+        kmh is not None and not along for kmh, along in zip(ego, _followed(params, ranges), strict=True)
+    ]
+    rows = zip(cameras, *numbers, velocities, shakes(params, cameras, slice(None)), ego, drives, strict=True)
     return [
-        OperatingPoint(
+        Exposure(
             camera,
             exposure_s,
-            temperature_c,
-            photoelectrons(camera, lux, exposure_s),
+            lux,
             (x, y),
-            trajectories=(path,) if path else (),
+            temperature_c,
+            trajectory=path,
+            ego_speed_m_s=kmh / 3.6 if driven else 0.0,
+            vehicle=ranges.vehicle if driven else USUAL_VEHICLE,
         )
-        for camera, exposure_s, lux, temperature_c, (x, y), path in rows
+        for camera, exposure_s, lux, temperature_c, (x, y), path, kmh, driven in rows
     ]

@@ -6,7 +6,6 @@ uint8 rounded. Convention: as in v2, all images of one call get the same conditi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -21,6 +20,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.augment import ExposureGenerator, expose_pictures
 from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
+from blurnoise.driving import Vehicle
 from blurnoise.encoding import Encoding
 from blurnoise.exposure_ranges import Cameras, Draws, ExposureRanges, Gain, Range, shakes
 from blurnoise.exposure_table import ExposureTable, beside_table
@@ -54,6 +54,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         moves: Moves | Sequence[Moves] = ExposureRanges.moves,
         white_e: Range | None = ExposureRanges.white_e,
         blur_px: Range | None = ExposureRanges.blur_px,
+        ego_kmh: Range | None = ExposureRanges.ego_kmh,
+        vehicle: Vehicle = ExposureRanges.vehicle,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
@@ -72,6 +74,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
             moves,
             white_e,
             blur_px,
+            ego_kmh,
+            vehicle,
         )
         one_of("encoding", encoding, ("srgb", "linear"))
         one_of("fidelity", fidelity, ("auto", "full"))
@@ -143,6 +147,8 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
             masks=None if masks is None else masks.expand(len(frames), -1, -1, -1),
             moves=self.ranges.moving(params)[0],
             trajectory=shakes(params, [camera], slice(None))[0],
+            ego_kmh=params.get("ego_kmh"),
+            vehicle=self.ranges.vehicle,
             generator=rng.item_seeds(noise, len(frames)),
             encoding=self.encoding,
             fidelity=self.fidelity,
@@ -159,11 +165,10 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
         corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges, boxes.canvas_size)
         if self.grow_boxes:
-            sides = swept_px(params, self.ranges)[0].tolist()
-            if not corners.is_floating_point():
-                sides = [[math.ceil(along) for along in side] for side in sides]
+            sides = swept_px(params, self.ranges, corners.reshape(1, -1, 4), boxes.canvas_size)[0]
+            by = sides * sides.new_tensor([[-1], [1]])
+            by = (by if corners.is_floating_point() else by.sign() * by.abs().ceil()).to(corners)
             height, width = boxes.canvas_size
-            by = corners.new_tensor([[-along for along in sides[0]], sides[1]])
             corners = within_picture(corners, by, (width, height))
         moved = corners.reshape(edges.shape)
         back = v2.functional.convert_bounding_box_format(moved, old_format=upright, new_format=boxes.format)

@@ -3,7 +3,8 @@
 Convention: ``Exposure.moves`` says what has the exposure's velocity. "all": the picture, as a camera that turns sees
 it. "targets": the objects, before what is still. "background": all else, behind objects that the camera tracks. An
 object's speed is a multiple of that velocity, 1 unless stated: where the camera tracks those of speed 1, one of speed
-s is left with 1 - s, so that one that stands moves with the background.
+s is left with 1 - s, so that one that stands moves with the background. It may have a velocity of its own, px/s,
+beside that: with speed 0 it is what the object does against the background.
 """
 
 from __future__ import annotations
@@ -18,28 +19,40 @@ from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layers import Layer, as_one, seen_behind, window_at_rest
 from blurnoise.mattes import Cut
 
+_Motion = tuple[float, tuple[float, float]]
 _NEAR_PX = 32  # apart, from which on two windows take less than their hull
 
 
 class CutScene(ExposedScene):
-    """A picture, its objects cut out. speeds: one for each layer of the cut. options: as of ``ExposedScene``.
+    """A picture, its objects cut out. speeds, own_px_s: one for each layer of the cut, by default 1 and (0, 0).
 
-    Raises ``ValueError`` for another number of speeds.
+    options: as of ``ExposedScene``. Raises ``ValueError`` for another number of speeds or velocities.
     """
 
-    def __init__(self, cut: Cut, speeds: Sequence[float] | None = None, **options: Any) -> None:
-        own = (1.0,) * len(cut.layers) if speeds is None else tuple(speeds)
-        if len(own) != len(cut.layers):
-            raise ValueError(f"speeds: {len(own)}; must be {len(cut.layers)}, one for each layer")
-        self._cut, self._own_speeds = cut, own
+    def __init__(
+        self,
+        cut: Cut,
+        speeds: Sequence[float] | None = None,
+        own_px_s: Sequence[tuple[float, float]] | None = None,
+        **options: Any,
+    ) -> None:
+        count = len(cut.layers)
+        factors = (1.0,) * count if speeds is None else tuple(speeds)
+        beside = ((0.0, 0.0),) * count if own_px_s is None else tuple(own_px_s)
+        for name, given in (("speeds", factors), ("own_px_s", beside)):
+            if len(given) != count:
+                raise ValueError(f"{name}: {len(given)}; must be {count}, one for each layer")
+        self._cut, self._cut_motions = cut, tuple(zip(factors, beside, strict=True))
         joined = [
-            (layer, speed)
-            for speed, alike in groupby(zip(cut.layers, own, strict=True), key=lambda each: each[1])
+            (layer, motion)
+            for motion, alike in groupby(
+                zip(cut.layers, self._cut_motions, strict=True), key=lambda each: each[1]
+            )
             for layer in _joined([layer for layer, _ in alike])
         ]
-        self._speeds = tuple(speed for _, speed in joined)
+        self._motions = tuple(motion for _, motion in joined)
         super().__init__(cut.background, layers=tuple(layer for layer, _ in joined), **options)
-        self._shares: dict[tuple[float, float], tuple[float, ...]] = {}
+        self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
         self._shares_lock = threading.Lock()
 
     def invented(self, exposure: Exposure) -> tuple[float, ...]:
@@ -50,24 +63,31 @@ class CutScene(ExposedScene):
         """
         if exposure.moves == "all" or not self._cut.invented.any():
             return (0.0,) * len(self._cut.layers)
-        x, y = (along * exposure.exposure_s for along in exposure.velocity_px_s)
+        key = (*exposure.velocity_px_s, exposure.exposure_s)
+
+        def moved_px(motion: _Motion) -> tuple[float, float]:
+            speed, own_px_s = motion
+            x, y = (
+                (speed * along + own) * exposure.exposure_s
+                for along, own in zip(exposure.velocity_px_s, own_px_s, strict=True)
+            )
+            return x, y
+
         with self._shares_lock:
-            if (x, y) not in self._shares:
-                movers = [
-                    (layer, (speed * x, speed * y))
-                    for layer, speed in zip(self._layers[0], self._speeds, strict=True)
-                ]
-                self._shares[x, y] = tuple(
-                    seen_behind(layer, (x, y), size=self._size, movers=movers) if speed and (x or y) else 0.0
-                    for layer, speed in zip(self._cut.layers, self._own_speeds, strict=True)
+            if key not in self._shares:
+                own = zip(self._layers[0], map(moved_px, self._motions), strict=True)
+                movers = [(layer, by) for layer, by in own]
+                self._shares[key] = tuple(
+                    seen_behind(layer, by, size=self._size, movers=movers) if any(by) else 0.0
+                    for layer, by in zip(self._cut.layers, map(moved_px, self._cut_motions), strict=True)
                 )
-            return self._shares[x, y]
+            return self._shares[key]
 
     def _velocity(self, exposure: Exposure) -> tuple[float, float]:
         return (0.0, 0.0) if exposure.moves == "targets" else exposure.velocity_px_s
 
     def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
-        moving = (exposure.of_targets(speed).velocity_px_s for speed in self._speeds)
+        moving = (exposure.of_targets(*motion).velocity_px_s for motion in self._motions)
         return tuple(
             replace(layer, velocity_px_s=velocity)
             for layer, velocity in zip(self._layers[0], moving, strict=True)

@@ -20,7 +20,7 @@ from blurnoise.camera import Camera
 from blurnoise.ego_motion import Floats, Mount, View, range_of_depth_m
 from blurnoise.motion import Lens
 
-_KEPT = 8  # flows, of a picture's size and a speed each
+_KEPT = 8  # flows, of a vehicle and a picture's size each
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,15 @@ class Vehicle:
         return _flow_at(pixels, self, self.view(camera, size), speed_m_s)
 
     def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Tensor:
-        """That of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it; not to be changed."""
-        return _flow(self, self.view(camera, size), float(speed_m_s))
+        """That of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
+        speed = torch.tensor([limited("speed_m_s", speed_m_s)], dtype=torch.float32)
+        return self.flows_px_s(camera, size, speed)[0]
+
+    def flows_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: Tensor) -> Tensor:
+        """That at speeds (B,), (B, 2, H, W), in their type and on their device; differentiable in them."""
+        ahead, turning = _flows(self, self.view(camera, size))
+        flows = speed_m_s[:, None, None, None] * ahead.to(speed_m_s)
+        return flows if turning is None else flows + turning.to(speed_m_s)
 
 
 def _flow_at(pixels: Floats, vehicle: Vehicle, view: View, speed_m_s: float) -> Floats:
@@ -86,8 +93,13 @@ def _flow_at(pixels: Floats, vehicle: Vehicle, view: View, speed_m_s: float) -> 
 
 
 @lru_cache(maxsize=_KEPT)
-def _flow(vehicle: Vehicle, view: View, speed_m_s: float) -> Tensor:
-    return torch.from_numpy(_flow_at(view.pixels(), vehicle, view, speed_m_s).astype(np.float32))
+def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
+    """What 1 m/s ahead does, and what turning does, if it turns; their sum is the flow. Neither is to be changed."""
+    pixels = view.pixels()
+    straight = replace(vehicle, yaw_deg_s=0.0, pitch_deg_s=0.0)
+    turning = _flow_at(pixels, vehicle, view, 0.0).astype(np.float32) if vehicle.turns else None
+    ahead = _flow_at(pixels, straight, view, 1.0).astype(np.float32)
+    return torch.from_numpy(ahead), None if turning is None else torch.from_numpy(turning)
 
 
 USUAL_VEHICLE = Vehicle()

@@ -27,6 +27,12 @@ _OfBoxes = Callable[[Tensor, OperatingPoint[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
+def places_of(boxes_xyxy: Tensor) -> Tensor:
+    """Of boxes (N, 4) the corners, the sides' middles and their own, (N, 9, 2), (x, y)."""
+    x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
+    return torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).flatten(1, 2)
+
+
 @dataclass(frozen=True)
 class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
@@ -66,12 +72,6 @@ class Exposure:
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
         one_of("moves", self.moves, MOVES)
-        other = self.trajectory is not None or self.camera.shutter == "global-reset"
-        if self.moves != "all" and self.camera.row_time_s and other:
-            raise ValueError(
-                f"moves = {self.moves!r}: with row_time_s = {self.camera.row_time_s!r} parts move only before a "
-                "rolling shutter and without a trajectory; must be 'all'"
-            )
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
         an_instance("vehicle", self.vehicle, Vehicle)
         if not self.drives:
@@ -117,13 +117,14 @@ class Exposure:
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(places)
 
-    def of_targets(self, speed: float = 1.0) -> Exposure:
-        """The exposure as targets see it whose speed is ``speed`` times the velocity, all moving as they do."""
+    def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
+        """The exposure as targets see it whose speed is ``speed`` times the velocity, and their own beside it, all
+        moving as they do."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
-        x, y = self.velocity_px_s
-        return replace(self, velocity_px_s=(share * x, share * y), moves="all")
+        x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
+        return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
         """What an effect makes of boxes (N, 4). Where each place has its own motion: what holds that of the corners,
@@ -131,10 +132,7 @@ class Exposure:
         at = self._point(size)
         if not self.drives or not len(boxes_xyxy):
             return effect(boxes_xyxy, at)
-        x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
-        places = torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).reshape(
-            -1, 2
-        )
+        places = places_of(boxes_xyxy).view(-1, 2)
         moved = self.displacements_px(places, size).tolist()
         seen = [
             effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))

@@ -12,14 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import one_of, shown
-from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
+from blurnoise._core.checks import an_instance, one_of, shown
+from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited, limited_motion
 from blurnoise.auto_exposure import AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
+from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.exposure import MOVES
 from blurnoise.moving_masks import Moves
 from blurnoise.radiometry import electrons_per_lux_s
@@ -33,17 +35,19 @@ Gain = Range | Literal["auto"] | AutoExposure
 """dB, or what auto-exposure sets for the exposure at hand."""
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """What every picture has a value of."""
-_INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s"}
-"""Ranges to the condition that follows from them, the camera and the exposure time."""
+_INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
+"""Ranges to the condition that follows from them, or that they are in place of."""
 
 
 class Draws(ABC):
     """What conditions of training pictures are drawn from: :class:`ExposureRanges`, or a table of conditions.
 
     gain_db: what holds for all pictures whose ``Params`` have none. moves: what ``moves_index`` counts in. cameras:
-    what ``camera_index`` counts in. draws: how many uniform values the conditions of one picture take.
+    what ``camera_index`` counts in. vehicle: which drives at ``ego_kmh`` of the conditions. draws: how many uniform
+    values the conditions of one picture take.
     """
 
+    vehicle: Vehicle = USUAL_VEHICLE
     camera: Cameras
     gain_db: Gain
     moves: Moves | Sequence[Moves]
@@ -84,6 +88,9 @@ class ExposureRanges(Draws):
     for each picture. The longest exposure at the highest speed moves 1e5 px at most. shake_px, uniform: the extent of
     a hand's shake during the exposure, beside that motion; 0: none. moves: what that motion is of in pictures with
     masks, "all", the "targets" or the "background" behind them; one or several, each as likely as the others.
+    ego_kmh, uniform, in place of speed_px_s: a camera that drives over a flat road, on ``vehicle``, whose flow moves
+    each place of a picture otherwise, by the focal length of its camera and its size; the picture is all that the
+    camera sees. It goes without a shake and a global reset, and masks tell what drives along: "all" or "background".
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed.
     """
@@ -99,6 +106,8 @@ class ExposureRanges(Draws):
     moves: Moves | Sequence[Moves] = "all"
     white_e: Range | None = None
     blur_px: Range | None = None
+    ego_kmh: Range | None = None
+    vehicle: Vehicle = USUAL_VEHICLE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", cameras_of(self.camera))
@@ -116,24 +125,57 @@ class ExposureRanges(Draws):
                     f"{name} = {shown(getattr(self, name))}: within {shortest:g} s they ask for {_INSTEAD[name]} = "
                     f"{most:g}; must be <= {LIMITS[_INSTEAD[name]].high:g}"
                 )
-        if self.blur_px is None and longest * fastest > LIMITS["displacement_px"].high:
+        self._check_ego(longest)
+        if (
+            self.blur_px is None
+            and self.ego_kmh is None
+            and longest * fastest > LIMITS["displacement_px"].high
+        ):
             raise ValueError(
                 f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most: their product, the motion during the "
                 f"exposure, must be <= {LIMITS['displacement_px'].high:g} px"
             )
 
-        for camera in self.cameras if self.moves != ("all",) else ():
-            if camera.row_time_s and (self.shaken or camera.shutter == "global-reset"):
-                raise ValueError(
-                    f"moves = {self.moves!r}: before {camera.name!r}, which reads row by row, parts move only with a "
-                    "rolling shutter and shake_px = 0; must be 'all'"
-                )
         if self.shaken:
             for camera in self.cameras:
                 if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
                     raise ValueError(
                         f"exposure_s = {shortest:g}: too short for a shake over the readout of {camera.name!r}"
                     )
+
+    def _check_ego(self, longest_s: float) -> None:
+        """Raise ``TypeError`` or ``ValueError`` for a vehicle that does not drive, or what goes with none."""
+        an_instance("vehicle", self.vehicle, Vehicle)
+        if self.ego_kmh is None:
+            if self.vehicle != USUAL_VEHICLE:
+                raise ValueError("vehicle: goes with ego_kmh, at which it drives")
+            return
+        _, fastest = _bounds("ego_kmh", self.ego_kmh)
+        refused = {
+            "blur_px": (self.blur_px is not None, "each place has a blur of its own; must be None"),
+            "shake_px": (self.shaken, "a shake moves all places alike; must be 0"),
+            "moves": (
+                "targets" in self.moves,
+                "what moves for itself drives along; must be 'all' or 'background'",
+            ),
+        }
+        for name, (stated, why) in refused.items():
+            if stated:
+                raise ValueError(f"{name} = {getattr(self, name)!r}: with ego_kmh {why}")
+        for camera in self.cameras:
+            if camera.row_time_s and camera.shutter == "global-reset":
+                raise ValueError(
+                    f"ego_kmh = {shown(self.ego_kmh)}: must be None before {camera.name!r}, a global reset"
+                )
+            if camera.row_time_s and self.moves != ("all",):
+                raise ValueError(
+                    f"moves = {self.moves!r}: with ego_kmh before {camera.name!r}, which reads row by row, must be "
+                    "'all'"
+                )
+            height, width = camera.field.size
+            edges = np.array([[0, (width - 1) / 2, width - 1] * 2, [0] * 3 + [height - 1] * 3])
+            flow = self.vehicle.flow_at(edges, camera, (height, width), fastest / 3.6)
+            limited_motion("ego_kmh: flow times exposure", torch.from_numpy(flow * longest_s))
 
     def _most_lux(self, shortest_s: float) -> float:
         if self.white_e is None:
@@ -157,8 +199,8 @@ class ExposureRanges(Draws):
     def conditions(self, uniform: Tensor) -> Params:
         """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each, and ``camera_index``, int64.
 
-        ``gain_db`` and ``shake_px`` are among them where they are drawn, and ``moves_index``, int64, which counts in
-        ``moves``, unless everything moves.
+        ``gain_db``, ``shake_px`` and ``ego_kmh`` are among them where they are drawn, and ``moves_index``, int64,
+        which counts in ``moves``, unless everything moves.
         """
         shares = iter(uniform.unbind(-1))
         drawn = {name: self._drawn(self._stated(name), next(shares)) for name in DRAWN}
@@ -168,6 +210,8 @@ class ExposureRanges(Draws):
             each_e = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
             lux = drawn["illuminance_lux"] / (each_e[index] * exposure_s)
             drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
+        if self.ego_kmh is not None:
+            drawn["ego_kmh"], drawn["speed_px_s"] = drawn["speed_px_s"], torch.zeros_like(exposure_s)
         if self.blur_px is not None:
             drawn["speed_px_s"] = (drawn["speed_px_s"] / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
         for name, asked in (("gain_db", isinstance(self.gain_db, tuple)), ("shake_px", self.shaken)):
@@ -199,6 +243,7 @@ class ExposureRanges(Draws):
             "gain_db",
             *["shake_px"] * self.shaken,
             *["moves"] * (self.moves != ("all",)),
+            *["vehicle"] * (self.ego_kmh is not None),
         ]
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 

@@ -12,6 +12,7 @@ picture at twice its samples (Lanczos, 8 taps): of the picture itself it would l
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import cv2
 import numpy as np
@@ -23,6 +24,7 @@ from torch.nn import functional
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import finite, image_batch, one_of, real_tensor
 from blurnoise._core.limits import limited_motion
+from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 
@@ -109,37 +111,63 @@ def _times(length_px: float) -> list[float]:
 def _remapped(picture: Tensor, by: Tensor, target: Tensor, border: Border, at: list[float] | None) -> None:
     """By OpenCV, on the CPU: four channels at a time, a third of the time of three, or one."""
     width = picture.shape[-1]
+    bands = _bands(by, at)
+    if all(times == [0.0] for _, times in bands):
+        target[:] = picture
+        return
+    top, bottom = _seen_rows(by, bands, border)
     source, before = _led(picture, border)
-    plane = _with_margin(source, border).numpy()
+    plane = _with_margin(source, border).numpy()[:, top : len(source[0]) - len(by[0]) + bottom + 2 * _MARGIN]
     together = 1 if len(plane) == 1 else 4
-    finer = [
-        _finer(plane[first : first + together], together, border) for first in range(0, len(plane), together)
-    ]
+    groups = [plane[first : first + together] for first in range(0, len(plane), together)]
     dx, dy = (2 * by.numpy()).astype(np.float32)
     threads = torch.get_num_threads() if target.numel() >= WORTH_IT else 1
+    height_margined, width_margined = plane.shape[1:]
+    twice = (2 * (height_margined - 2 * _MARGIN), 2 * (width_margined - 2 * _MARGIN), together)
 
-    def blur(band: tuple[slice, list[float]]) -> None:
+    def blur(finer: list[NDArray[np.float32]], band: tuple[slice, list[float]]) -> None:
         rows, times = band
         if times == [0.0]:
             target[:, rows] = picture[:, rows]
             return
         along_x, along_y = dx[rows], dy[rows]
-        x0, y0 = np.meshgrid(
-            2 * np.arange(width, dtype=np.float32) + before,
-            2 * np.arange(rows.start, rows.start + len(along_x), dtype=np.float32) + before,
-        )
-        sums = [np.zeros((*along_x.shape, together), np.float32) for _ in finer]
-        for time in times:
-            x, y = cv2.scaleAdd(along_x, -time, x0), cv2.scaleAdd(along_y, -time, y0)
-            for values, total in zip(finer, sums, strict=True):
-                seen = cv2.remap(values, x, y, cv2.INTER_LINEAR, borderMode=_OPENCV[border], borderValue=0)
-                cv2.accumulate(seen.reshape(total.shape), total)
-        for place, total in enumerate(sums):
-            some = target[place * together : (place + 1) * together, rows]
-            mean = torch.from_numpy(total).permute(2, 0, 1) / len(times)
-            some[:] = mean[: len(some)]
+        first = rows.start - top
+        shape = (len(along_x), width)
+        with borrowed([shape] * 4 + [(*shape, together)] * (1 + len(finer)), np.float32) as kept:
+            x0, y0, x, y, seen, *sums = kept
+            x0[:] = 2 * np.arange(width, dtype=np.float32) + before
+            y0[:] = (2 * np.arange(first, first + len(along_x), dtype=np.float32) + before)[:, None]
+            for total in sums:
+                total[:] = 0
+            for time in times:
+                cv2.scaleAdd(along_x, -time, x0, x)
+                cv2.scaleAdd(along_y, -time, y0, y)
+                for values, total in zip(finer, sums, strict=True):
+                    found = seen if together > 1 else seen[..., 0]
+                    cv2.remap(values, x, y, cv2.INTER_LINEAR, found, _OPENCV[border], 0)
+                    cv2.accumulate(seen, total)
+            for place, total in enumerate(sums):
+                some = target[place * together : (place + 1) * together, rows]
+                some[:] = torch.from_numpy(total).permute(2, 0, 1)[: len(some)]
+                some /= len(times)
 
-    side_by_side(blur, _bands(by, at), threads)
+    with borrowed([twice] * len(groups), np.float32) as memory:
+        finer = [_finer(group, into, border) for group, into in zip(groups, memory, strict=True)]
+        side_by_side(partial(blur, finer), bands, threads)
+
+
+def _seen_rows(by: Tensor, bands: list[tuple[slice, list[float]]], border: Border) -> tuple[int, int]:
+    """The rows of the picture that what moves is seen in, from and to; all where its border shows other sides."""
+    height = by.shape[1]
+    if border not in ("reflect", "replicate"):
+        return 0, height
+    top, bottom = height, 0
+    for rows, times in bands:
+        if times == [0.0]:
+            continue
+        reach = math.ceil(float(by[1, rows].abs().max()) * max(map(abs, times))) + 1
+        top, bottom = min(top, rows.start - reach), max(bottom, rows.stop + reach)
+    return max(0, top), min(height, bottom)
 
 
 def _led(picture: Tensor, border: Border) -> tuple[Tensor, int]:
@@ -154,20 +182,27 @@ def _with_margin(picture: Tensor, border: Border) -> Tensor:
     return extended(picture[None], (_MARGIN, _MARGIN), (height, width), border)[0]
 
 
-def _finer(plane: NDArray[np.float32], channels: int, border: Border) -> NDArray[np.float32]:
-    """Up to four planes with their margin as one with a value between each two, (2 H, 2 W, channels)."""
+def _finer(plane: NDArray[np.float32], into: NDArray[np.float32], border: Border) -> NDArray[np.float32]:
+    """Up to four planes with their margin as one with a value between each two, in memory (2 H, 2 W, channels)."""
     inside = slice(_MARGIN, -_MARGIN)
-    height, width = (side - 2 * _MARGIN for side in plane.shape[1:])
-    across = [cv2.filter2D(each, -1, _TAPS[None], anchor=(3, 0)) for each in plane]
-    finer = np.empty((2 * height, 2 * width), np.dtype((np.void, 4 * channels)))
-    for column, planes in enumerate((list(plane), across)):
-        down = [cv2.filter2D(each, -1, _TAPS[:, None], anchor=(0, 3)) for each in planes]
-        for row, some in enumerate((planes, down)):
-            cut = [np.ascontiguousarray(each[inside, inside]) for each in some]
-            merged = cv2.merge([*cut, *[cut[0]] * (channels - len(cut))])
-            finer[row::2, column::2] = merged.view(finer.dtype).reshape(height, width)
-    values = finer.view(np.float32).reshape(2 * height, 2 * width, channels)
-    return values[: _whole(height, border), : _whole(width, border)]
+    (height, width), channels = (side - 2 * _MARGIN for side in plane.shape[1:]), into.shape[2]
+    pixels = into.view(np.dtype((np.void, 4 * channels)))[..., 0]
+    planes = [plane.shape[1:]] * len(plane)
+    with (
+        borrowed([*planes, *planes], np.float32) as kept,
+        borrowed([(height, width, channels)], np.float32) as (merged,),
+    ):
+        across, down = kept[: len(plane)], kept[len(plane) :]
+        for each, found in zip(plane, across, strict=True):
+            cv2.filter2D(each, -1, _TAPS[None], found, (3, 0))
+        for column, some in enumerate((list(plane), across)):
+            for each, found in zip(some, down, strict=True):
+                cv2.filter2D(each, -1, _TAPS[:, None], found, (0, 3))
+            for row, lines in enumerate((some, down)):
+                cut = [each[inside, inside] for each in lines]
+                cv2.merge([*cut, *[cut[0]] * (channels - len(cut))], merged)
+                pixels[row::2, column::2] = merged.view(pixels.dtype)[..., 0]
+    return into[: _whole(height, border), : _whole(width, border)]
 
 
 def _whole(size: int, border: Border) -> int:

@@ -68,6 +68,7 @@ LIMITS: Mapping[str, Limit] = {
     "diffraction_lambda_n_px": Limit(0.0, 1000.0),
     # roads
     "speed_m_s": Limit(0.0, 3e8),
+    "ego_kmh": Limit(0.0, 360.0),  # as of sweeps
     "distance_m": Limit(1e-6, 1e9),
     "target_width_m": Limit(1e-6, 1e9),
     "width_px": Limit(1.0, 1 << 20),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import importlib.util
 import inspect
+import math
 import pickle
 from typing import Any
 
@@ -16,6 +17,8 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.augment import RandomExposure, expose_pictures
+from blurnoise.driving import Vehicle
+from blurnoise.exposure_ranges import DRAWN
 from blurnoise.exposure_table import ExposureTable
 from blurnoise.light import effects
 
@@ -265,3 +268,21 @@ def test_conditions_of_a_table_are_drawn_as_the_kornia_class_draws_them() -> Non
     assert 0.001 <= float(params["exposure_s"]) <= 0.01
     with pytest.raises(TypeError, match="speed_px_s = 3: is stated"):
         RandomExposureV2.for_conditions(table, speed_px_s=3)
+
+
+def test_a_camera_that_drives_blurs_and_sweeps_each_place_by_its_own_flow() -> None:
+    road = Vehicle(hfov_deg=60.0, lens="rectilinear")
+    at = {"exposure_s": 0.02, "illuminance_lux": 100.0, "p": 1.0, "ego_kmh": 90.0, "vehicle": road}
+    transform = RandomExposureV2(**at, grow_boxes=True)
+    params = transform.make_params([])
+    frame = transform.transform(picture(), params)
+    seed = rng.item_seeds(torch.Generator().manual_seed(int(params["noise_seed"])), 1)
+    given = {name: params[name] for name in (*DRAWN, "ego_kmh")}
+    alone = expose_pictures(picture()[None], "imx250", **given, vehicle=road, generator=seed)
+    assert torch.equal(frame, alone[0])
+    found = transform.transform(boxes([20, 30, 40, 44]), params).as_subclass(Tensor)[0]
+    # down y² V / (h f) of the lower edge, 20 px below the axis, whichever way the corners go; half to each side
+    focal_px = 80 / 2 / math.tan(math.radians(30))
+    down = 20**2 * 25 / (1.5 * focal_px) * 0.02 / 2
+    assert float(found[3]) == pytest.approx(44 + down, rel=1e-4)
+    assert float(found[1]) == pytest.approx(30 - down * (6 / 20) ** 2, rel=1e-4)

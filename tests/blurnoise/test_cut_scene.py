@@ -14,6 +14,7 @@ from blurnoise.cut_scene import CutScene
 from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut
+from blurnoise.trajectory import Trajectory
 
 CAMERA = Camera.preset("imx250")
 HEIGHT, WIDTH, SIZE_PX = 91, 140, 30.0
@@ -162,7 +163,41 @@ def test_what_cannot_be_is_refused() -> None:
         taken("some")
     with pytest.raises(ValueError, match=r"moves = 'targets': must be 'all' of a scene"):
         frame(ExposedScene(ground()), taken("targets"))
-    with pytest.raises(ValueError, match=r"moves = 'targets': .* row_time_s"):
-        Exposure(
-            replace(Camera.preset("ar0237"), shutter="global-reset"), 0.01, 60.0, VELOCITY, moves="targets"
-        )
+
+
+def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
+    """With speed 0 it is what the object does against the background, whether that stands or moves."""
+    still, own = (0.0, 0.0), VELOCITY
+    crosses = CutScene(cut(), [0.0], [own])
+    assert np.array_equal(
+        frame(crosses, taken("targets", velocity=still)), frame(CutScene(cut()), taken("targets"))
+    )
+    against = tuple(-along for along in own)  # a background that moves so is passed by an object that stays
+    tracked = frame(CutScene(cut(), [1.0]), taken("background", velocity=against))
+    assert np.array_equal(frame(crosses, taken("background", velocity=against)), tracked)
+    assert rms(tracked, frame(crosses, taken("targets", velocity=against))) > 4.0
+    assert np.array_equal(frame(crosses, taken("all")), frame(CutScene(cut()), taken("all")))
+    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
+    scene = CutScene(Cut(ground(), (layer,), np.ones((HEIGHT, WIDTH), bool)), [0.0], [(2000.0, 0.0)])
+    for moves, velocity in (("targets", still), ("background", (500.0, 0.0))):
+        assert scene.invented(taken(moves, velocity=velocity)) == pytest.approx((20 / 160,), abs=0.004)
+    with pytest.raises(ValueError, match="own_px_s: 2; must be 1"):
+        CutScene(cut(), [1.0], [still, still])
+
+
+@pytest.mark.parametrize("shutter", ["global", "rolling", "global-reset"])
+def test_parts_shake_with_the_camera_row_by_row(shutter: Any) -> None:
+    """Where nothing moves but the camera, cut parts and whole pictures are the same; else the target moves beside."""
+    row_s = 0.0 if shutter == "global" else 2e-5
+    camera = replace(CAMERA, row_time_s=row_s, shutter="rolling" if shutter == "global" else shutter)
+    path = Trajectory.sinusoid(4.0, 35.0, 0.2, direction_deg=30.0)
+
+    def shaken(scene: ExposedScene, moves: str, velocity: tuple[float, float], along: Any = path) -> Any:
+        at = replace(taken(moves, velocity=velocity), camera=camera, trajectory=along)
+        return frame(scene, at)
+
+    still = (0.0, 0.0)
+    whole = shaken(ExposedScene(sign(ground())), "all", still)
+    assert rms(shaken(CutScene(cut()), "targets", still), whole) < 0.8
+    assert rms(shaken(CutScene(cut()), "targets", still, None), whole) > 3.0
+    assert rms(shaken(CutScene(cut()), "targets", VELOCITY), whole) > 3.0

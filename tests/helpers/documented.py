@@ -30,6 +30,8 @@ SUBSTITUTES = (
     ("--images DIR", "--images photos/"),
     ("s3://bucket", "file://{folder}/bucket"),  # tests/eval/system has S3's
     ("--model trained/stop_sign.onnx", "--model m.onnx"),
+    ("--object-kmh car=50,person=5 --object-width-m car=4.5", "--object-kmh 'stop sign=50'"),
+    ("--object-m person=12", "--object-m 'stop sign=12'"),
     ("-o run # decide", "--lux 1,1000 --speed 0,1000 -o run"),  # in place of a minute
 )
 

@@ -215,6 +215,22 @@ ObjectSpeed = Annotated[
     list[str] | None,
     _objects(metavar="CLASS=FACTOR", help="of --dx and --dy; 0: they stand", autocompletion=speeds),
 ]
+ObjectKmh = Annotated[
+    list[str] | None,
+    _objects(
+        metavar="CLASS=KMH,...",
+        help="it crosses the view to the right",
+        autocompletion=speeds,
+    ),
+]
+ObjectM = Annotated[
+    list[str] | None,
+    _objects(metavar="CLASS=M,...", help="how far, by --hfov-deg, --lens", autocompletion=speeds),
+]
+ObjectWidthM = Annotated[
+    list[str] | None,
+    _objects(metavar="CLASS=M,...", help="or how wide", autocompletion=speeds),
+]
 Boxes = Annotated[
     str,
     Option(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from blurnoise.colour import Cfa
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut, Matte
+    from blurnoise.motion import Lens
     from blurnoise.spectra import Curve
     from blurnoise.trajectory import Trajectory
     from blurnoise_eval.datasets import PictureSet
@@ -328,20 +329,56 @@ def subject(
     return opened, pictures(targets=target or (), reads=read(opened), **sets)
 
 
-def objects(mattes: str, plates: Location | None, speeds: Sequence[str], boxes: str) -> Objects:
-    """What moves for itself; speeds: "CLASS=FACTOR" each."""
-    from blurnoise_eval.grid.objects import Objects
+def objects(
+    mattes: str,
+    plates: Location | None,
+    speeds: Sequence[str],
+    boxes: str,
+    *,
+    kmh: Sequence[str] = (),
+    away_m: Sequence[str] = (),
+    width_m: Sequence[str] = (),
+    hfov_deg: float | None = None,
+    lens: Lens | None = None,
+) -> Objects:
+    """What moves for itself; speeds: "CLASS=FACTOR" each; kmh, away_m, width_m: "CLASS=NUMBER[,...]" each."""
+    from blurnoise_eval.grid.objects import Crossing, Objects
 
-    told = {}
-    for text in speeds:
-        label, _, factor = text.rpartition("=")
+    told = _by_class("object-speed", speeds, "CLASS=FACTOR, such as car=0.5")
+    crossing, away, wide = (
+        _by_class(
+            name, [part for text in stated for part in text.split(",")], f"CLASS={unit}, such as {such}"
+        )
+        for name, stated, unit, such in (
+            ("object-kmh", kmh, "KMH", "car=50,person=5"),
+            ("object-m", away_m, "M", "car=20"),
+            ("object-width-m", width_m, "M", "car=4.5"),
+        )
+    )
+    if lost := sorted({*away, *wide} - {*crossing}):
+        raise ValueError(f"object-m, object-width-m: {', '.join(lost)}: go with --object-kmh of the class")
+    crossings = {}
+    for label, speed in crossing.items():
+        seen_by = {"hfov_deg": hfov_deg, "lens": lens} if label in away else {}
         try:
-            told[label] = float(factor)
+            crossings[label] = Crossing(speed, wide.get(label), away.get(label), **seen_by)  # type: ignore[arg-type]
+        except ValueError as error:
+            raise ValueError(f"object-kmh: {label}: {error}") from None
+    return Objects(mattes, told, None if plates is None else str(plates), boxes, crossings)
+
+
+def _by_class(name: str, stated: Iterable[str], wanted: str) -> dict[str, float]:
+    """Numbers by class, of "CLASS=NUMBER" each. Raises ``ValueError`` naming the option."""
+    told = {}
+    for text in stated:
+        label, _, number = text.strip().rpartition("=")
+        try:
+            told[label] = float(number)
         except ValueError:
             label = ""
         if not label:
-            raise ValueError(f"object-speed = {text!r}: must be CLASS=FACTOR, such as car=0.5")
-    return Objects(mattes, told, None if plates is None else str(plates), boxes)
+            raise ValueError(f"{name} = {text!r}: must be {wanted}")
+    return told
 
 
 def command() -> str:

@@ -203,7 +203,7 @@ def simulate(
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
     moving = _object(cut, plate, scene, (object_dx, object_dy), encoding, grey_anchor or emitters)
-    crossing = {"distance_m": object_m, "width_m": object_width_m}
+    crossing = {"away_m": object_m, "width_m": object_width_m}
     if object_kmh is not None:
         seen_through = {} if ego else {"hfov_deg": hfov_deg, "lens": lens}
         moving = _crossing(moving, (object_dx, object_dy), object_kmh, taker, **crossing, **seen_through)
@@ -395,10 +395,12 @@ def _crossing(
     """The object at what --object-kmh says. Raises ``ValueError`` for options that do not go with it."""
     from dataclasses import replace
 
+    from blurnoise_eval.grid.objects import Crossing
+
     if moving is None or any(velocity_px_s):
         raise ValueError("object-kmh: goes with --object, without --object-dx and --object-dy")
     (layer,), size = moving.layers, (moving.background.shape[-2], moving.background.shape[-1])
-    velocity = vehicle.crossing_px_s(layer, speed_kmh, taker, size, **seen_by)
+    velocity = vehicle.crossing_px_s(layer, Crossing(speed_kmh, **seen_by), taker, size)
     return moving._replace(layers=(replace(layer, velocity_px_s=velocity),))
 
 

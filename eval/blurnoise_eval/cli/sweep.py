@@ -22,7 +22,10 @@ from blurnoise_eval.cli._options import (
     Json,
     Mains,
     Mattes,
+    ObjectKmh,
+    ObjectM,
     ObjectSpeed,
+    ObjectWidthM,
     Plates,
     RunWritten,
     StatedPath,
@@ -123,6 +126,9 @@ def sweep(
     mattes: Mattes = "auto",
     plates: Plates = None,
     object_speed: ObjectSpeed = None,
+    object_kmh: ObjectKmh = None,
+    object_m: ObjectM = None,
+    object_width_m: ObjectWidthM = None,
     boxes: Boxes = "object",
     height_m: Annotated[float | None, vehicle.height_m(_EGO)] = None,
     pitch_deg: Annotated[float | None, vehicle.pitch_deg(_EGO)] = None,
@@ -214,15 +220,24 @@ def sweep(
         reads=given.read(models),
     )
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
-    objects = given.objects(mattes, plates, object_speed or (), boxes)
+    seen_by: Any = {"hfov_deg": hfov_deg, "lens": lens}
+    objects = given.objects(
+        mattes,
+        plates,
+        object_speed or (),
+        boxes,
+        kmh=object_kmh or (),
+        away_m=object_m or (),
+        width_m=object_width_m or (),
+        **(seen_by if object_m else {}),
+    )
     stated: Any = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor, "trajectory": trajectory}
     stated["ego"] = vehicle.stated(
         height_m=height_m,
         pitch_deg=pitch_deg,
         heading_deg=heading_deg,
         plane_m=plane_m,
-        hfov_deg=hfov_deg,
-        lens=lens,
+        **({} if object_m else seen_by),
         yaw_deg_s=yaw_deg_s,
     )
     plan = SweepPlan(grid, **stated, auto_exposure=auto, objects=objects)

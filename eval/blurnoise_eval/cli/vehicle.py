@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise.driving import Vehicle
     from blurnoise.layers import Layer
+    from blurnoise_eval.grid.objects import Crossing
 
 LensKind = Literal["f-theta", "rectilinear"]
 
@@ -70,43 +71,12 @@ class Drive(NamedTuple):
 
 
 def crossing_px_s(
-    layer: Layer,
-    speed_kmh: float,
-    camera: Camera,
-    size: tuple[int, int],
-    *,
-    distance_m: float | None = None,
-    width_m: float | None = None,
-    hfov_deg: float | None = None,
-    lens: LensKind | None = None,
+    layer: Layer, crossing: Crossing, camera: Camera, size: tuple[int, int]
 ) -> tuple[float, float]:
-    """Velocity (x, y), px/s, of an object that crosses a camera's view to the right, in a picture (H, W).
-
-    width_m: the object's, which is as wide as its matte; else distance_m: its depth along the optical axis, its
-    middle as a point there. Raises ``ValueError`` unless it is one of the two.
-    """
-    import numpy as np
-
-    from blurnoise._core.limits import limited
-    from blurnoise.ego_motion import EgoMotion, range_of_depth_m
-
-    speed_m_s = speed_kmh / 3.6
-    if width_m is not None and distance_m is None:
-        if hfov_deg is not None or lens is not None:
-            raise ValueError("hfov-deg, lens: go with --object-m; --object-width-m needs neither")
-        limited("object-width-m", width_m, "target_width_m")
-        return speed_m_s * layer.alpha.shape[1] / width_m, 0.0
-    if distance_m is None or width_m is not None:
-        raise ValueError("object-kmh: needs --object-m, how far it is, or --object-width-m, how wide")
-    limited("object-m", distance_m, "depth_m")
-    fields = {"hfov_deg": hfov_deg, "lens": lens}
-    view = (stated(**fields) or stated(height_m=1.5)).view(camera, size)  # type: ignore[union-attr]
+    """Velocity (x, y), px/s, of an object that crosses a camera's view, in a picture (H, W): its matte is its box."""
     left, top = layer.place_px
     high, wide = layer.alpha.shape
-    middle = np.array([left + (wide - 1) / 2, top + (high - 1) / 2])
-    away_m = range_of_depth_m(view.rays(middle), distance_m)
-    x, y = view.flow_px_s(middle, away_m, EgoMotion((-speed_m_s, 0.0, 0.0))).tolist()
-    return x, y
+    return crossing.velocity_px_s((left, top, left + wide, top + high), camera, size)
 
 
 def stated(**fields: Any) -> Vehicle | None:

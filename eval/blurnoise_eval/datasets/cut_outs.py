@@ -8,7 +8,7 @@ was rendered, the user's where there is a plate, else invented from around it (:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -46,9 +46,9 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             "rendered signs; without labels only all can move"
         )
     known = {target.label for picture in pictures for target in picture.targets or ()}
-    speeds = dict(objects.speeds)
-    if unknown := sorted(set(speeds) - known):
-        raise ValueError(f"object-speed: {', '.join(unknown)}: no target is one")
+    for name, stated in (("object-speed", dict(objects.speeds)), ("object-kmh", dict(objects.crossings))):
+        if unknown := sorted({*stated} - known):
+            raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
     if objects.mattes == "segmentation":
         lacking = sum(
             not target.annotation.get("segmentation")
@@ -121,8 +121,8 @@ def cut_out(
         cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
     else:
         cut = mattes.cut_out(light, found, still, plate)
-    speeds = [objects.speed_of(every[place].label) for place, _ in own]
-    hidden = [_before(place, found, speeds) for place in range(len(found))]
+    motions = [_motion(every[place], objects) for place, _ in own]
+    hidden = [_before(place, found, motions) for place in range(len(found))]
     layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
     cut = cut._replace(layers=layers)
     return _told(cut, [place for place, _ in own], every, objects)
@@ -130,10 +130,10 @@ def cut_out(
 
 def _comes_apart(place: int, backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> bool:
     """Whether a target moves, or stands before one that does or right behind it; else it is background."""
-    if objects.speed_of(every[place].label) != 0:
+    if not objects.stands(every[place].label):
         return True
     order = backmost.index(place)
-    movers = {other for other in backmost if objects.speed_of(every[other].label) != 0}
+    movers = {other for other in backmost if not objects.stands(every[other].label)}
     x0, y0, x1, y1 = every[place].box_xyxy
     return bool(movers.intersection(backmost[:order])) or any(
         x0 < right and left < x1 and y0 < bottom and top < y1
@@ -145,11 +145,16 @@ def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: O
     return CutOut(cut, tuple(places), tuple(objects.speed_of(targets[place].label) for place in places))
 
 
-def _before(place: int, found: Sequence[Matte], speeds: Sequence[float]) -> NDArray[np.bool_]:
+def _motion(target: Target, objects: Objects) -> Hashable:
+    """Equal for targets that move alike."""
+    return target if objects.crosses(target.label) else objects.speed_of(target.label)
+
+
+def _before(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> NDArray[np.bool_]:
     """Where (H, W) objects that move otherwise hide this one: what the picture shows there is theirs."""
     hidden = np.zeros(found[place].shape, bool)
     for other in range(place + 1, len(found)):
-        if speeds[other] != speeds[place] and ((found[other] >= 1) & (found[place] > 0)).any():
+        if motions[other] != motions[place] and ((found[other] >= 1) & (found[place] > 0)).any():
             hidden |= found[other] > 0
     return mattes.hole_of(hidden) if hidden.any() else hidden
 

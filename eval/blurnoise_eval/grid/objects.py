@@ -1,6 +1,7 @@
 """Objects of a plan: how what moves for itself is told from the rest of a picture, how fast it is, where it counts.
 
-Convention: of speeds, multiples of the velocity on the axes ``--dx`` and ``--dy``.
+Convention: of speeds, multiples of the velocity on the axes ``--dx`` and ``--dy``; of what crosses the view at a road
+speed, km/h, to the right. Boxes are (x0, y0, x1, y1) px from the picture's corner.
 """
 
 from __future__ import annotations
@@ -9,16 +10,72 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+import numpy as np
+
 from blurnoise._core.checks import in_range, one_of
+from blurnoise._core.limits import limited
+from blurnoise.camera import Camera
+from blurnoise.driving import Vehicle
+from blurnoise.ego_motion import EgoMotion, range_of_depth_m
+from blurnoise.motion import Lens
 
 MATTES = ("auto", "segmentation", "grabcut", "box")
 BOXES = ("object", "half", "swept")
-_FASTEST = 100.0
+_FASTEST, _FASTEST_KMH = 100.0, 360.0
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """What crosses the view to the right at kmh, and how that is told in px.
+
+    width_m: the object's, which is as wide as its box; else away_m: its depth along the optical axis, its middle as a
+    point there, through a lens of hfov_deg (None: the camera's own) of the kind ``lens`` (None: f-theta). Raises
+    ``ValueError`` unless it is one of the two.
+    """
+
+    kmh: float
+    width_m: float | None = None
+    away_m: float | None = None
+    hfov_deg: float | None = None
+    lens: Lens | None = None
+
+    def __post_init__(self) -> None:
+        in_range("object-kmh", self.kmh, -_FASTEST_KMH, _FASTEST_KMH)
+        if self.width_m is not None and self.away_m is None:
+            if self.hfov_deg is not None or self.lens is not None:
+                raise ValueError("hfov-deg, lens: go with --object-m; --object-width-m needs neither")
+            limited("object-width-m", self.width_m, "target_width_m")
+            return
+        if self.away_m is None or self.width_m is not None:
+            raise ValueError("object-kmh: needs --object-m, how far it is, or --object-width-m, how wide")
+        limited("object-m", self.away_m, "depth_m")
+        _ = self._vehicle  # whose lens has limits
+
+    @property
+    def _vehicle(self) -> Vehicle:
+        return Vehicle(hfov_deg=self.hfov_deg, lens=self.lens or "f-theta")
+
+    def velocity_px_s(
+        self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
+    ) -> tuple[float, float]:
+        """Of an object in that box of a picture (H, W), x right and y down."""
+        x0, y0, x1, y1 = box_xyxy
+        speed_m_s = self.kmh / 3.6
+        if self.width_m is not None:
+            return speed_m_s * (x1 - x0) / self.width_m, 0.0
+        view = self._vehicle.view(camera, size)
+        middle = np.array([(x0 + x1) / 2 - 0.5, (y0 + y1) / 2 - 0.5])
+        away_m = range_of_depth_m(view.rays(middle), float(self.away_m or 0))
+        x, y = view.flow_px_s(middle, away_m, EgoMotion((-speed_m_s, 0.0, 0.0))).tolist()
+        return x, y
 
 
 @dataclass(frozen=True)
 class Objects:
     """mattes: how targets are told from the rest, of ``MATTES``; speeds: by class, a multiple of the velocity.
+
+    crossings: by class, what crosses the view at a road speed, whatever that velocity is: before a camera at rest
+    where targets move, beside what the background does where the camera tracks others.
 
     "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
     or takes all of it (:func:`blurnoise.mattes.of_object_in`); "segmentation": that alone; "box". A speed of 0: it
@@ -30,6 +87,7 @@ class Objects:
     speeds: Mapping[str, float] | Iterable[tuple[str, float]] = ()
     plates: str | None = None
     boxes: str = "object"
+    crossings: Mapping[str, Crossing] | Iterable[tuple[str, Crossing | Mapping[str, Any]]] = ()
 
     def __post_init__(self) -> None:
         one_of("mattes", self.mattes, MATTES)
@@ -40,6 +98,13 @@ class Objects:
             for label, speed in given
         }
         object.__setattr__(self, "speeds", tuple(sorted(checked.items())))
+        stated = self.crossings.items() if isinstance(self.crossings, Mapping) else self.crossings
+        crossings = {
+            str(label): each if isinstance(each, Crossing) else Crossing(**each) for label, each in stated
+        }
+        object.__setattr__(self, "crossings", tuple(sorted(crossings.items(), key=lambda each: each[0])))
+        for label in checked.keys() & crossings:
+            raise ValueError(f"object-speed: {label}: has an object-kmh, too; must be one of them")
 
     def check_used(self, cuts: bool) -> None:
         """Raise ``ValueError`` where something is stated of what moves for itself and nothing does, ``cuts``."""
@@ -50,8 +115,31 @@ class Objects:
             )
 
     def speed_of(self, label: str) -> float:
-        """That of a class, 1 unless stated."""
-        return dict(self.speeds).get(label, 1.0)
+        """That of a class, 1 unless stated; 0 of one that crosses the view at a speed of its own."""
+        return 0.0 if label in self.by_class else dict(self.speeds).get(label, 1.0)
+
+    def own_px_s(
+        self, label: str, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
+    ) -> tuple[float, float]:
+        """Velocity (x, y), px/s, of what is of a class that crosses, in that box of a picture (H, W); else 0."""
+        crossing = self.by_class.get(label)
+        return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy, camera, size)
+
+    def stands(self, label: str) -> bool:
+        """Whether what is of a class never moves."""
+        return self.speed_of(label) == 0 and not self.crosses(label)
+
+    def crosses(self, label: str | None = None) -> bool:
+        """Whether a class, or any, crosses the view at a speed of its own."""
+        of = self.by_class
+        return any(
+            each.kmh for each in (of.values() if label is None else [of[label]] if label in of else ())
+        )
+
+    @property
+    def by_class(self) -> dict[str, Crossing]:
+        """The crossings."""
+        return dict(self.crossings)  # type: ignore[arg-type]
 
     def to_dict(self) -> dict[str, Any]:
         """What is not as usual, as plain values for JSON."""

@@ -12,6 +12,7 @@ from blurnoise.driving import Vehicle
 from blurnoise.grey_anchor import reflectance_text
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
 
@@ -180,6 +181,16 @@ def ego_text(vehicle: Vehicle) -> str:
     )
 
 
+def crossings_text(objects: Objects) -> str | None:
+    """How fast which classes cross the view, as the manifest keeps it; None: none does."""
+    told = [
+        f"{label} {each.kmh:g} km/h, "
+        + (f"{each.width_m:g} m wide" if each.width_m is not None else f"{each.away_m:g} m away")
+        for label, each in objects.by_class.items()
+    ]
+    return f"{'; '.join(told)}; blur_px of such a target is its own" if told else None
+
+
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
     sources = fields.get("sources", {})
@@ -215,6 +226,8 @@ def run_facts(data: RunData) -> dict[str, str]:
         facts["trajectory"] = manifest["trajectory"]
     if manifest.get("ego"):
         facts["ego"] = manifest["ego"]
+    if manifest.get("crossings"):
+        facts["crossings"] = manifest["crossings"]
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": pictures,

@@ -28,7 +28,7 @@ from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.radiometry import dark_electrons, photoelectrons
 from blurnoise.stated_trajectory import StatedTrajectory
-from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
+from blurnoise_eval.datasets import Image, Picture, Target, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.matching import MoveBoxes, swept_within
@@ -42,7 +42,8 @@ class Frame(NamedTuple):
 
     saturated: the share of its values at a limit of well, converter or picture. snr_db: of a pixel with the
     picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented: by the place of a
-    target, see :meth:`blurnoise.cut_scene.CutScene.invented`.
+    target, see :meth:`blurnoise.cut_scene.CutScene.invented`. own_px: by its place, the blur of a target that crosses
+    the view at a speed of its own.
     """
 
     cell: Cell
@@ -55,6 +56,7 @@ class Frame(NamedTuple):
     snr_db: float | None = None
     brightness: float | None = None
     invented: Mapping[int, float] = {}
+    own_px: Mapping[int, float] = {}
 
 
 class Scene:
@@ -86,21 +88,45 @@ class Scene:
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
-        for apart, some in groupby(exposures, key=_apart):
+        for apart, group in groupby(exposures, key=self._apart):
+            some = list(group)
             if apart:
-                yield from self._cut_scene()[0].frames(list(some))
+                yield from self._cut_scene(some[0].camera)[0].frames(some)
             else:
                 yield from self.light.frames([replace(each, moves="all") for each in some])
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
-        if not _apart(taken):
+        if not self._apart(taken):
             return {}
-        scene, targets = self._cut_scene()
+        scene, targets = self._cut_scene(taken.camera)
         return dict(zip(targets, scene.invented(taken), strict=True))
 
-    def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
-        """Cut out once, whoever needs it first; layers with the targets that they are."""
+    def own_px(self, taken: Exposure) -> dict[int, float]:
+        """By the place of a target that crosses the view at a speed of its own, its blur, px."""
+        if taken.moves == "all" or self._picture is None:
+            return {}
+        crossing = {
+            place: self._own_px_s(target, taken.camera)
+            for place, target in enumerate(self._picture.targets or ())
+            if self.objects.crosses(target.label)
+        }
+        return {
+            place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
+            for place, own in crossing.items()
+        }
+
+    def _apart(self, taken: Exposure) -> bool:
+        """Whether the picture has to be cut for it."""
+        return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
+
+    def _own_px_s(self, target: Target, camera: Camera) -> tuple[float, float]:
+        size = (self.image8.shape[0], self.image8.shape[1])
+        return self.objects.own_px_s(target.label, target.box_xyxy, camera, size)
+
+    def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
+        """Cut out once, whoever needs it first; layers with the targets that they are. camera: of all exposures, but
+        for figures of its lens that no speed needs."""
         with self._lock:
             if self._cut is None:
                 if self._picture is None:
@@ -111,7 +137,9 @@ class Scene:
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
                 found = cut_out(self._picture, self.image8, light, self.objects, scale)
-                self._cut = CutScene(found.cut, found.speeds), found.targets
+                every = self._picture.targets or ()
+                own = [self._own_px_s(every[place], camera) for place in found.targets]
+                self._cut = CutScene(found.cut, found.speeds, own), found.targets
             return self._cut
 
     def mean_light(self, camera: Camera) -> float:
@@ -158,6 +186,7 @@ def frames(
             snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
+            own_px=scene.own_px(exposure),
         )
 
 
@@ -207,16 +236,12 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
 
 
-def _apart(taken: Exposure) -> bool:
-    """Whether the picture has to be cut for it."""
-    return taken.moves != "all" and any(taken.velocity_px_s)
-
-
 def box_mover(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | None:
     """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or what else
     ``objects.boxes`` says; None: they stay."""
     along_path = objects.boxes == "swept" and taken.trajectory is not None
-    if objects.boxes == "object" or not (any(taken.velocity_px_s) or taken.drives or along_path):
+    crosses = taken.moves != "all" and objects.crosses()
+    if objects.boxes == "object" or not (any(taken.velocity_px_s) or taken.drives or along_path or crosses):
         return _mover(lambda of: of.move_boxes, taken, objects) if effects.displace(taken.camera) else None
     if objects.boxes == "swept":
         return _mover(lambda of: of.sweep_boxes, taken, objects, within=True)
@@ -259,13 +284,20 @@ def _mover(
         moved = np.empty_like(boxes_xyxy)
         speeds = {label: objects.speed_of(label) for label in set(labels)}
         own = [speeds[label] for label in labels] or [1.0]
-        kinds = np.column_stack(
-            [np.where(np.isnan(sizes_px), 0.0, sizes_px), np.broadcast_to(own, len(boxes_xyxy))]
-        )
+        sizes = np.where(np.isnan(sizes_px), 0.0, sizes_px)
+        beside = np.zeros((len(boxes_xyxy), 2))
+        if taken.moves != "all" and objects.crosses():
+            for place, label in enumerate(labels):
+                width, height = sizes[place].tolist()
+                size = (int(height), int(width)) if width else taken.camera.field.size
+                beside[place] = objects.own_px_s(label, boxes_xyxy[place].tolist(), taken.camera, size)
+        kinds = np.column_stack([sizes, np.broadcast_to(own, len(boxes_xyxy)), beside])
         for of in _alike(kinds):
-            width, height, speed = kinds[of[0]].tolist()
-            size = (int(height), int(width)) if width else None
-            moved[of] = how(taken.of_targets(speed))(torch.from_numpy(boxes_xyxy[of]), size).numpy()
+            width, height, speed, x_px_s, y_px_s = kinds[of[0]].tolist()
+            of_kind = how(taken.of_targets(speed, (x_px_s, y_px_s)))
+            moved[of] = of_kind(
+                torch.from_numpy(boxes_xyxy[of]), (int(height), int(width)) if width else None
+            ).numpy()
         if within:
             return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
         return moved

@@ -32,7 +32,7 @@ def met_conditions(rows: Sequence[Mapping[str, Any]], manifest: Mapping[str, Any
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
-        "speeds": plan.get("objects", {}).get("speeds"),
+        "speeds": plan.get("objects", {}).get("speeds") or plan.get("objects", {}).get("crossings"),
         **{name: manifest.get(name) for name in ("trajectory", "ego", "grey_anchor")},
         "conditions": [dict(each) for each in conditions],
     }

@@ -19,7 +19,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report import RunData
-from blurnoise_eval.report.findings import ego_text, path_text
+from blurnoise_eval.report.findings import crossings_text, ego_text, path_text
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
@@ -112,6 +112,7 @@ def open_run(
             "grey_anchor": plan.grey_anchor,
             "trajectory": None if plan.path is None else path_text(*plan.path),
             "ego": None if plan.ego is None else ego_text(plan.ego),
+            "crossings": crossings_text(plan.objects),
             "versions": versions(),
             "hardware": hardware(),
             **facts,

@@ -147,7 +147,6 @@ def test_what_cannot_move_by_itself_is_refused_before_a_folder_is_made(
         (["sweep", "--moves", "some"], "moves = 'some': must be one of all, targets, background"),
         (["sweep", "--moves", "targets", "--object-speed", "car"], "must be CLASS=FACTOR"),
         (["sweep", "--moves", "targets", "--object-speed", "car=2"], "object-speed: car: no target is one"),
-        (["sweep", "--moves", "targets", "--camera", "ar0237", "--trajectory", "shake:3"], "row_time_s"),
         (["sweep", "--mattes", "fog", "--moves", "targets"], "mattes = 'fog'"),
         (["quality", "--moves", "targets"], "moves: must be all"),
     ):
