@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from html import escape
 
-from nicegui import events, ui
+from nicegui import core, events, ui
+from socketio.exceptions import TimeoutError as Unanswered
 
 from blurnoise_eval.explorer import drawn, words
 from blurnoise_eval.explorer.controls import STEPS, Control
@@ -23,6 +25,7 @@ _STRIP_CLICK = """(e) => {
   emit(((e.clientX - box.left) / box.width - left) / (right - left));
 }"""
 _SMALL_PX = 640  # across; a smaller picture is shown pixel by pixel
+_PATIENCE_S = 1.0  # for a picture to be painted
 
 
 class Answers:
@@ -106,15 +109,19 @@ class Answers:
             self._show(selector, file, width)
         self._size.set_text(f"Untouched, {width} x {height} px")
 
-    def previewed(self, file: str) -> None:
-        """A smaller picture, while a slider moves."""
-        self._show(".seen img.as-seen", file, _SMALL_PX)
+    async def preview(self, jpeg: bytes) -> None:
+        """A smaller picture, while a slider moves: through the open socket, past what NiceGUI keeps to send again."""
+        with suppress(Unanswered):
+            await core.sio.call("preview", jpeg, to=self._client.id, timeout=_PATIENCE_S)
 
-    def seen(self, seen: Seen, file: str) -> None:
-        """The picture in full, and all that is told of it."""
+    def picture(self, file: str, width_px: int) -> None:
+        """The picture in full."""
+        self._show(".seen img.as-seen", file, width_px)
+
+    def seen(self, seen: Seen) -> None:
+        """What is told of the picture."""
         self.last = seen
         size, threshold = (seen.image.shape[0], seen.image.shape[1]), seen.state.threshold
-        self._show(".seen img.as-seen", file, size[1])
         query = json.dumps(f"?{seen.state.query()}" if seen.state.query() else "")
         self.js(f"history.replaceState(null, '', location.pathname + {query})")
         self.js("document.body.classList.remove('busy')")

@@ -57,6 +57,7 @@ class Page:
         with ui.dialog() as self._keys, ui.card():
             rows = "".join(f"<kbd>{key}</kbd><span>{what}</span>" for key, what in _HELP)
             ui.html(f'<div class="keys">{rows}</div>', sanitize=False)
+        self._answers.js("explorer.listen()")
         self._stand()
         if note:
             self.fails(note)

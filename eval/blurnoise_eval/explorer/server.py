@@ -38,7 +38,11 @@ def serve(
     url = f"http://{seen_as}:{listening.getsockname()[1]}/"
     logging.getLogger("nicegui").setLevel(logging.ERROR)
     config = uvicorn.Config(
-        _app(shelf, usual), log_level="error", ws_max_size=1 << 20, timeout_graceful_shutdown=2
+        _app(shelf, usual),
+        log_level="error",
+        ws_max_size=1 << 20,
+        ws_per_message_deflate=False,  # pictures are packed, and wait
+        timeout_graceful_shutdown=2,
     )
     query = usual.query()
     say(f"{url}{f'?{query}' if query else ''}")
