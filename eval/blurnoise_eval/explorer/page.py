@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from html import escape
@@ -34,6 +35,12 @@ _HELP = (
     ("r", "back to the start"),
 )
 _KEY_STEP = 5  # positions of a slider
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(text)
+    return number
 
 
 class Page:
@@ -121,7 +128,7 @@ class Page:
             number = (
                 AUTOMATIC
                 if said == "auto" and control.automatic
-                else float(said.split()[0].replace(",", "."))
+                else _finite(said.split()[0].replace(",", "."))
             )
         except (ValueError, IndexError):
             self.fails(f"{control.title.lower()} = {text[:40]!r}: must be a number")

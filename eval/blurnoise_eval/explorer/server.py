@@ -14,9 +14,8 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from nicegui import ui
 
-from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.page import Page
-from blurnoise_eval.explorer.shelf import Shelf, cell_state, held
+from blurnoise_eval.explorer.shelf import Shelf, held
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.visit import Visit
 
@@ -83,14 +82,9 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         ui.add_body_html(f"<script>{script}</script>")
         state, note = usual, ""
         if request.url.query:
-            try:
-                state = State.of_query(request.url.query)
-                camera = shelf.camera(state)
-                control(state.along, camera)
-                state = cell_state(shelf, state.cell, state) if state.cell else state
-                state, note = held(shelf, state, usual)
-            except (ValueError, TypeError) as error:
-                state, note = usual, str(error)
+            asked, wrong = State.of_query(request.url.query)
+            state, lacking = held(shelf, asked, usual)
+            note = "; ".join((*wrong, *lacking))
         page = Page(shelf, state, usual, note)
         visits[page.visit.token] = page.visit
         client = ui.context.client

@@ -28,6 +28,7 @@ import PIL.Image
 from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
 from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.looking import Subject
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
@@ -131,13 +132,22 @@ class Shelf:
         camera = (
             "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
         )
-        model = "" if state.model == NO_MODEL else self._typed("model", state.model)
+        return Files(where, camera, self._model_file(state))
+
+    def _model_file(self, state: State) -> str:
+        """ "" for what is looked through where no model is named: the run's first, the built-in one elsewhere."""
+        of_run = self.run is not None and state.picture.startswith(f"{OF_RUN}/")
+        if state.model == NO_MODEL:
+            return ""
         if state.model == BUILT_IN:
-            model = str(self._built_in) if self.run else ""  # a run has models of its own
-        if state.model.startswith(f"{OF_RUN}/") and self.run:
-            own = state.model.removeprefix(f"{OF_RUN}/")
-            model = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
-        return Files(where, camera, model)
+            return BUILT_IN if of_run else ""
+        if self.run is None or not state.model.startswith(f"{OF_RUN}/"):
+            return self._typed("model", state.model)
+        own = state.model.removeprefix(f"{OF_RUN}/")
+        if of_run and own == self.run.models[0]:
+            return ""
+        file = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
+        return (BUILT_IN if of_run else "") if Path(file).expanduser() == self._built_in else file
 
     def _typed(self, kind: str, name: str) -> str:
         with self._lock:
@@ -258,21 +268,32 @@ def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
     )
 
 
-def held(shelf: Shelf, state: State, usual: State) -> tuple[State, str]:
-    """The state with a picture and a model that are here, those of ``usual`` in place of what is not, and a line
-    on what is not."""
-    lacking = [
-        kind
-        for kind, names in (("picture", shelf.pictures()), ("model", shelf.models()))
-        if getattr(state, kind) not in names
-    ]
-    if not lacking:
-        return state, ""
-    told = ", ".join(f"{kind} = {getattr(state, kind)[:60]!r}" for kind in lacking)
-    instead = {kind: getattr(usual, kind) for kind in lacking}
-    if "picture" in lacking:
-        instead |= {"at": state.put(MOVES.name, None).at}
-    return replace(state, **instead, cell=""), f"{told}: not held here (any more); upload again"
+def held(shelf: Shelf, state: State, usual: State) -> tuple[State, list[str]]:
+    """The state with a picture, a camera and a model that are here, those of ``usual`` in place of what is not, and
+    without figures, a strip or a cell that cannot be; lines on all that."""
+    told = []
+    here = {"picture": shelf.pictures(), "camera": shelf.cameras(), "model": shelf.models()}
+    if lacking := [kind for kind, names in here.items() if getattr(state, kind) not in names]:
+        named = ", ".join(f"{kind} = {getattr(state, kind)[:60]!r}" for kind in lacking)
+        told.append(f"{named}: not held here (any more); upload again")
+        instead = {kind: getattr(usual, kind) for kind in lacking}
+        if "picture" in lacking:
+            instead |= {"at": state.put(MOVES.name, None).at}
+        state = replace(state, **instead, cell="")
+    try:
+        shelf.camera(state)
+    except (ValueError, TypeError) as error:
+        told.append(str(error))
+        state = replace(state, figures=())
+    try:
+        control(state.along, shelf.camera(state))
+    except ValueError as error:
+        told.append(str(error))
+        state = replace(state, along=usual.along)
+    try:
+        return cell_state(shelf, state.cell, state) if state.cell else state, told
+    except ValueError as error:
+        return replace(state, cell=""), [*told, str(error)]
 
 
 def picture_of_file(path: str | Path, name: str = "") -> Picture:

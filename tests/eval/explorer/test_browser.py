@@ -139,7 +139,8 @@ def test_the_url_brings_the_state_back(tab: Tab, browser: Browser, address: str)
     ("query", "told", "kept"),
     [
         ("exposure-ms=-4", "exposure-ms", ""),
-        ("along=wild&lux=7", "along = 'wild'", ""),
+        ("along=wild&lux=7", "along = 'wild'", "?lux=7"),
+        ("exposure-ms=1e400&lux=7", "must be > 0 and <= 3600000 ms, or auto", "?lux=7"),
         ("model=wild&lux=7", "model = 'wild': not held here", "?lux=7"),
         ("picture=wild&lux=7", "picture = 'wild': not held here", "?lux=7"),
     ],

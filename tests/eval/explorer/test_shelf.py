@@ -44,7 +44,10 @@ BROKEN = {
     "empty.png": (b"", "empty"),
     "cut.png": (PNG[: len(PNG) // 2], "cut.png"),
     "huge.png": (png_of(9000), "81 megapixels; must be at most 24"),
-    "enormous.png": (png_of(200_000), "more than 178 megapixels"),
+    "enormous.png": (
+        png_of(200_000),
+        "enormous.png: 200000 x 200000 px, 40000 megapixels; must be at most 24",
+    ),
     "tiny.png": (encode(np.zeros((8, 30, 3), np.uint8)), "30 x 8 px; must be at least 16 x 16"),
     "../../etc/passwd": (b"root", "passwd: not an 8"),
 }
@@ -95,11 +98,16 @@ def test_a_url_names_no_files(name: str, shelf: Shelf) -> None:
 
 def test_of_what_is_not_held_the_rest_of_the_state_is_kept(shelf: Shelf) -> None:
     lux = State().put("illuminance_lux", 7.0)
-    assert shelves.held(shelf, lux, State()) == (lux, "")
+    assert shelves.held(shelf, lux, State()) == (lux, [])
     asked = replace(lux.put("moves", 1.0), picture="picture-00", model="model-00", cell="a")
-    state, told = shelves.held(shelf, asked, State(picture="sign-2"))
+    state, (told,) = shelves.held(shelf, asked, State(picture="sign-2"))
     assert state == replace(lux, picture="sign-2")
     assert told == "picture = 'picture-00', model = 'model-00': not held here (any more); upload again"
+    wrong = replace(lux.put_figure("f_number", -1.0), along="wild", camera="wild", cell="a")
+    state, lines = shelves.held(shelf, wrong, State())
+    assert state == lux
+    for line, word in zip(lines, ("camera = 'wild'", "f_number = -1", "along = 'wild'"), strict=True):
+        assert word in line
 
 
 def test_a_broken_camera_is_refused(shelf: Shelf) -> None:
