@@ -38,11 +38,19 @@ class Answers:
         self.last: Seen | None = None
         self._along: Control | None = None
 
-    def build_head(self) -> None:
-        """The sentence."""
+    def build_head(self, of_run: bool) -> None:
+        """The sentence: of a run its answer; what is made of one picture then stands with that."""
+        self._of_run = of_run
         with ui.element("header").classes("answer"):
-            self._verdict = ui.html("Looking …", sanitize=False, tag="h1").props("aria-live=polite")
-            self._window = ui.label("").classes("window")
+            if of_run:
+                self._run = ui.html("Reading the run …", sanitize=False, tag="h1").classes("of-run")
+                self._sure = ui.label("").classes("window")
+            else:
+                self._build_sentence("h1")
+
+    def _build_sentence(self, tag: str) -> None:
+        self._verdict = ui.html("Looking …", sanitize=False, tag=tag).props("aria-live=polite")
+        self._window = ui.label("").classes("window")
 
     def build_message(self) -> None:
         """The place of what fails."""
@@ -55,6 +63,9 @@ class Answers:
     def build_main(self) -> None:
         """Pictures first."""
         self._held: list[ui.element] = []
+        if self._of_run:
+            with ui.element("div").classes("answer of-cell"):
+                self._build_sentence("h2")
         with ui.element("section").classes("panes"):
             self._conditions = self._pane(
                 "seen", ("as-seen", "original"), "The picture as the camera takes it"
@@ -97,6 +108,11 @@ class Answers:
                 else:
                     self._over_clean = over
         return label
+
+    def run(self, answer: str, sure: str) -> None:
+        """What the run answers, as HTML, and how sure that is."""
+        self._run.set_content(answer)
+        self._sure.set_text(sure)
 
     # -- as a visit is shown ---------------------------------------------------------------------------------
 

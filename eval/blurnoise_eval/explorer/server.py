@@ -89,7 +89,7 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         visits[page.visit.token] = page.visit
         client = ui.context.client
         await client.connected(timeout=60)
-        running = asyncio.create_task(page.visit.loop())
+        running = asyncio.create_task(page.live())
         client.on_delete(lambda: running.cancel())
 
     ui.run_with(

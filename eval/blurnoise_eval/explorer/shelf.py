@@ -30,6 +30,7 @@ from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, re
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.looking import Subject
+from blurnoise_eval.explorer.run_answer import answer_of
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
 from blurnoise_eval.explorer.told import Files, is_sign
@@ -40,6 +41,7 @@ from blurnoise_eval.system.files import write_whole
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
 MOST_UPLOADED_MB = {"picture": 128, "camera": 1, "model": 1024}
+CONTRACT_SUFFIXES = (".json", ".yaml", ".yml")
 _HELD = {"picture": 12, "camera": 12, "model": 4}
 _SUBJECTS = 2
 _TRIAL_CPU_S, _TRIAL_S = 30, 240.0
@@ -91,6 +93,12 @@ class Shelf:
     def _titles(self, kind: str) -> dict[str, str]:
         with self._lock:
             return {name: self._names[name] for name in self._files[kind]}
+
+    def answer(self) -> tuple[str, str]:
+        """The run's own, as :func:`~blurnoise_eval.explorer.run_answer.answer_of` has it. Raises ``ValueError``."""
+        if self.run is None:
+            raise ValueError("answer: goes with a run")
+        return self._once(("answer", OF_RUN), partial(answer_of, self.run.folder), 1)
 
     # -- what a state names ----------------------------------------------------------------------------------
 
@@ -191,15 +199,18 @@ class Shelf:
 
     # -- uploads ---------------------------------------------------------------------------------------------
 
-    def take(self, kind: str, file_name: str, content: bytes) -> str:
-        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for
-        what is no picture, camera or model, is too large, or is broken."""
+    def take(
+        self, kind: str, file_name: str, content: bytes, contract: tuple[str, bytes] | None = None
+    ) -> str:
+        """Take an upload; returns its name here. contract: of a model, (file's name, content). Raises ``ValueError``
+        of one line, that names the file, for what is no picture, camera or model, is too large, or is broken."""
         name = Path(file_name.replace("\\", "/")).name[-80:] or "file"
         if len(content) > MOST_UPLOADED_MB[kind] * 2**20:
             raise ValueError(
                 f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB"
             )
-        key = f"{kind}-{hashlib.blake2b(name.encode() + content, digest_size=6).hexdigest()}"
+        told = contract[1] if contract else b""
+        key = f"{kind}-{hashlib.blake2b(name.encode() + content + told, digest_size=6).hexdigest()}"
         with self._lock:
             if key in self._files[kind]:
                 return key
@@ -208,6 +219,9 @@ class Shelf:
         safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "file"
         path = folder / safe
         write_whole(path, content)
+        if contract:
+            end = Path(contract[0]).suffix.lower()
+            write_whole(path.with_name(f"{path.stem}.contract{end}"), contract[1])
         try:
             with _named(path, name):
                 _CHECKS[kind](path)

@@ -18,6 +18,7 @@ import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import encode, read_picture, rendered_signs, write_picture
+from blurnoise_eval.report.opening import opening
 from blurnoise_models.detector import STOP_SIGN
 from browsers import Browser, Tab
 
@@ -312,6 +313,13 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
         tab.open(address)
         tab.until(READY.replace(".kept", ".here"))
         assert tab.run("document.querySelectorAll('.heat .cell').length") == 4
+        tab.until("document.querySelector('h1 b') !== null")
+        assert text(tab, "h1") == opening(found.data).sentences[-1]
+        assert tab.run("document.querySelector('h1').getBoundingClientRect().bottom") < 200
+        tab.click(".copy-command")
+        copied = tab.until("document.documentElement.dataset.copied")
+        assert "--model" not in copied  # it is the run's own
+        tab.press("Escape")
         for row in kept[:3]:
             exposures, lights = sorted(grid["exposure_s"]), sorted(grid["illuminance_lux"])
             place = f"{lights.index(row['illuminance_lux'])},{exposures.index(row['exposure_s'])}"

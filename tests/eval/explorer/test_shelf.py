@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.datasets import encode
+from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer import shelf as shelves
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
@@ -165,6 +166,41 @@ def outside() -> bytes:
         entry = tensor.external_data.add()
         entry.key, entry.value = key, value
     return bytes(model.SerializeToString())
+
+
+def nameless() -> bytes:
+    """A model of a known layout whose classes nobody has named."""
+    graph = helper.make_graph(
+        [
+            helper.make_node("GlobalAveragePool", ["images"], ["mean"]),
+            helper.make_node("Expand", ["mean", "shape"], ["wide"]),
+            helper.make_node("Reshape", ["wide", "to"], ["output"]),
+        ],
+        "nameless",
+        [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, 64, 64])],
+        [helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, 6, 84])],
+        [
+            helper.make_tensor("shape", TensorProto.INT64, [4], [1, 3, 14, 12]),
+            helper.make_tensor("to", TensorProto.INT64, [3], [1, 6, 84]),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return bytes(model.SerializeToString())
+
+
+def test_a_model_that_does_not_say_its_contract_is_taken_with_one(
+    shelf: Shelf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(shelves._CHECKS, "model", lambda path: open_models([path]))  # in this process: sooner
+    with pytest.raises(ValueError, match=r"nothing names them(?s:.*)contract\.json"):
+        shelf.take("model", "mine.onnx", nameless())
+    with pytest.raises(ValueError, match="'clases'"):
+        shelf.take("model", "mine.onnx", nameless(), ("own.json", b'{"family": "yolov8", "clases": ["a"]}'))
+    contract = b"family: yolov8\nclasses: [sign, car]\n"
+    name = shelf.take("model", "mine.onnx", nameless(), ("own.yaml", contract))
+    found = shelf.model(State(model=name))
+    assert found is not None
+    assert found.contract.to_dict()["classes"] == ["sign", "car"]
 
 
 @pytest.mark.slow

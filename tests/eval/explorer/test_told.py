@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,6 +32,9 @@ STATES = {
     .put("f_number", 8.0)
     .put("defocus_radius_px", 1.3),
 }
+
+MODELS = {"run/a": [], "run/b": ["b.onnx"], "run/c": ["built-in"], "built-in": ["built-in"], "none": ["none"]}
+"""Of a run whose first model is the built-in one: names to what is typed."""
 
 
 def same(state: State, shelf: Shelf, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,6 +71,30 @@ def test_of_files_of_ones_own(
         same(State(**names), shelf, tmp_path, monkeypatch)
     finally:
         shelf.close()
+
+
+def test_before_a_run_its_own_model_and_the_built_in_one_are_no_files(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shelf = Shelf(STOP_SIGN)
+    models = [
+        {"name": "a", "file": str(STOP_SIGN)},
+        {"name": "b", "file": "b.onnx"},
+        {"name": "c", "file": str(STOP_SIGN)},
+    ]
+    run = SimpleNamespace(folder=Path("run"), models=("a", "b", "c"), manifest={"models": models})
+    monkeypatch.setattr(shelf, "run", run)
+    state = State(picture="run/p", camera="run")
+    told = {name: command(state := replace(state, model=name), shelf.files(state)) for name in MODELS}
+    assert {name: re.findall(r"--model (\S+)", line) for name, line in told.items()} == MODELS
+    assert "model = run.model(run.models[0])" in python(
+        replace(state, model="run/a"), shelf.files(replace(state, model="run/a"))
+    )
+    assert "STOP_SIGN" in python(
+        replace(state, model="built-in"), shelf.files(replace(state, model="built-in"))
+    )
+    sign = State(model="run/a")
+    assert "--model" not in command(sign, shelf.files(sign))
 
 
 @pytest.mark.slow
