@@ -27,6 +27,7 @@ import PIL.Image
 
 from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.looking import Subject
@@ -154,8 +155,16 @@ class Shelf:
         own = state.model.removeprefix(f"{OF_RUN}/")
         if of_run and own == self.run.models[0]:
             return ""
-        file = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
-        return (BUILT_IN if of_run else "") if Path(file).expanduser() == self._built_in else file
+        if self._is_built_in(own):
+            return BUILT_IN if of_run else ""
+        return next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
+
+    def _is_built_in(self, name: str) -> bool:
+        """Whether a model of the run is the one that is built in, wherever that lay then."""
+        if self.run is None:
+            return False
+        content = self._once(("content", BUILT_IN), lambda: model_sha256(self._built_in), 1)
+        return any(each["name"] == name and each["sha256"] == content for each in self.run.manifest["models"])
 
     def _typed(self, kind: str, name: str) -> str:
         with self._lock:

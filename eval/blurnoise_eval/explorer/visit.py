@@ -148,11 +148,17 @@ class Visit:
             self._shown.picture(self._keep(content, "png"), subject.size[1])
         if state is not self.state:
             return
-        model = await _apart(REST, self.shelf.model, state)
+        model, failed = None, None
+        try:
+            model = await _apart(REST, self.shelf.model, state)
+        except _TOLD as error:  # the picture can be told of without
+            failed = error
         found = await _apart(REST, seen, state, subject, camera, model, frame)
         if state is not self.state:
             return
         self._shown.seen(found)
+        if failed is not None:
+            self._fails(state, failed)
         if subject.smaller > 1:
             await _apart(REST, subject.twin, subject.smaller)  # before a slider waits for it
         if model is not None and found.sight is not None and found.sight.targets and not found.sight.error:

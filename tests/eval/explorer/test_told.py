@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import read_picture, write_picture
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.explorer.looking import seen
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
@@ -77,22 +78,18 @@ def test_before_a_run_its_own_model_and_the_built_in_one_are_no_files(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shelf = Shelf(STOP_SIGN)
-    models = [
-        {"name": "a", "file": str(STOP_SIGN)},
-        {"name": "b", "file": "b.onnx"},
-        {"name": "c", "file": str(STOP_SIGN)},
-    ]
+    own = model_sha256(STOP_SIGN)
+    files = {"a": ("gone.onnx", own), "b": ("b.onnx", "0"), "c": ("moved.onnx", own)}
+    models = [{"name": name, "file": file, "sha256": told} for name, (file, told) in files.items()]
     run = SimpleNamespace(folder=Path("run"), models=("a", "b", "c"), manifest={"models": models})
     monkeypatch.setattr(shelf, "run", run)
     state = State(picture="run/p", camera="run")
-    told = {name: command(state := replace(state, model=name), shelf.files(state)) for name in MODELS}
-    assert {name: re.findall(r"--model (\S+)", line) for name, line in told.items()} == MODELS
-    assert "model = run.model(run.models[0])" in python(
-        replace(state, model="run/a"), shelf.files(replace(state, model="run/a"))
-    )
-    assert "STOP_SIGN" in python(
-        replace(state, model="built-in"), shelf.files(replace(state, model="built-in"))
-    )
+    states = {name: replace(state, model=name) for name in MODELS}
+    lines = {name: command(each, shelf.files(each)) for name, each in states.items()}
+    assert {name: re.findall(r"--model (\S+)", line) for name, line in lines.items()} == MODELS
+    scripts = {name: python(each, shelf.files(each)) for name, each in states.items()}
+    assert "model = run.model(run.models[0])" in scripts["run/a"]
+    assert "open_models([STOP_SIGN])" in scripts["built-in"]
     sign = State(model="run/a")
     assert "--model" not in command(sign, shelf.files(sign))
 

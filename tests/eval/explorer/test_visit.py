@@ -154,6 +154,15 @@ def test_what_cannot_be_seen_is_said_and_the_visit_goes_on(shelf: Shelf) -> None
     assert "gain" in third
 
 
+def test_without_its_model_a_picture_is_seen_and_the_model_told(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("fails"))
+
+    _, told = visited(shelf, State(model="gone"), steps)
+    assert [kind for kind, _ in told.events] == ["subject", "picture", "seen", "fails"]
+    assert "model = 'gone'" in told.of("fails")[0]
+
+
 def test_the_strip_comes_after_the_picture_and_ends(shelf: Shelf) -> None:
     async def steps(visit: Visit, told: Told) -> None:
         await until(lambda: told.of("strip") and told.of("strip")[-1][1])
