@@ -1,9 +1,9 @@
 """How soon the explorer shows what a slider asks for: from the slider's input event to the painted picture, in a
 headless Chromium on this machine.
 
-``python tests/helpers/explorer_latency.py`` prints median and 90th percentile, ms, of a picture of 1280 x 720 px while a
-slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load, which the
-times by the clock hang on.
+``python tests/helpers/explorer_latency.py`` prints median and 90th percentile, ms, of a picture of 1280 x 720 px while
+a slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load, which
+the times by the clock hang on.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ SIZE_PX = (1280, 720)
 MOVES = 40
 _WATCHED = """(() => {
   let moved = 0, awaited = {};
-  window.painted = kind => new Promise((told, late) => { awaited = {[kind]: told}; setTimeout(late, 30000, "not painted"); });
+  window.painted = kind => new Promise((told, late) => {
+    awaited = {[kind]: told};
+    setTimeout(late, 30000, "not painted");
+  });
   const after = paint => requestAnimationFrame(() => {
     const next = new MessageChannel();
     next.port1.onmessage = paint;
@@ -43,7 +46,7 @@ _WATCHED = """(() => {
 
 
 def measured(tab: browsers.Tab, server: int) -> dict[str, list[float]]:
-    """Of each move, ms: until its picture is painted while moves go on, and in full at rest; the server's core time."""
+    """Of each move, ms: until its picture is painted while moves go on, in full at rest; the server's core time."""
     tab.run(_WATCHED)
     box = tab.run("document.querySelector('[data-control=speed] .q-slider').getBoundingClientRect().toJSON()")
 

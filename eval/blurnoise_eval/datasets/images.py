@@ -146,7 +146,7 @@ def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _header(path: Path | io.BytesIO) -> _Header | None:
-    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more pixels than can be told."""
+    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than can be told."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of many pixels, which are not read here

@@ -102,7 +102,7 @@ class State:
 
     @classmethod
     def of_query(cls, text: str) -> tuple[State, tuple[str, ...]]:
-        """The state of :meth:`query`, and a line on each part that is not allowed, in whose place the usual stands."""
+        """The state of :meth:`query`, and a line on each part that is not allowed: there the usual stands."""
         state = cls()
         wrong: list[str] = []
         plain: dict[str, Any] = {}

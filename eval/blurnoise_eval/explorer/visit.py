@@ -1,8 +1,8 @@
 """A visit: one visitor's state, and the loop that looks at it: the newest state counts, what is older is passed over.
 
-The picture comes first and alone: while a slider moves a smaller one, each once the last has been painted; at rest the
-full one, then what is told of it, then the strip. Nothing here knows of the page: what is seen is handed to a ``Shown``.
-Looking happens in a few threads that all visitors share, so that the server goes on answering.
+The picture comes first and alone: while a slider moves a smaller one, each once the last has been painted; at rest
+the full one, then what is told of it, then the strip. Nothing here knows of the page: what is seen is handed to a
+``Shown``. Looking happens in a few threads that all visitors share, so that the server goes on answering.
 """
 
 from __future__ import annotations
