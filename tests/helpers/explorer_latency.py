@@ -1,8 +1,8 @@
 """How soon the explorer shows what a slider asks for: from the slider's input event to the painted picture, in a
 headless Chromium on this machine.
 
-``python tests/helpers/explorer_latency.py`` prints median and 90th percentile, ms, of a picture of 1280 x 720 px while
-a slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load, which
+``python tests/helpers/explorer_latency.py`` prints median and 90th percentile, ms, of a picture of 1280 x 720 px
+while a slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load, which
 the times by the clock hang on.
 """
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from html import escape
 
 from nicegui import core, events, ui
-from socketio.exceptions import TimeoutError as Unanswered
+from socketio.exceptions import TimeoutError as Unanswered  # type: ignore[import-untyped]  # it has none
 
 from blurnoise_eval.explorer import drawn, words
 from blurnoise_eval.explorer.controls import STEPS, Control
