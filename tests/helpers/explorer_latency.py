@@ -2,8 +2,8 @@
 headless Chromium on this machine.
 
 ``python tests/helpers/explorer_latency.py`` prints median and 90th percentile, ms, of a picture of 1280 x 720 px
-while a slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load, which
-the times by the clock hang on.
+while a slider moves and once it rests, what the server computes for it, ms of core time, and the machine's load,
+which the times by the clock hang on.
 """
 
 from __future__ import annotations
