@@ -316,10 +316,6 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
         tab.until("document.querySelector('h1 b') !== null")
         assert text(tab, "h1") == opening(found.data).sentences[-1]
         assert tab.run("document.querySelector('h1').getBoundingClientRect().bottom") < 200
-        tab.click(".copy-command")
-        copied = tab.until("document.documentElement.dataset.copied")
-        assert "--model" not in copied  # it is the run's own
-        tab.press("Escape")
         for row in kept[:3]:
             exposures, lights = sorted(grid["exposure_s"]), sorted(grid["illuminance_lux"])
             place = f"{lights.index(row['illuminance_lux'])},{exposures.index(row['exposure_s'])}"
@@ -332,6 +328,9 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
             )
             (tmp_path / "shown.png").write_bytes(bytes(shown))
             assert np.array_equal(read_picture(tmp_path / "shown.png"), read_picture(run / row["example"]))
+        tab.click(".copy-command")
+        copied = tab.until("document.documentElement.dataset.copied")
+        assert "--model" not in copied  # it is the run's own
         assert tab.failures == []
 
 
