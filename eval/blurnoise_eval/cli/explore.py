@@ -40,8 +40,8 @@ def explore(
     model: Annotated[
         str | None,
         Option(
-            metavar="M.onnx|none",
-            help="a detector or text recogniser (default: the built-in detector, or the run's)",
+            metavar="M.onnx|built-in|none",
+            help="a detector or text recogniser (default: the built-in detector, or the run's first)",
         ),
     ] = None,
     camera: CameraName = "",
@@ -133,12 +133,12 @@ def _asked(
             raise ValueError(f"{name}: goes with a run")
     if sign is not None and where is not None:
         raise ValueError("sign: goes without a picture or a run")
-    opened = model not in (None, NO_MODEL)
+    opened = model not in (None, NO_MODEL, BUILT_IN)
     shelf = Shelf(
         STOP_SIGN, image=None if is_run else where, run=run, model=Path(str(model)) if opened else None
     )
     shown: dict[str, Any] = {"picture": "given-picture" if where else f"sign-{1 if sign is None else sign}"}
-    shown["model"] = "given-model" if opened else NO_MODEL if model else BUILT_IN
+    shown["model"] = "given-model" if opened else model or BUILT_IN
     shown["camera"] = camera or "imx250"
     if run is not None:
         shown |= {"picture": f"{OF_RUN}/{picture or run.pictures[0]}", "camera": camera or OF_RUN}

@@ -146,7 +146,7 @@ def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _header(path: Path | io.BytesIO) -> _Header | None:
-    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than it takes."""
+    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than can be told."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of many pixels, which are not read here
@@ -158,9 +158,21 @@ def _header(path: Path | io.BytesIO) -> _Header | None:
                 alpha = "multiplied" if 1 in extra else "straight" if 2 in extra else None
                 return _Header(header.size, exif.get(_ORIENTATION, 1), header.format, alpha)
     except PIL.Image.DecompressionBombError:
-        raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
+        return _Header(_size_of_larger(path), 1, None, None)
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
         return None
+
+
+def _size_of_larger(path: Path | io.BytesIO) -> tuple[int, int]:
+    """Of a picture that Pillow finds too large to open: (width, height), as its reader of the format has them."""
+    with io.BytesIO(path.getvalue()) if isinstance(path, io.BytesIO) else path.open("rb") as file:
+        start = file.read(16)
+        for reader, accepts in PIL.Image.OPEN.values():
+            if accepts and accepts(start) is True:
+                file.seek(0)
+                with suppress(Exception), reader(file, "") as found:
+                    return found.size
+    raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels")
 
 
 def size_px(path: Location) -> tuple[int, int]:

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from html import escape
 
-from nicegui import events, ui
+from nicegui import core, events, ui
+from socketio.exceptions import TimeoutError as Unanswered  # type: ignore[import-untyped]  # it has none
 
 from blurnoise_eval.explorer import drawn, words
 from blurnoise_eval.explorer.controls import STEPS, Control
@@ -23,6 +25,7 @@ _STRIP_CLICK = """(e) => {
   emit(((e.clientX - box.left) / box.width - left) / (right - left));
 }"""
 _SMALL_PX = 640  # across; a smaller picture is shown pixel by pixel
+_PATIENCE_S = 1.0  # for a picture to be painted
 
 
 class Answers:
@@ -35,11 +38,19 @@ class Answers:
         self.last: Seen | None = None
         self._along: Control | None = None
 
-    def build_head(self) -> None:
-        """The sentence."""
+    def build_head(self, of_run: bool) -> None:
+        """The sentence: of a run its answer; what is made of one picture then stands with that."""
+        self._of_run = of_run
         with ui.element("header").classes("answer"):
-            self._verdict = ui.html("Looking …", sanitize=False, tag="h1").props("aria-live=polite")
-            self._window = ui.label("").classes("window")
+            if of_run:
+                self._run = ui.html("Reading the run …", sanitize=False, tag="h1").classes("of-run")
+                self._sure = ui.label("").classes("window")
+            else:
+                self._build_sentence("h1")
+
+    def _build_sentence(self, tag: str) -> None:
+        self._verdict = ui.html("Looking …", sanitize=False, tag=tag).props("aria-live=polite")
+        self._window = ui.label("").classes("window")
 
     def build_message(self) -> None:
         """The place of what fails."""
@@ -52,6 +63,9 @@ class Answers:
     def build_main(self) -> None:
         """Pictures first."""
         self._held: list[ui.element] = []
+        if self._of_run:
+            with ui.element("div").classes("answer of-cell"):
+                self._build_sentence("h2")
         with ui.element("section").classes("panes"):
             self._conditions = self._pane(
                 "seen", ("as-seen", "original"), "The picture as the camera takes it"
@@ -95,6 +109,11 @@ class Answers:
                     self._over_clean = over
         return label
 
+    def run(self, answer: str, sure: str) -> None:
+        """What the run answers, as HTML, and how sure that is."""
+        self._run.set_content(answer)
+        self._sure.set_text(sure)
+
     # -- as a visit is shown ---------------------------------------------------------------------------------
 
     def subject(self, subject: Subject, file: str) -> None:
@@ -106,15 +125,19 @@ class Answers:
             self._show(selector, file, width)
         self._size.set_text(f"Untouched, {width} x {height} px")
 
-    def previewed(self, file: str) -> None:
-        """A smaller picture, while a slider moves."""
-        self._show(".seen img.as-seen", file, _SMALL_PX)
+    async def preview(self, jpeg: bytes) -> None:
+        """A smaller picture, while a slider moves: through the open socket, past what NiceGUI keeps to send again."""
+        with suppress(Unanswered):
+            await core.sio.call("preview", jpeg, to=self._client.id, timeout=_PATIENCE_S)
 
-    def seen(self, seen: Seen, file: str) -> None:
-        """The picture in full, and all that is told of it."""
+    def picture(self, file: str, width_px: int) -> None:
+        """The picture in full."""
+        self._show(".seen img.as-seen", file, width_px)
+
+    def seen(self, seen: Seen) -> None:
+        """What is told of the picture."""
         self.last = seen
         size, threshold = (seen.image.shape[0], seen.image.shape[1]), seen.state.threshold
-        self._show(".seen img.as-seen", file, size[1])
         query = json.dumps(f"?{seen.state.query()}" if seen.state.query() else "")
         self.js(f"history.replaceState(null, '', location.pathname + {query})")
         self.js("document.body.classList.remove('busy')")

@@ -16,7 +16,7 @@ from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage
-from blurnoise_eval.explorer.state import State
+from blurnoise_eval.explorer.state import State, of_number
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, VELOCITY, Axis
 
@@ -127,7 +127,7 @@ def _of_axis(axis: Axis, camera: Camera) -> Control:
 
     def put(state: State, value: float) -> State:
         whole = value == AUTOMATIC or axis.choices
-        return state.put(axis.name, value if whole else axis.checked((axis.of_option(value),))[0])
+        return state.put(axis.name, value if whole else of_number(axis, value))
 
     low, high = (0.0, len(axis.choices) - 1.0) if axis.choices else _span(axis, camera)
     return Control(

@@ -29,7 +29,7 @@ class Heat:
                         value=value,
                         label=axis.title,
                     )
-                    select.props("outlined dense options-dense").style("min-width: 130px")
+                    select.props("outlined dense options-dense").style("min-width: 180px")
                     select.on_value_change(lambda e, name=axis.name: self._fix(name, e.value))
             self._table = ui.html("", sanitize=False).classes("heat-wrap w-full")
             self._table.on("click", self._click, js_handler=_CLICK)

@@ -36,7 +36,7 @@ from blurnoise_eval.scoring.on_picture import Model, Sight, View, view
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
-PREVIEW_PX = 300_000
+PREVIEW_PX = 120_000
 """A picture of more pixels is seen smaller first, while a slider moves."""
 GREY = 0.18
 BINS = 64
@@ -136,12 +136,15 @@ class Seen:
         return confidence(self.sight)
 
 
-def seen(state: State, subject: Subject, camera: Camera, model: Model | None = None) -> Seen:
-    """Look at a picture through ``camera``, which is that of the state with the state's figures.
+def seen(
+    state: State, subject: Subject, camera: Camera, model: Model | None = None, frame: Frame | None = None
+) -> Seen:
+    """Look at a picture through ``camera``, which is that of the state with the state's figures. frame: the
+    picture, where it is there already.
 
     Raises ``ValueError`` for what does not go together.
     """
-    frame = subject.frame(state, camera)
+    frame = frame or subject.frame(state, camera)
     before = subject.view(model) if model else None
     sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes) if before else None
     taken = _taken(frame)

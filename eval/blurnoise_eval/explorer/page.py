@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from html import escape
@@ -17,7 +18,7 @@ from blurnoise_eval.explorer import told
 from blurnoise_eval.explorer.answers import Answers
 from blurnoise_eval.explorer.controls import STEPS, Control
 from blurnoise_eval.explorer.heat import Heat
-from blurnoise_eval.explorer.shelf import Shelf, cell_state
+from blurnoise_eval.explorer.shelf import CONTRACT_SUFFIXES, Shelf, cell_state
 from blurnoise_eval.explorer.side import KEYS, Side
 from blurnoise_eval.explorer.state import OF_RUN, State
 from blurnoise_eval.explorer.visit import Visit
@@ -34,6 +35,13 @@ _HELP = (
     ("r", "back to the start"),
 )
 _KEY_STEP = 5  # positions of a slider
+_MOST_REFUSED_BYTES = 256 << 20  # of a model that waits for its contract
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(number := float(text)):
+        raise ValueError(text)
+    return number
 
 
 class Page:
@@ -41,13 +49,16 @@ class Page:
 
     def __init__(self, shelf: Shelf, state: State, usual: State, note: str = "") -> None:
         self.shelf, self._usual = shelf, usual
+        self._uploading = asyncio.Lock()
+        self._contract: tuple[str, bytes] | None = None
+        self._refused: tuple[str, bytes] | None = None
         self._dark = ui.dark_mode(None)
         self._answers = Answers(lambda file: f"/pictures/{self.visit.token}/{file}", self._put)
         self.visit = Visit(shelf, state, self._answers)
         ui.keyboard(self._key)
         with ui.element("div").classes("explorer"):
             self._build_top()
-            self._answers.build_head()
+            self._answers.build_head(shelf.run is not None)
             with ui.element("main").classes("main"):
                 self._answers.build_message()
                 self._heat = Heat(shelf.run, state, self._condition) if shelf.run else None
@@ -57,6 +68,7 @@ class Page:
         with ui.dialog() as self._keys, ui.card():
             rows = "".join(f"<kbd>{key}</kbd><span>{what}</span>" for key, what in _HELP)
             ui.html(f'<div class="keys">{rows}</div>', sanitize=False)
+        self._answers.js("explorer.listen()")
         self._stand()
         if note:
             self.fails(note)
@@ -65,6 +77,22 @@ class Page:
     def state(self) -> State:
         """What is looked at."""
         return self.visit.state
+
+    async def live(self) -> None:
+        """Show what is looked at, until cancelled."""
+        telling = asyncio.create_task(self._tell_run()) if self.shelf.run else None
+        try:
+            await self.visit.loop()
+        finally:
+            if telling is not None:
+                telling.cancel()
+
+    async def _tell_run(self) -> None:
+        try:
+            told = await asyncio.get_running_loop().run_in_executor(None, self.shelf.answer)
+        except (ValueError, OSError) as error:
+            told = "This run has no answer yet.", str(error)
+        self._answers.run(*told)
 
     def fails(self, told: str) -> None:
         """A line on what cannot be done."""
@@ -120,7 +148,7 @@ class Page:
             number = (
                 AUTOMATIC
                 if said == "auto" and control.automatic
-                else float(said.split()[0].replace(",", "."))
+                else _finite(said.split()[0].replace(",", "."))
             )
         except (ValueError, IndexError):
             self.fails(f"{control.title.lower()} = {text[:40]!r}: must be a number")
@@ -154,18 +182,36 @@ class Page:
         self._try(lambda: replace(self.state, threshold=share))
 
     async def uploaded(self, kind: str, event: events.UploadEventArguments) -> None:
-        """A file has arrived: it is taken, or it is said why not."""
-        try:
-            content = await event.file.read()
-            name = await asyncio.get_running_loop().run_in_executor(
-                None, self.shelf.take, kind, event.file.name, content
-            )
-        except (ValueError, OSError, MemoryError) as error:
-            self.fails(str(error))
-            return
+        """A file has arrived: it is taken, or it is said why not. A model and its contract come in any order."""
+        async with self._uploading:
+            try:
+                name, content = event.file.name, await event.file.read()
+                if kind == "model" and name.lower().endswith(CONTRACT_SUFFIXES):
+                    self._contract = (name, content)
+                    if self._refused is None:
+                        self.fails(f"{name}: is taken for the contract of a model; now upload that")
+                        return
+                    name, content = self._refused
+                contract = self._contract if kind == "model" else None
+                taken = await asyncio.get_running_loop().run_in_executor(
+                    None, self.shelf.take, kind, name, content, contract
+                )
+            except (ValueError, OSError, MemoryError) as error:
+                self.fails(self._refuses(name, content, str(error)) if kind == "model" else str(error))
+                return
+            if kind == "model":
+                self._contract = self._refused = None
         self._side.fill()
         self._answers.goes_on()
-        self.selected(kind, name)
+        self.selected(kind, taken)
+
+    def _refuses(self, name: str, content: bytes, told: str) -> str:
+        """Of a model: kept, where its contract may yet come."""
+        kept = len(content) <= _MOST_REFUSED_BYTES
+        self._refused = (name, content) if kept else None
+        told = told if name in told else f"{name}: {told}"
+        wanting = "contract" in told and kept
+        return f"{told}; or upload that file ({', '.join(CONTRACT_SUFFIXES)}) here" if wanting else told
 
     # -- a run, keys, and what is copied ---------------------------------------------------------------------
 

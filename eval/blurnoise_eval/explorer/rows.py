@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from html import escape
 from typing import Protocol
 
-from nicegui import ui
+from nicegui import events, ui
+from nicegui.elements.mixins.value_element import ValueElement
 
 from blurnoise_eval.explorer.controls import STEPS, Control
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.grid.axes import AUTOMATIC
+
+_EVERY_S = 0.02
 
 
 class Moved(Protocol):
@@ -27,6 +31,14 @@ class Moved(Protocol):
 
     def automatic(self, name: str) -> None:
         """Left to the camera, or taken back from it."""
+
+
+class _Slider(ValueElement[float | None]):
+    """NiceGUI's slider, which tells more often where it stands."""
+
+    def __init__(self, moved: Callable[[events.ValueChangeEventArguments[float | None]], None]) -> None:
+        super().__init__(tag="q-slider", value=0, on_value_change=moved, throttle=_EVERY_S)
+        self.props(f":min=0 :max={STEPS} :step=1")
 
 
 class Row:
@@ -54,8 +66,8 @@ class Row:
                     f'dense outlined {unit}aria-label="{control.title}, {control.unit}"'
                 )
                 self._number.on("change", lambda: told.typed(name, str(self._number.value)))
-            self._slider = ui.slider(min=0, max=STEPS, step=1, value=0).props(f'aria-label="{control.title}"')
-            self._slider.on_value_change(lambda e: None if e.value is None else told.slid(name, e.value))
+            self._slider = _Slider(lambda e: None if e.value is None else told.slid(name, e.value))
+            self._slider.props(f'aria-label="{control.title}"')
 
     def stand(self, state: State, value: float) -> None:
         """Stand where the state is."""

@@ -21,6 +21,7 @@ from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, CORE, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -241,9 +242,14 @@ class Run:
         return found
 
     def model(self, name: str) -> Model:
-        """A model of the run, opened again. Raises ``ValueError`` where its file is gone or another."""
+        """A model of the run, opened again; the built-in one wherever that lay then. Raises ``ValueError`` where its
+        file is gone or another."""
+        from blurnoise_models.detector import STOP_SIGN
+
         (told,) = (model for model in self.manifest["models"] if model["name"] == name)
         path = Path(told["file"]).expanduser()
+        if not path.is_file() and told["sha256"] == model_sha256(STOP_SIGN):
+            path = STOP_SIGN
         if not path.is_file():
             raise ValueError(f"model = {told['file']!r}: the run's model is no longer there")
         (opened,) = open_models([path])

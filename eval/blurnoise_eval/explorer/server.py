@@ -14,9 +14,8 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from nicegui import ui
 
-from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.page import Page
-from blurnoise_eval.explorer.shelf import Shelf, cell_state, held
+from blurnoise_eval.explorer.shelf import Shelf, held
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.visit import Visit
 
@@ -38,7 +37,11 @@ def serve(
     url = f"http://{seen_as}:{listening.getsockname()[1]}/"
     logging.getLogger("nicegui").setLevel(logging.ERROR)
     config = uvicorn.Config(
-        _app(shelf, usual), log_level="error", ws_max_size=1 << 20, timeout_graceful_shutdown=2
+        _app(shelf, usual),
+        log_level="error",
+        ws_max_size=1 << 20,
+        ws_per_message_deflate=False,  # pictures are packed, and wait
+        timeout_graceful_shutdown=2,
     )
     query = usual.query()
     say(f"{url}{f'?{query}' if query else ''}")
@@ -79,19 +82,14 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         ui.add_body_html(f"<script>{script}</script>")
         state, note = usual, ""
         if request.url.query:
-            try:
-                state = State.of_query(request.url.query)
-                camera = shelf.camera(state)
-                control(state.along, camera)
-                state = cell_state(shelf, state.cell, state) if state.cell else state
-                state, note = held(shelf, state, usual)
-            except (ValueError, TypeError) as error:
-                state, note = usual, str(error)
+            asked, wrong = State.of_query(request.url.query)
+            state, lacking = held(shelf, asked, usual)
+            note = "; ".join((*wrong, *lacking))
         page = Page(shelf, state, usual, note)
         visits[page.visit.token] = page.visit
         client = ui.context.client
         await client.connected(timeout=60)
-        running = asyncio.create_task(page.visit.loop())
+        running = asyncio.create_task(page.live())
         client.on_delete(lambda: running.cancel())
 
     ui.run_with(

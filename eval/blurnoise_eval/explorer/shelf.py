@@ -27,8 +27,11 @@ import PIL.Image
 
 from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.looking import Subject
+from blurnoise_eval.explorer.run_answer import answer_of
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
 from blurnoise_eval.explorer.told import Files, is_sign
@@ -39,6 +42,7 @@ from blurnoise_eval.system.files import write_whole
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
 MOST_UPLOADED_MB = {"picture": 128, "camera": 1, "model": 1024}
+CONTRACT_SUFFIXES = (".json", ".yaml", ".yml")
 _HELD = {"picture": 12, "camera": 12, "model": 4}
 _SUBJECTS = 2
 _TRIAL_CPU_S, _TRIAL_S = 30, 240.0
@@ -91,6 +95,12 @@ class Shelf:
         with self._lock:
             return {name: self._names[name] for name in self._files[kind]}
 
+    def answer(self) -> tuple[str, str]:
+        """The run's own, as :func:`~blurnoise_eval.explorer.run_answer.answer_of` has it. Raises ``ValueError``."""
+        if self.run is None:
+            raise ValueError("answer: goes with a run")
+        return self._once(("answer", OF_RUN), partial(answer_of, self.run.folder), 1)
+
     # -- what a state names ----------------------------------------------------------------------------------
 
     def subject(self, state: State) -> Subject:
@@ -131,13 +141,30 @@ class Shelf:
         camera = (
             "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
         )
-        model = "" if state.model == NO_MODEL else self._typed("model", state.model)
+        return Files(where, camera, self._model_file(state))
+
+    def _model_file(self, state: State) -> str:
+        """ "" for what is looked through where no model is named: the run's first, the built-in one elsewhere."""
+        of_run = self.run is not None and state.picture.startswith(f"{OF_RUN}/")
+        if state.model == NO_MODEL:
+            return ""
         if state.model == BUILT_IN:
-            model = str(self._built_in) if self.run else ""  # a run has models of its own
-        if state.model.startswith(f"{OF_RUN}/") and self.run:
-            own = state.model.removeprefix(f"{OF_RUN}/")
-            model = next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
-        return Files(where, camera, model)
+            return BUILT_IN if of_run else ""
+        if self.run is None or not state.model.startswith(f"{OF_RUN}/"):
+            return self._typed("model", state.model)
+        own = state.model.removeprefix(f"{OF_RUN}/")
+        if of_run and own == self.run.models[0]:
+            return ""
+        if self._is_built_in(own):
+            return BUILT_IN if of_run else ""
+        return next((each["file"] for each in self.run.manifest["models"] if each["name"] == own), "")
+
+    def _is_built_in(self, name: str) -> bool:
+        """Whether a model of the run is the one that is built in, wherever that lay then."""
+        if self.run is None:
+            return False
+        content = self._once(("content", BUILT_IN), lambda: model_sha256(self._built_in), 1)
+        return any(each["name"] == name and each["sha256"] == content for each in self.run.manifest["models"])
 
     def _typed(self, kind: str, name: str) -> str:
         with self._lock:
@@ -181,15 +208,18 @@ class Shelf:
 
     # -- uploads ---------------------------------------------------------------------------------------------
 
-    def take(self, kind: str, file_name: str, content: bytes) -> str:
-        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for
-        what is no picture, camera or model, is too large, or is broken."""
+    def take(
+        self, kind: str, file_name: str, content: bytes, contract: tuple[str, bytes] | None = None
+    ) -> str:
+        """Take an upload; returns its name here. contract: of a model, (file's name, content). Raises ``ValueError``
+        of one line, that names the file, for what is no picture, camera or model, is too large, or is broken."""
         name = Path(file_name.replace("\\", "/")).name[-80:] or "file"
         if len(content) > MOST_UPLOADED_MB[kind] * 2**20:
             raise ValueError(
                 f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB"
             )
-        key = f"{kind}-{hashlib.blake2b(name.encode() + content, digest_size=6).hexdigest()}"
+        told = contract[1] if contract else b""
+        key = f"{kind}-{hashlib.blake2b(name.encode() + content + told, digest_size=6).hexdigest()}"
         with self._lock:
             if key in self._files[kind]:
                 return key
@@ -198,6 +228,9 @@ class Shelf:
         safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "file"
         path = folder / safe
         write_whole(path, content)
+        if contract:
+            end = Path(contract[0]).suffix.lower()
+            write_whole(path.with_name(f"{path.stem}.contract{end}"), contract[1])
         try:
             with _named(path, name):
                 _CHECKS[kind](path)
@@ -258,21 +291,32 @@ def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
     )
 
 
-def held(shelf: Shelf, state: State, usual: State) -> tuple[State, str]:
-    """The state with a picture and a model that are here, those of ``usual`` in place of what is not, and a line
-    on what is not."""
-    lacking = [
-        kind
-        for kind, names in (("picture", shelf.pictures()), ("model", shelf.models()))
-        if getattr(state, kind) not in names
-    ]
-    if not lacking:
-        return state, ""
-    told = ", ".join(f"{kind} = {getattr(state, kind)[:60]!r}" for kind in lacking)
-    instead = {kind: getattr(usual, kind) for kind in lacking}
-    if "picture" in lacking:
-        instead |= {"at": state.put(MOVES.name, None).at}
-    return replace(state, **instead, cell=""), f"{told}: not held here (any more); upload again"
+def held(shelf: Shelf, state: State, usual: State) -> tuple[State, list[str]]:
+    """The state with a picture, a camera and a model that are here, those of ``usual`` in place of what is not, and
+    without figures, a strip or a cell that cannot be; lines on all that."""
+    told = []
+    here = {"picture": shelf.pictures(), "camera": shelf.cameras(), "model": shelf.models()}
+    if lacking := [kind for kind, names in here.items() if getattr(state, kind) not in names]:
+        named = ", ".join(f"{kind} = {getattr(state, kind)[:60]!r}" for kind in lacking)
+        told.append(f"{named}: not held here (any more); upload again")
+        instead = {kind: getattr(usual, kind) for kind in lacking}
+        if "picture" in lacking:
+            instead |= {"at": state.put(MOVES.name, None).at}
+        state = replace(state, **instead, cell="")
+    try:
+        shelf.camera(state)
+    except (ValueError, TypeError) as error:
+        told.append(str(error))
+        state = replace(state, figures=())
+    try:
+        control(state.along, shelf.camera(state))
+    except ValueError as error:
+        told.append(str(error))
+        state = replace(state, along=usual.along)
+    try:
+        return cell_state(shelf, state.cell, state) if state.cell else state, told
+    except ValueError as error:
+        return replace(state, cell=""), [*told, str(error)]
 
 
 def picture_of_file(path: str | Path, name: str = "") -> Picture:

@@ -17,7 +17,7 @@ KEYS = {"e": "exposure_s", "l": "illuminance_lux", "s": "speed", "g": "gain_db"}
 _ACCEPTED = {
     "picture": ".png,.jpg,.jpeg,.tif,.tiff,.bmp,.webp,.ppm",
     "camera": ".yaml,.yml,.json",
-    "model": ".onnx",
+    "model": ".onnx,.json,.yaml,.yml",
 }
 
 
@@ -112,12 +112,14 @@ class Side:
         with ui.element("div").classes("uploads"):
             for kind, accepted in _ACCEPTED.items():
                 button = ui.button(kind.capitalize(), icon="upload").props("outline dense no-caps size=sm")
-                button.props(f'aria-label="Upload a {kind}" title="Upload a {kind}"')
+                with_contract = ", or a contract of one" if kind == "model" else ""
+                button.props(f'aria-label="Upload a {kind}" title="Upload a {kind}{with_contract}"')
                 button.on("click", js_handler=f"() => explorer.choose({kind!r})")
                 self._uploads[kind] = ui.upload(
                     on_upload=lambda event, kind=kind: self._upload(kind, event),
                     on_rejected=lambda kind=kind: self._told.fails(_too_large(kind)),
                     max_file_size=MOST_UPLOADED_MB[kind] * 2**20,
+                    multiple=kind == "model",
                     auto_upload=True,
                 )
                 self._uploads[kind].classes(f"hidden-upload upload-{kind}")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
@@ -100,9 +101,10 @@ class State:
         return urlencode(told)
 
     @classmethod
-    def of_query(cls, text: str) -> State:
-        """The state of :meth:`query`. Raises ``ValueError`` naming the part that is not allowed."""
+    def of_query(cls, text: str) -> tuple[State, tuple[str, ...]]:
+        """The state of :meth:`query`, and a line on each part that is not allowed: there the usual stands."""
         state = cls()
+        wrong: list[str] = []
         plain: dict[str, Any] = {}
         values: dict[str, float | None] = dict(state.at)
         figures: dict[str, float] = {}
@@ -114,12 +116,17 @@ class State:
                 elif name == "figure":
                     figures |= dict([figure(told)])
                 elif name in _PLAIN:
-                    plain[name] = _PLAIN[name](told)
+                    value = _plain(name, told)
+                    replace(state, **{name: value})  # told where it is not allowed
+                    plain[name] = value
                 else:
                     raise ValueError(f"must be one of {', '.join((*_PLAIN, 'figure', *by_key))}")
             except ValueError as error:
-                raise ValueError(f"{name} = {told[:60]!r}: {error}") from None
-        return cls(**plain, at=Conditions(**values), figures=tuple(sorted(figures.items())))
+                said = str(error)
+                must = said.partition(": ")[2] if said.startswith(f"{name} = ") else said
+                wrong.append(f"{name} = {told[:60]!r}: {must}")
+        made = cls(**plain, at=Conditions(**values), figures=tuple(sorted(figures.items())))
+        return made, tuple(wrong)
 
 
 _PLAIN: Mapping[str, Any] = {
@@ -127,6 +134,14 @@ _PLAIN: Mapping[str, Any] = {
     for each in fields(State)
     if str(each.type) in ("str", "int", "float")
 }
+
+
+def _plain(name: str, text: str) -> Any:
+    kind = _PLAIN[name]
+    try:
+        return kind(text)
+    except ValueError:
+        raise ValueError(f"must be {'an integer' if kind is int else 'a number'}") from None
 
 
 def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera:
@@ -154,10 +169,10 @@ def key(axis: Axis) -> str:
 def figure(text: str) -> tuple[str, float]:
     """Parse "prnu=0.02". Raises ``ValueError``."""
     name, _, told = text.partition("=")
-    try:
-        return name.strip(), float(told)
-    except ValueError:
-        raise ValueError(f"figure = {text!r}: must be NAME=NUMBER, such as read_noise_e=12") from None
+    with suppress(ValueError):
+        if math.isfinite(number := float(told)):
+            return name.strip(), number
+    raise ValueError(f"figure = {text!r}: must be NAME=NUMBER, such as read_noise_e=12")
 
 
 def option_text(axis: Axis, value: float) -> str:
@@ -181,4 +196,23 @@ def of_text(axis: Axis, text: str) -> float:
         return AUTOMATIC
     if axis.choices:
         return axis.place_of(text)
-    return axis.checked((axis.of_option(float(text)),))[0]
+    try:
+        return of_number(axis, float(text))
+    except ValueError:
+        raise ValueError(f"must be {allowed(axis)}") from None
+
+
+def of_number(axis: Axis, number: float) -> float:
+    """The value that an option's number says. Raises ``ValueError`` with the option's name and what is allowed."""
+    value = axis.of_option(number)
+    if not axis.low <= value <= axis.high or (axis.positive and value == axis.low):
+        raise ValueError(f"{key(axis)} = {number:g}: must be {allowed(axis)}")
+    return value + 0.0
+
+
+def allowed(axis: Axis) -> str:
+    """What an option may be, in its unit."""
+    low, high = axis.shown(axis.low), axis.shown(axis.high)
+    unit = f" {axis.unit}" if axis.unit else ""
+    text = f"{'>' if axis.positive else '>='} {low:.12g} and <= {high:.12g}{unit}"
+    return f"{text}, or auto" if axis.automatic else text

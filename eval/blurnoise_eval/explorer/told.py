@@ -6,7 +6,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass
 
-from blurnoise_eval.explorer.state import NO_MODEL, OF_RUN, SIGN, State, option_text
+from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, SIGN, State, option_text
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC
 
@@ -14,7 +14,7 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 @dataclass(frozen=True)
 class Files:
     """What a state's names stand for on disk: the picture's file or the run, the camera's, the model's; none
-    for what is built in."""
+    for what is built in. model: none for a run's first model, too, and BUILT_IN for the built-in one before a run."""
 
     where: str = ""
     camera: str = ""
@@ -58,11 +58,16 @@ def python(state: State, files: Files, output: str = "seen.png") -> str:
     imports, made = _scene(state, files)
     written = [f"write_picture(Path({output!r}), frame.image)"]
     if state.model != NO_MODEL:
-        opened = repr(files.model) if files.model else "STOP_SIGN"
-        imports += ["from blurnoise_eval.detectors.opening import open_models"]
-        imports += [] if files.model else ["from blurnoise_models.detector import STOP_SIGN"]
+        if not files.model and state.picture.startswith(f"{OF_RUN}/"):
+            written += ["model = run.model(run.models[0])"]
+        elif files.model in ("", BUILT_IN):
+            imports += ["from blurnoise_eval.detectors.opening import open_models"]
+            imports += ["from blurnoise_models.detector import STOP_SIGN"]
+            written += ["(model,) = open_models([STOP_SIGN])"]
+        else:
+            imports += ["from blurnoise_eval.detectors.opening import open_models"]
+            written += [f"(model,) = open_models([{files.model!r}])"]
         written += [
-            f"(model,) = open_models([{opened}])",
             "sight = view(model, picture, scene.image8).look(frame.image, frame.move_boxes, frame.sweep_boxes)",
             'print([round(target["confidence"], 3) for target in sight.targets])',
         ]

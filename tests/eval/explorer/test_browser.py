@@ -18,6 +18,7 @@ import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import encode, read_picture, rendered_signs, write_picture
+from blurnoise_eval.report.opening import opening
 from blurnoise_models.detector import STOP_SIGN
 from browsers import Browser, Tab
 
@@ -139,7 +140,8 @@ def test_the_url_brings_the_state_back(tab: Tab, browser: Browser, address: str)
     ("query", "told", "kept"),
     [
         ("exposure-ms=-4", "exposure-ms", ""),
-        ("along=wild&lux=7", "along = 'wild'", ""),
+        ("along=wild&lux=7", "along = 'wild'", "?lux=7"),
+        ("exposure-ms=1e400&lux=7", "must be > 0 and <= 3600000 ms, or auto", "?lux=7"),
         ("model=wild&lux=7", "model = 'wild': not held here", "?lux=7"),
         ("picture=wild&lux=7", "picture = 'wild': not held here", "?lux=7"),
     ],
@@ -311,6 +313,9 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
         tab.open(address)
         tab.until(READY.replace(".kept", ".here"))
         assert tab.run("document.querySelectorAll('.heat .cell').length") == 4
+        tab.until("document.querySelector('h1 b') !== null")
+        assert text(tab, "h1") == opening(found.data).sentences[-1]
+        assert tab.run("document.querySelector('h1').getBoundingClientRect().bottom") < 200
         for row in kept[:3]:
             exposures, lights = sorted(grid["exposure_s"]), sorted(grid["illuminance_lux"])
             place = f"{lights.index(row['illuminance_lux'])},{exposures.index(row['exposure_s'])}"
@@ -323,6 +328,9 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
             )
             (tmp_path / "shown.png").write_bytes(bytes(shown))
             assert np.array_equal(read_picture(tmp_path / "shown.png"), read_picture(run / row["example"]))
+        tab.click(".copy-command")
+        copied = tab.until("document.documentElement.dataset.copied")
+        assert "--model" not in copied  # it is the run's own
         assert tab.failures == []
 
 

@@ -74,7 +74,7 @@ def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> No
     assert (made.title, made.unit, made.logarithmic) == ("Read noise, made up", "e-", True)
     assert made.read(State(), IMX250) == IMX250.read_noise_e
     state = made.put(State(), 33.0)
-    assert State.of_query(state.query()) == state
+    assert State.of_query(state.query()) == (state, ())
     assert "--read-noise-e=33" in command(state, Files())
     assert "read_noise_made_up=33.0" in python(state, Files())
     assert state.at.exposure(IMX250).camera.read_noise_e == 33.0

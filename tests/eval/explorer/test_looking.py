@@ -102,13 +102,13 @@ def test_a_histogram_counts_and_tells_what_is_clipped() -> None:
 def test_the_smaller_twin_is_the_picture_averaged() -> None:
     """In mean, to what noise leaves, and in noise and blur: by how far it is from its own average over 9 x 9 px."""
     coarse = np.random.default_rng(1).integers(0, 255, (34, 60, 3), np.uint8)
-    large = cv2.resize(coarse, (1180, 686), interpolation=cv2.INTER_CUBIC)
+    large = cv2.resize(coarse, (880, 512), interpolation=cv2.INTER_CUBIC)
     subject = Subject(Picture("large", None, lambda: large, "large"))
     state = STATE.put("gain_db", 24.0).put("defocus_radius_px", 2.0)
     assert subject.smaller == 2
     small = preview(state, subject, CAMERA).astype(float)
     full = seen(state, subject, CAMERA).image.astype(float)
-    averaged = full.reshape(343, 2, 590, 2, 3).mean((1, 3))
+    averaged = full.reshape(256, 2, 440, 2, 3).mean((1, 3))
     assert small.shape == averaged.shape
     assert small.mean() == pytest.approx(averaged.mean(), abs=0.5)
     rough = [float((each - cv2.blur(each, (9, 9))).std()) for each in (small, averaged)]

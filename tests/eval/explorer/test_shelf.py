@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.datasets import encode
+from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer import shelf as shelves
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
@@ -44,7 +45,10 @@ BROKEN = {
     "empty.png": (b"", "empty"),
     "cut.png": (PNG[: len(PNG) // 2], "cut.png"),
     "huge.png": (png_of(9000), "81 megapixels; must be at most 24"),
-    "enormous.png": (png_of(200_000), "more than 178 megapixels"),
+    "enormous.png": (
+        png_of(200_000),
+        "enormous.png: 200000 x 200000 px, 40000 megapixels; must be at most 24",
+    ),
     "tiny.png": (encode(np.zeros((8, 30, 3), np.uint8)), "30 x 8 px; must be at least 16 x 16"),
     "../../etc/passwd": (b"root", "passwd: not an 8"),
 }
@@ -95,11 +99,16 @@ def test_a_url_names_no_files(name: str, shelf: Shelf) -> None:
 
 def test_of_what_is_not_held_the_rest_of_the_state_is_kept(shelf: Shelf) -> None:
     lux = State().put("illuminance_lux", 7.0)
-    assert shelves.held(shelf, lux, State()) == (lux, "")
+    assert shelves.held(shelf, lux, State()) == (lux, [])
     asked = replace(lux.put("moves", 1.0), picture="picture-00", model="model-00", cell="a")
-    state, told = shelves.held(shelf, asked, State(picture="sign-2"))
+    state, (told,) = shelves.held(shelf, asked, State(picture="sign-2"))
     assert state == replace(lux, picture="sign-2")
     assert told == "picture = 'picture-00', model = 'model-00': not held here (any more); upload again"
+    wrong = replace(lux.put_figure("f_number", -1.0), along="wild", camera="wild", cell="a")
+    state, lines = shelves.held(shelf, wrong, State())
+    assert state == lux
+    for line, word in zip(lines, ("camera = 'wild'", "f_number = -1", "along = 'wild'"), strict=True):
+        assert word in line
 
 
 def test_a_broken_camera_is_refused(shelf: Shelf) -> None:
@@ -157,6 +166,41 @@ def outside() -> bytes:
         entry = tensor.external_data.add()
         entry.key, entry.value = key, value
     return bytes(model.SerializeToString())
+
+
+def nameless() -> bytes:
+    """A model of a known layout whose classes nobody has named."""
+    graph = helper.make_graph(
+        [
+            helper.make_node("GlobalAveragePool", ["images"], ["mean"]),
+            helper.make_node("Expand", ["mean", "shape"], ["wide"]),
+            helper.make_node("Reshape", ["wide", "to"], ["output"]),
+        ],
+        "nameless",
+        [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, 64, 64])],
+        [helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, 6, 84])],
+        [
+            helper.make_tensor("shape", TensorProto.INT64, [4], [1, 3, 14, 12]),
+            helper.make_tensor("to", TensorProto.INT64, [3], [1, 6, 84]),
+        ],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return bytes(model.SerializeToString())
+
+
+def test_a_model_that_does_not_say_its_contract_is_taken_with_one(
+    shelf: Shelf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(shelves._CHECKS, "model", lambda path: open_models([path]))  # in this process: sooner
+    with pytest.raises(ValueError, match=r"nothing names them(?s:.*)contract\.json"):
+        shelf.take("model", "mine.onnx", nameless())
+    with pytest.raises(ValueError, match="'clases'"):
+        shelf.take("model", "mine.onnx", nameless(), ("own.json", b'{"family": "yolov8", "clases": ["a"]}'))
+    contract = b"family: yolov8\nclasses: [sign, car]\n"
+    name = shelf.take("model", "mine.onnx", nameless(), ("own.yaml", contract))
+    found = shelf.model(State(model=name))
+    assert found is not None
+    assert found.contract.to_dict()["classes"] == ["sign", "car"]
 
 
 @pytest.mark.slow

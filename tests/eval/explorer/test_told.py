@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import read_picture, write_picture
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.explorer.looking import seen
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
@@ -29,6 +33,9 @@ STATES = {
     .put("f_number", 8.0)
     .put("defocus_radius_px", 1.3),
 }
+
+MODELS = {"run/a": [], "run/b": ["b.onnx"], "run/c": ["built-in"], "built-in": ["built-in"], "none": ["none"]}
+"""Of a run whose first model is the built-in one: names to what is typed."""
 
 
 def same(state: State, shelf: Shelf, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,6 +72,26 @@ def test_of_files_of_ones_own(
         same(State(**names), shelf, tmp_path, monkeypatch)
     finally:
         shelf.close()
+
+
+def test_before_a_run_its_own_model_and_the_built_in_one_are_no_files(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shelf = Shelf(STOP_SIGN)
+    own = model_sha256(STOP_SIGN)
+    files = {"a": ("gone.onnx", own), "b": ("b.onnx", "0"), "c": ("moved.onnx", own)}
+    models = [{"name": name, "file": file, "sha256": told} for name, (file, told) in files.items()]
+    run = SimpleNamespace(folder=Path("run"), models=("a", "b", "c"), manifest={"models": models})
+    monkeypatch.setattr(shelf, "run", run)
+    state = State(picture="run/p", camera="run")
+    states = {name: replace(state, model=name) for name in MODELS}
+    lines = {name: command(each, shelf.files(each)) for name, each in states.items()}
+    assert {name: re.findall(r"--model (\S+)", line) for name, line in lines.items()} == MODELS
+    scripts = {name: python(each, shelf.files(each)) for name, each in states.items()}
+    assert "model = run.model(run.models[0])" in scripts["run/a"]
+    assert "open_models([STOP_SIGN])" in scripts["built-in"]
+    sign = State(model="run/a")
+    assert "--model" not in command(sign, shelf.files(sign))
 
 
 @pytest.mark.slow

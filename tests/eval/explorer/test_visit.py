@@ -23,15 +23,21 @@ QUIET = State(model="none")
 class Told:
     def __init__(self) -> None:
         self.events: list[tuple[str, Any]] = []
+        self.painted = asyncio.Event()
+        self.painted.set()
 
-    def previewed(self, file: str) -> None:
-        self.events.append(("preview", file))
+    async def preview(self, jpeg: bytes) -> None:
+        self.events.append(("preview", jpeg))
+        await self.painted.wait()
 
     def subject(self, subject: Any, file: str) -> None:
         self.events.append(("subject", file))
 
-    def seen(self, seen: Seen, file: str) -> None:
-        self.events.append(("seen", (seen, file)))
+    def picture(self, file: str, width_px: int) -> None:
+        self.events.append(("picture", file))
+
+    def seen(self, seen: Seen) -> None:
+        self.events.append(("seen", seen))
 
     def strip(self, state: State, curve: Any, along: Any, finished: bool) -> None:
         self.events.append(("strip", (curve, finished)))
@@ -71,7 +77,7 @@ def test_what_is_shown_is_the_state_exactly(shelf: Shelf) -> None:
         await until(lambda: told.of("seen"))
 
     visit, told = visited(shelf, QUIET, steps)
-    ((_, file),) = told.of("seen")
+    (file,) = told.of("picture")
     content = visit.file(file)
     assert content is not None
     shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
@@ -83,7 +89,7 @@ def test_of_many_changes_the_last_is_seen_and_few_between(shelf: Shelf) -> None:
         await until(lambda: told.of("seen"))
         for number in range(200):
             visit.change(replace(QUIET, seed=number))
-        await until(lambda: told.of("seen")[-1][0].state.seed == 199)
+        await until(lambda: told.of("seen")[-1].state.seed == 199)
 
     visit, told = visited(shelf, QUIET, steps)
     assert len(told.of("seen")) <= 3
@@ -103,7 +109,28 @@ def test_a_large_picture_is_seen_smaller_first(shelf: Shelf) -> None:
         await until(lambda: len(told.of("seen")) == 2)
 
     _, told = visited(shelf, state, steps)
-    assert [kind for kind, _ in told.events] == ["subject", "seen", "preview", "seen"]
+    full = ["picture", "seen"]
+    assert [kind for kind, _ in told.events] == ["subject", *full, "preview", *full]
+
+
+def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(shelf: Shelf) -> None:
+    name = shelf.take("picture", "large.png", encode(np.full((600, 700, 3), 90, np.uint8)))
+    state = replace(QUIET, picture=name)
+
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("seen"))
+        told.painted.clear()
+        for number in range(1, 9):
+            visit.change(replace(state, seed=number))
+            await until(lambda: told.of("preview"))
+            await asyncio.sleep(0)
+        told.painted.set()
+        await until(lambda: len(told.of("seen")) == 2)
+
+    _, told = visited(shelf, state, steps)
+    assert len(told.of("preview")) == 2  # the first, and the newest once that is painted
+    assert len(told.of("picture")) == 2
+    assert told.of("seen")[-1].state.seed == 8
 
 
 def test_what_cannot_be_seen_is_said_and_the_visit_goes_on(shelf: Shelf) -> None:
@@ -127,12 +154,21 @@ def test_what_cannot_be_seen_is_said_and_the_visit_goes_on(shelf: Shelf) -> None
     assert "gain" in third
 
 
+def test_without_its_model_a_picture_is_seen_and_the_model_told(shelf: Shelf) -> None:
+    async def steps(visit: Visit, told: Told) -> None:
+        await until(lambda: told.of("fails"))
+
+    _, told = visited(shelf, State(model="gone"), steps)
+    assert [kind for kind, _ in told.events] == ["subject", "picture", "seen", "fails"]
+    assert "model = 'gone'" in told.of("fails")[0]
+
+
 def test_the_strip_comes_after_the_picture_and_ends(shelf: Shelf) -> None:
     async def steps(visit: Visit, told: Told) -> None:
         await until(lambda: told.of("strip") and told.of("strip")[-1][1])
 
     _, told = visited(shelf, State(), steps)
     kinds = [kind for kind, _ in told.events]
-    assert kinds[:2] == ["subject", "seen"]
-    assert set(kinds[2:]) == {"strip"}
+    assert kinds[:3] == ["subject", "picture", "seen"]
+    assert set(kinds[3:]) == {"strip"}
     assert len(told.of("strip")[-1][0]) == 15

@@ -4,18 +4,38 @@
   const ZOOM = 5;
   const all = selector => [...document.querySelectorAll(selector)];
 
+  // The newest that was asked for stays, whichever arrives last.
+  let asked = 0, passed = "";
+  const put = async (selector, url, small) => {
+    const image = document.querySelector(selector), number = ++asked, ahead = new Image();
+    if (!image) return false;
+    ahead.src = url;
+    try {
+      await ahead.decode();
+    } catch {
+      return false;
+    }
+    if (number < Number(image.dataset.number ?? 0)) return false;
+    image.dataset.number = number;
+    image.src = url;
+    image.closest(".pane").classList.toggle("small", small);
+    return true;
+  };
+
   window.explorer = {
-    show(selector, url, small) {
-      const image = document.querySelector(selector);
-      if (!image) return;
-      const ahead = new Image();
-      ahead.onload = () => {
-        image.src = url;
-        image.dataset.natural = `${ahead.naturalWidth}x${ahead.naturalHeight}`;
-        image.closest(".pane").classList.toggle("small", small);
-        document.documentElement.dataset.shown = url;
-      };
-      ahead.src = url;
+    async show(selector, url, small) {
+      if (await put(selector, url, small)) document.documentElement.dataset.shown = url;
+    },
+    listen() {
+      window.socket.on("preview", async (jpeg, painted) => {
+        const url = URL.createObjectURL(new Blob([jpeg], {type: "image/jpeg"}));
+        await put(".seen img.as-seen", url, false);
+        requestAnimationFrame(() => {
+          painted();
+          URL.revokeObjectURL(passed);
+          passed = url;
+        });
+      });
     },
     async copy(text) {
       document.documentElement.dataset.copied = text;
