@@ -100,8 +100,8 @@ def _codes_of_row(
 ) -> None:  # fmt: skip
     """Codes of 16 bits (n,) of one colour; or, where there is a table, what it has for them, in seen (n, C).
 
-    Flags tell what counts: noisy: normal; well_clips: read; gained: gain; shifted: offset_e. What does not count is 0,
-    or a factor 1, which rounds nothing: a loop without branches takes less time.
+    Flags tell what counts: noisy: normal; well_clips: read; gained: gain; shifted: offset_e. What does not is 0, or a
+    factor 1, which rounds nothing: a loop without branches takes less time.
     """
     count = len(light)
     none, one = np.zeros(_AT_ONCE, np.float32), np.ones(_AT_ONCE, np.float32)

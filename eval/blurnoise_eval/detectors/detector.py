@@ -166,9 +166,9 @@ class Detector:
         iou = self.contract.nms_iou
         kept = best(candidates, most) if iou is None else suppress(candidates, iou, most, per_class=per_class)
         boxes = placement.to_picture(kept.boxes_xyxy)
+        found = Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
         inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
-        leads = None if kept.leads is None else kept.leads[inside]
-        return Detections(boxes[inside], np.minimum(kept.scores[inside], 1), kept.class_ids[inside], leads)
+        return found if inside.all() else found[inside]
 
     def top_score(self, outputs: Sequence[FloatArray]) -> float:
         """Return the highest score of any candidate, however low; 0.0 if there is none above 0.
