@@ -167,7 +167,7 @@ class Detector:
         kept = best(candidates, most) if iou is None else suppress(candidates, iou, most, per_class=per_class)
         boxes = placement.to_picture(kept.boxes_xyxy)
         found = Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
-        inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
+        inside = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)  # not wholly in the padding
         return found if inside.all() else found[inside]
 
     def top_score(self, outputs: Sequence[FloatArray]) -> float:
