@@ -152,6 +152,11 @@ class Camera:
                 f"analogue_gain_max_db, {last_db:g}"
             )
 
+    def __hash__(self) -> int:
+        """Of what cameras differ in, mostly: tables are looked up by camera several times a frame."""
+        light = self.name, self.f_number, self.defocus_radius_px, self.diffraction_wavelength_um
+        return hash((*light, self.system_gain_dn_per_e, self.read_noise_e, self.dark_current_e_s, self.prnu))
+
     @property
     def full_scale_dn(self) -> int:
         """Highest digital number, 2^bit_depth - 1."""

@@ -18,7 +18,7 @@ from blurnoise.camera import Amplified, Camera
 from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint, of_one_exposure
-from blurnoise.radiometry import photoelectrons
+from blurnoise.radiometry import electrons_per_lux_s
 from blurnoise.trajectory import Trajectory
 
 MOVES = ("all", "targets", "background")
@@ -145,7 +145,7 @@ class Exposure:
         if self.moves != "all":
             return self.of_targets()._point(size)
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
-        white_e = photoelectrons(self.camera, self.illuminance_lux, self.exposure_s)
+        white_e = self.illuminance_lux * self.exposure_s * electrons_per_lux_s(self.camera)
         return OperatingPoint(
             self.camera,
             self.exposure_s,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import onnx
 import onnxruntime as ort
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError, exported_fields, stated_contract
 from blurnoise_eval.detectors.formats import resolve
@@ -28,7 +28,7 @@ from blurnoise_eval.system.storage import Location, is_url
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
 MOST_OF_CLASS, OWN_SCORE = 100, 0.01
 """Of one class that need not lead: how many boxes are looked at for a target, as COCO counts, and from what score."""
-OwnScores = Callable[[Sequence[int], FloatArray], Detections]
+OwnScores = Callable[[ArrayLike, FloatArray], Detections]
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
 
@@ -166,9 +166,9 @@ class Detector:
         iou = self.contract.nms_iou
         kept = best(candidates, most) if iou is None else suppress(candidates, iou, most, per_class=per_class)
         boxes = placement.to_picture(kept.boxes_xyxy)
-        inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)  # not wholly in the padding
-        leads = None if kept.leads is None else kept.leads[inside]
-        return Detections(boxes[inside], np.minimum(kept.scores[inside], 1), kept.class_ids[inside], leads)
+        found = Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
+        inside = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)  # not wholly in the padding
+        return found if inside.all() else found[inside]
 
     def top_score(self, outputs: Sequence[FloatArray]) -> float:
         """Return the highest score of any candidate, however low; 0.0 if there is none above 0.
@@ -204,7 +204,7 @@ class Detector:
         return found, partial(self._own, candidates, placement)
 
     def _own(
-        self, candidates: Candidates, placement: Placement, class_ids: Sequence[int], above: FloatArray
+        self, candidates: Candidates, placement: Placement, class_ids: ArrayLike, above: FloatArray
     ) -> Detections:
         asked, whose = np.unique(np.asarray(class_ids, np.int64), return_inverse=True)
         least = np.full(len(asked), np.inf, np.float32)

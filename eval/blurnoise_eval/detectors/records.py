@@ -25,10 +25,10 @@ class Detections:
     leads: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.asarray(self.boxes_xyxy, np.float32).reshape(-1, 4)
-        scores = np.asarray(self.scores, np.float32).reshape(-1)
-        class_ids = np.asarray(self.class_ids, np.int64).reshape(-1)
-        leads = None if self.leads is None else np.asarray(self.leads, bool).reshape(-1)
+        boxes = np.array(self.boxes_xyxy, np.float32).reshape(-1, 4)
+        scores = np.array(self.scores, np.float32).reshape(-1)
+        class_ids = np.array(self.class_ids, np.int64).reshape(-1)
+        leads = None if self.leads is None else np.array(self.leads, bool).reshape(-1)
         if not len(boxes) == len(scores) == len(class_ids) or (
             leads is not None and len(leads) != len(boxes)
         ):
@@ -38,11 +38,14 @@ class Detections:
             )
         if not (np.isfinite(boxes).all() and np.isfinite(scores).all()):
             raise ValueError("detections: boxes and scores must be finite")
-        order = np.argsort(-scores, kind="stable")
-        object.__setattr__(self, "boxes_xyxy", boxes[order])
-        object.__setattr__(self, "scores", scores[order])
-        object.__setattr__(self, "class_ids", class_ids[order])
-        object.__setattr__(self, "leads", None if leads is None else leads[order])
+        if (scores[1:] > scores[:-1]).any():
+            order = np.argsort(-scores, kind="stable")
+            boxes, scores, class_ids = boxes[order], scores[order], class_ids[order]
+            leads = None if leads is None else leads[order]
+        object.__setattr__(self, "boxes_xyxy", boxes)
+        object.__setattr__(self, "scores", scores)
+        object.__setattr__(self, "class_ids", class_ids)
+        object.__setattr__(self, "leads", leads)
 
     @property
     def leading(self) -> Detections:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -44,6 +44,7 @@ DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
 MOST_REPEATS = 1_000_000
 _STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}
+_PLACE = {name: place for place, name in enumerate(NAMES)}
 _LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
 
 
@@ -66,10 +67,7 @@ class Conditions(Mapping[str, float | None]):
         self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
 
     def __getitem__(self, name: str) -> float | None:
-        try:
-            return self._values[NAMES.index(name)]
-        except ValueError:
-            raise KeyError(name) from None
+        return self._values[_PLACE[name]]
 
     def __iter__(self) -> Iterator[str]:
         return iter(NAMES)
@@ -90,7 +88,7 @@ class Conditions(Mapping[str, float | None]):
     @property
     def stated(self) -> dict[str, float]:
         """The values that are not the camera's own."""
-        return {name: value for name, value in self.items() if value is not None}
+        return {name: value for name, value in zip(NAMES, self._values, strict=True) if value is not None}
 
     @property
     def exposure_s(self) -> float:
@@ -122,8 +120,10 @@ class Conditions(Mapping[str, float | None]):
 
     def on(self, camera: Camera) -> dict[str, float]:
         """The actual number of every axis, the camera's own where none is stated: the columns of tables."""
-        stated = self.stated
-        return {each.name: stated.get(each.name, each.own(camera)) for each in AXES}
+        return {
+            each.name: each.own(camera) if value is None else value
+            for each, value in zip(AXES, self._values, strict=True)
+        }
 
     @property
     def automatic(self) -> frozenset[str]:
@@ -145,11 +145,10 @@ class Conditions(Mapping[str, float | None]):
         """
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
-        for each in AXES:
-            value = self[each.name]
-            place, _, part = each.into.partition(".")
+        for each, value in zip(AXES, self._values, strict=True):
             if value is None:
                 continue
+            place, _, part = each.into.partition(".")
             if each.automatic and value == AUTOMATIC:
                 value = automatic[each.name]
             if each.choices:
@@ -326,7 +325,7 @@ class Cell:
     conditions: Conditions | None
     seed: int
 
-    @property
+    @cached_property
     def cell_id(self) -> str:
         """A name made of everything that sets the cell apart within its run."""
         text = repr((self.image, self.repeat, self.conditions))
@@ -335,7 +334,8 @@ class Cell:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for a worker elsewhere; :meth:`from_dict` reads them."""
         at = self.conditions
-        return {**vars(self), "conditions": None if at is None else at.stated}
+        stated = None if at is None else at.stated
+        return {"image": self.image, "repeat": self.repeat, "conditions": stated, "seed": self.seed}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Cell:

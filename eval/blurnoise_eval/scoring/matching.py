@@ -40,7 +40,7 @@ def target_confidence(detections: Detections, box_xyxy: Sequence[float], class_i
 
 
 def target_confidences(
-    detections: Detections, boxes_xyxy: Sequence[Sequence[float]], class_ids: Sequence[int]
+    detections: Detections, boxes_xyxy: ArrayLike, class_ids: ArrayLike
 ) -> NDArray[np.float32]:
     """:func:`target_confidence` of each of N targets, (N,)."""
     ids, targets = np.asarray(class_ids, np.int64), np.asarray(boxes_xyxy, np.float32).reshape(-1, 4)

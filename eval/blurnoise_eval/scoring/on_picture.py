@@ -5,6 +5,7 @@ Domain: 8-bit RGB pictures (H, W, 3); confidences in [0, 1]; boxes (left, top, r
 
 from __future__ import annotations
 
+import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
@@ -92,6 +93,18 @@ class View(ABC):
     ) -> tuple[Detections, list[dict[str, Any]]]: ...
 
 
+class _Placed(NamedTuple):
+    """A detector's N targets in pictures of one motion. by: what placed them there. rows: what of theirs stays.
+
+    boxes_xyxy: (N, 4), where they are, or (2 N, 4), then what they cover; class_ids of these.
+    """
+
+    by: tuple[object, ...]
+    rows: Sequence[dict[str, Any]]
+    boxes_xyxy: NDArray[np.float32]
+    class_ids: NDArray[np.int64]
+
+
 class DetectorView(View):
     """Confidence in a target: the highest score of its class that overlaps it, whichever class leads. No crowds.
 
@@ -104,6 +117,7 @@ class DetectorView(View):
         self._classes = model.contract.classes
         ids = {name: index for index, name in enumerate(self._classes)}
         self._asked: list[tuple[int, Target, int]] | None = None
+        self._last = threading.local()  # placed: of the thread's last picture
         if picture.targets is not None:
             self._asked = [
                 (index, target, ids[target.label])
@@ -118,21 +132,34 @@ class DetectorView(View):
         found, own = self._look(image)
         if self._asked is None:
             self._asked = self._own_targets(found.leading)
-        targets, ids = [target for _, target, _ in self._asked], [number for *_, number in self._asked]
+        placed: _Placed | None = getattr(self._last, "placed", None)
+        if placed is None or placed.by != (move_boxes, sweep_boxes):
+            placed = self._last.placed = self._placed(self._asked, move_boxes, sweep_boxes, image)
+        of_places, count = _confidences(found, own, placed).tolist(), len(placed.rows)
+        confidences, swept = of_places[:count], of_places[-count:]
+        return found, [
+            {**row, "confidence": confidence, "confidence_swept": of_swept}
+            for row, confidence, of_swept in zip(placed.rows, confidences, swept, strict=True)
+        ]
+
+    def _placed(
+        self,
+        asked: Sequence[tuple[int, Target, int]],
+        move_boxes: MoveBoxes | None,
+        sweep_boxes: MoveBoxes | None,
+        image: Picture8,
+    ) -> _Placed:
+        targets, ids = [target for _, target, _ in asked], [number for *_, number in asked]
         boxes = _boxes(targets, move_boxes, image)
-        places = [boxes]
+        places = [np.array(boxes).reshape(-1, 4)]
         if sweep_boxes is not None and boxes:
             size_px = image.shape[1], image.shape[0]
             covered = swept_within(_boxes(targets, sweep_boxes, image), boxes, size_px)
-            if not np.array_equal(covered, boxes):
-                places.append(covered.tolist())
-        of_places = _confidences(found, own, places, ids)
-        confidences, swept = of_places[0], of_places[-1]
-        rows = zip(self._asked, boxes, confidences, swept, strict=True)
-        return found, [
-            _row(index, target, box, confidence) | {"confidence_swept": of_swept}
-            for (index, target, _), box, confidence, of_swept in rows
-        ]
+            if not np.array_equal(covered, places[0]):
+                places.append(covered)
+        rows = [_row(index, target, box) for (index, target, _), box in zip(asked, boxes, strict=True)]
+        of_places = np.concatenate(places).astype(np.float32)
+        return _Placed((move_boxes, sweep_boxes), rows, of_places, np.array(ids * len(places), np.int64))
 
     def _own_targets(self, clean: Detections) -> list[tuple[int, Target, int]]:
         own = []
@@ -176,7 +203,7 @@ class ReaderView(View):
             if (truth := self._truths[place]) is None:
                 truth = self._truths[place] = reading.text
             right = reading.confidence if reading.text == truth else 0.0
-            row = _row(index, target, box, right)
+            row = _row(index, target, box) | {"confidence": right}
             row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
             rows.append(row | {"character_error_rate": character_error_rate(reading.text, truth)})
         return NOTHING, rows
@@ -188,18 +215,13 @@ def view(model: Model, picture: Picture, image8: Picture8) -> View:
     return kind(model, picture, image8)  # type: ignore[arg-type]  # each its own kind of model
 
 
-def _confidences(
-    found: Detections,
-    own: OwnScores | None,
-    places: Sequence[Sequence[Sequence[float]]],
-    class_ids: Sequence[int],
-) -> list[list[float]]:
+def _confidences(found: Detections, own: OwnScores | None, placed: _Placed) -> NDArray[np.float32]:
     """In each target at each of its places: of what was found, or of the classes' own scores where others lead."""
-    boxes, ids = [box for boxes in places for box in boxes], [*class_ids] * len(places)
+    boxes, ids = placed.boxes_xyxy, placed.class_ids
     confidences = target_confidences(found, boxes, ids)
-    if own is not None and ids and len(others := own(ids, confidences)):
+    if own is not None and len(ids) and len(others := own(ids, confidences)):
         confidences = np.maximum(confidences, target_confidences(others, boxes, ids))
-    return list(confidences.reshape(len(places), -1).tolist())
+    return confidences
 
 
 def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Picture8) -> list[Box]:
@@ -213,8 +235,7 @@ def _boxes(targets: Iterable[Target], move_boxes: MoveBoxes | None, image: Pictu
     return [(x0, y0, x1, y1) for x0, y0, x1, y1 in moved.tolist()]
 
 
-def _row(index: int, target: Target, box: Box, confidence: float) -> dict[str, Any]:
+def _row(index: int, target: Target, box: Box) -> dict[str, Any]:
     x0, y0, x1, y1 = box
     row: dict[str, Any] = {"target_id": index, "group": target.group, "label": target.label}
-    row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}
-    return row | {"confidence": confidence}
+    return row | {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0}

@@ -9,6 +9,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import groupby
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ from blurnoise.exposure import Frame as Taken
 from blurnoise.layers import boxes_in_motion
 from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.radiometry import dark_electrons, photoelectrons
+from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import Image, Picture, Target, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -93,7 +94,8 @@ class Scene:
             if apart:
                 yield from self._cut_scene(some[0].camera)[0].frames(some)
             else:
-                yield from self.light.frames([replace(each, moves="all") for each in some])
+                still = (each if each.moves == "all" else replace(each, moves="all") for each in some)
+                yield from self.light.frames(list(still))
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -174,14 +176,17 @@ def frames(
             exposure = replace(exposure, trajectory=stated.of(camera, size, longest_s, cell.seed))
         exposures.append(exposure)
     taken = zip(exposed, exposures, scene.frames(exposures), strict=True)
+    before: Exposure | None = None
     for (cell, _), exposure, frame in taken:
+        if before is None or _motion(before) != _motion(exposure):  # else the light alone is another
+            boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
+        before = exposure
         yield Frame(
             cell,
             frame.picture,
             frame.simulate_ms,
             exposure,
-            box_mover(exposure, scene.objects),
-            box_sweeper(exposure, scene.objects),
+            *boxes,
             saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
             snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
@@ -222,15 +227,26 @@ def _set(
 
 def brightest(exposure: Exposure) -> int:
     """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
-    camera, digital_db = exposure.amplified
+    return _brightest(*exposure.amplified)
+
+
+@lru_cache(maxsize=64)
+def _brightest(camera: Camera, digital_db: float) -> int:
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+
+
+def _motion(taken: Exposure) -> tuple[object, ...]:
+    """All that boxes depend on: exposures of which it is equal have them at the same places."""
+    moved = taken.velocity_px_s, taken.trajectory, taken.moves, taken.ego_speed_m_s, taken.vehicle
+    return taken.camera, taken.exposure_s, *moved
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
     """Temporal signal to noise of a pixel with so much light, EMVA 1288: signal by the noise of signal, dark charge,
     read-out and rounding, 20 log10; None without light. Of a pixel below saturation."""
     camera = exposure.amplified.camera
-    signal_e = light * photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
+    white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
+    signal_e = light * white_e
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None

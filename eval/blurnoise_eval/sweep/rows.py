@@ -16,9 +16,16 @@ from blurnoise_eval.sweep.exposing import Frame
 
 
 def cell_result(
-    frame: Frame, model: str, camera: Camera, sight: Sight, example: str | None, example_png: bytes | None
+    frame: Frame,
+    model: str,
+    camera: Camera,
+    sight: Sight,
+    example: str | None,
+    example_png: bytes | None,
+    source: tuple[str, str, int, int] | None = None,
 ) -> CellResult:
-    """The rows of one cell and model. example: where the picture is kept in the run's folder, as PNG."""
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. source: what of
+    the picture the store notes."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
     shared = {
         "cell_id": cell.cell_id,
@@ -53,12 +60,17 @@ def cell_result(
         "applied_gain_db": taken and taken.gain_db,
         "snr_db": frame.snr_db,
         "brightness": frame.brightness,
-        "invented_share": float(np.mean(invented)) if rows and at is not None else None,
+        "invented_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
         "simulate_ms": frame.simulate_ms,
         "infer_ms": sight.infer_ms,
         "error": sight.error,
         "example": example,
     }
     return CellResult(
-        {**shared, **summary}, tuple(rows), sight.detections, example_png, sight.non_finite_values
+        {**shared, **summary},
+        tuple(rows),
+        sight.detections,
+        example_png,
+        sight.non_finite_values,
+        source,
     )

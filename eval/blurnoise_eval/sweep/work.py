@@ -10,7 +10,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
@@ -94,8 +94,7 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.look(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                result = cell_result(frame, each.model.name, camera, sight, example, png)
-                yield replace(result, picture=prepared.source)
+                yield cell_result(frame, each.model.name, camera, sight, example, png, prepared.source)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""

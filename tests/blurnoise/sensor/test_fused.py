@@ -131,6 +131,8 @@ def test_compiled_or_not_the_bits_are_the_same(
         with compiled_ways(taken):
             assert (frames._COMPILED.after(0) is not None) == (taken == "always")
             seen.append(exposed(light, camera, **given))
+            beside = torch.empty((2, 61, 71, 3), dtype=seen[0].dtype).permute(0, 3, 1, 2)
+            assert torch.equal(exposed(light, camera, **given, out=beside), seen[0])
     assert torch.equal(*seen)
 
 

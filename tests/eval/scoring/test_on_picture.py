@@ -62,6 +62,11 @@ def test_a_detector_is_held_against_moved_targets(detector: Detector, labelled: 
         [edge + d for edge, d in zip(box_of(clean), (15, 0, 15, 0), strict=True)]
     )
     assert found["width_px"] == pytest.approx(clean["width_px"])
+    (again,) = seen.look(sign(SHIFT_PX)).targets  # where targets stand is kept for one motion, not for all
+    assert {**again, "confidence": 0} == {**missed, "confidence": 0}
+    swept = seen.look(sign(), None, to_the_right).targets[0]
+    assert (box_of(swept), swept["confidence"]) == (box_of(clean), clean["confidence"])
+    assert swept["confidence_swept"] < 0.3
 
 
 class Asked:

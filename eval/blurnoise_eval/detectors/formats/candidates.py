@@ -16,7 +16,7 @@ from onnx import TensorProto, helper
 from blurnoise._core.compiled_ways import CompiledWay
 
 FloatArray = NDArray[np.float32]
-_Kept = Callable[[FloatArray, NDArray[np.int64], float, int, int], NDArray[np.bool_]]
+_Kept = Callable[[FloatArray, NDArray[np.int64], NDArray[np.int64], float, int, int], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,8 @@ class Candidates:
         """
         if self.class_scores is None:
             return self
+        if self.class_scores.shape[1] == 1 and class_ids is None and (self.scores >= min_score).all():
+            return Candidates(self.boxes_xyxy, self.scores, self.class_ids)
         scores = self.class_scores if class_ids is None else self.class_scores[:, class_ids]
         enough = scores >= min_score
         if above is not None:
@@ -70,6 +72,8 @@ def all_finite(values: FloatArray) -> bool:
 
 def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the highest score of each row of (N, classes) and its column; a row with a NaN gives NaN."""
+    if class_scores.shape[1] == 1:
+        return class_scores[:, 0], np.zeros(len(class_scores), np.int64)
     class_ids = class_scores.argmax(axis=1)
     return class_scores[np.arange(len(class_ids)), class_ids], class_ids
 
@@ -148,25 +152,26 @@ def suppress(
         return candidates
     most = 4 * max_detections
     while True:
-        ordered = _strongest(candidates, most)
-        if compiled := _COMPILED.after(len(ordered)):
-            boxes = np.ascontiguousarray(ordered.boxes_xyxy, np.float32)
-            classes = np.ascontiguousarray(ordered.class_ids, np.int64)
-            stays = compiled(boxes, classes, nms_iou, per_class or max_detections, max_detections)
-            kept = ordered[np.flatnonzero(stays)]
+        order = _strongest(candidates.scores, most)
+        if compiled := _COMPILED.after(len(order)):
+            boxes = np.ascontiguousarray(candidates.boxes_xyxy, np.float32)
+            classes = np.ascontiguousarray(candidates.class_ids, np.int64)
+            kept = candidates[
+                compiled(boxes, classes, order, nms_iou, per_class or max_detections, max_detections)
+            ]
         else:
-            kept = _suppressed(ordered, nms_iou, per_class or max_detections)[:max_detections]
-        if len(kept) >= max_detections or len(ordered) == len(candidates):
+            kept = _suppressed(candidates[order], nms_iou, per_class or max_detections)[:max_detections]
+        if len(kept) >= max_detections or len(order) == len(candidates):
             return kept
         most *= 4
 
 
-def _strongest(candidates: Candidates, most: int) -> Candidates:
-    """The ``most`` with the highest scores, and those that equal the last, highest first, equals in their order."""
-    if len(candidates) > most:
-        weakest = np.partition(candidates.scores, -most)[-most]
-        candidates = candidates[np.flatnonzero(candidates.scores >= weakest)]
-    return candidates[np.argsort(-candidates.scores, kind="stable")]
+def _strongest(scores: FloatArray, most: int) -> NDArray[np.int64]:
+    """Places of the ``most`` highest scores, and of those that equal the last: highest first, equals in order."""
+    if len(scores) <= most:
+        return np.argsort(-scores, kind="stable")
+    strong = np.flatnonzero(scores >= np.partition(scores, -most)[-most])
+    return strong[np.argsort(-scores[strong], kind="stable")]
 
 
 def _suppressed(ordered: Candidates, nms_iou: float, per_class: int) -> Candidates:
@@ -222,10 +227,8 @@ def _compiled() -> _Kept | None:
         boxes, np.linspace(1, 0, len(boxes), dtype=np.float32), random.integers(0, 3, len(boxes))
     )
     for iou in (0.3, 0.65):
-        stays = compiled.kept(every.boxes_xyxy, every.class_ids, iou, 300, 900)
-        if not np.array_equal(
-            every[np.flatnonzero(stays)].boxes_xyxy, _suppressed(every, iou, 300).boxes_xyxy
-        ):
+        stay = compiled.kept(every.boxes_xyxy, every.class_ids, np.arange(len(boxes)), iou, 300, 900)
+        if not np.array_equal(every[stay].boxes_xyxy, _suppressed(every, iou, 300).boxes_xyxy):
             return None
     return compiled.kept  # type: ignore[no-any-return]
 

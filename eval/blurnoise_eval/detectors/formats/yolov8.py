@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select
+from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, from_centres
 from blurnoise_eval.detectors.formats.grids import STRIDES, STRIDES_64, cells, layout_by_cells
 from blurnoise_eval.detectors.formats.signature import Layout, Signature
 
@@ -41,5 +41,5 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     if columns.shape[1] not in [cells(size_px, strides) for strides in _STRIDES]:
         columns = columns.T
     # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
-    kept = columns[:, columns[4:].max(axis=0) >= min_score].T
-    return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])
+    kept = columns[:, np.flatnonzero(columns[4:].max(axis=0) >= min_score)].T
+    return from_centres(kept[:, :4], *best_class(kept[:, 4:]), kept[:, 4:])
