@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise.capture import Capture
     from blurnoise.colour import Cfa
+    from blurnoise.driving import Vehicle
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut, Matte
     from blurnoise.spectra import Curve
@@ -173,7 +174,10 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
         numbers = []
     if len(numbers) not in (2, 3):
         raise ValueError(f"pwm = {pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
-    lamp = Pwm(*numbers)
+    try:
+        lamp = Pwm(*numbers)
+    except ValueError as error:
+        raise ValueError(f"pwm = {pwm!r}: {error}") from None
     lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
     return Flicker(lamp, None if mask_path is None else mask(mask_path, light.shape))
 
@@ -342,6 +346,16 @@ def objects(mattes: str, plates: Location | None, speeds: Sequence[str], boxes: 
         if not label:
             raise ValueError(f"object-speed = {text!r}: must be CLASS=FACTOR, such as car=0.5")
     return Objects(mattes, told, None if plates is None else str(plates), boxes)
+
+
+def vehicle(*, drives: bool, **fields: Any) -> Vehicle | None:
+    """Of the fields that are not None, as :func:`blurnoise_eval.cli.vehicle.stated`; ``ValueError`` if none drives."""
+    from blurnoise_eval.cli.vehicle import stated
+
+    for name, value in fields.items():
+        if value is not None and not drives:
+            raise ValueError(f"{name}: goes with --ego-kmh")
+    return stated(**fields)
 
 
 def command() -> str:

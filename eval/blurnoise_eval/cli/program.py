@@ -204,13 +204,15 @@ def _px_s(
     kmh: float, distance_m: float, focal_mm: float | None, hfov_deg: float | None, camera: Camera
 ) -> float:
     """Of what crosses the axis. A small target, so that its own width does not tell."""
+    from blurnoise._core.checks import in_range
     from blurnoise.motion import velocity_px_s
 
     lens: Literal["f-theta", "rectilinear"] = "f-theta"
     angle = camera.hfov_deg if hfov_deg is None else hfov_deg
     if focal_mm is not None:
-        if hfov_deg is not None or focal_mm <= 0:
-            raise ValueError(f"focal_mm = {focal_mm:g}: must be above 0, and stand in place of --hfov-deg")
+        if hfov_deg is not None:
+            raise ValueError(f"focal_mm = {focal_mm:g}: must stand in place of --hfov-deg")
+        in_range("focal_mm", focal_mm, 1e-3, 1e6)
         angle = math.degrees(2 * math.atan(camera.width_px * camera.pixel_pitch_um / 2e3 / focal_mm))
         lens = "rectilinear"
     return velocity_px_s(
