@@ -349,7 +349,7 @@ def objects(mattes: str, plates: Location | None, speeds: Sequence[str], boxes: 
 
 
 def vehicle(*, drives: bool, **fields: Any) -> Vehicle | None:
-    """Of the fields that are not None, as :func:`blurnoise_eval.cli.vehicle.stated`; ``ValueError`` if none drives."""
+    """As :func:`blurnoise_eval.cli.vehicle.stated`. Raises ``ValueError`` for fields where nothing drives."""
     from blurnoise_eval.cli.vehicle import stated
 
     for name, value in fields.items():

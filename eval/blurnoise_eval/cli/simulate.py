@@ -264,7 +264,9 @@ def simulate(
         if len(captures) == 1:
             seen = develop_8bit(dn, taker, digital_db, lit_by)
         else:
-            shown_e = max(1e-9, white_e * in_range("hdr_white", hdr_white, 1e-6, 1e6) / 10 ** (digital_db / 20))
+            shown_e = max(
+                1e-9, white_e * in_range("hdr_white", hdr_white, 1e-6, 1e6) / 10 ** (digital_db / 20)
+            )
             picture = developed(fuse(frames, taker, captures), taker, white_e=shown_e, illuminant=lit_by)
             seen = picture.mul(255.0).round().to(torch.uint8)
         outputs = [in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()]

@@ -37,7 +37,10 @@ Output = pytest.CaptureFixture[str]
         ("simulate a.png --dy 1e9", "--dy = 1000000000.0: must be finite and >= -1e+07"),
         ("simulate a.png --object-dx 5", "--object-dx, --object-dy, --plate: go with --object"),
         ("simulate a.png --object 1,2,9,9 --object-dx nan", "--object-dx = nan: must be finite"),
-        ("simulate a.png --object 1,2,9,9 --object-kmh 2e9 --object-m 3", "--object-kmh = 2000000000.0: must be"),
+        (
+            "simulate a.png --object 1,2,9,9 --object-kmh 2e9 --object-m 3",
+            "--object-kmh = 2000000000.0: must be",
+        ),
         ("simulate a.png --ego 50,1e9", "--ego = 1000000000.0: must be"),
         ("simulate a.png --pwm 0,1", "--pwm = '0,1': frequency_hz = 0.0: must be"),
         ("simulate a.png --hdr 16 --hdr-white nan", "--hdr-white = nan: must be finite"),
