@@ -83,7 +83,7 @@ class Command(_Described, TyperCommand):
 
 def record(param: Any, ctx: Any) -> tuple[str, str] | None:
     """An option or argument as it is typed, and what is said of it; of types of arguments only their choices."""
-    told = param.get_help_record(ctx)
+    told: tuple[str, str] | None = param.get_help_record(ctx)
     if told is None or param.param_type_name != "argument":
         return told
     return re.sub(r" <[\w\[\]]+>$", "", told[0]), told[1]
