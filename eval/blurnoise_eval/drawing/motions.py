@@ -108,8 +108,8 @@ def tiles(
     made = []
     for kind, each, speed in zip(KINDS, own, speeds, strict=True):
         if kind.path == "road":
-            moved = {"velocity_px_s": _VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6)}
-            dn = simulate(planes, stands, **light, **moved)
+            flow_px_s = _VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6)
+            dn = simulate(planes, stands, velocity_px_s=flow_px_s, **light)
             exposed = in_channels(develop(dn, stands, whole=True), planes.shape[1])
         else:
             exposed = expose_pictures(
