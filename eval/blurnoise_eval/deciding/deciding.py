@@ -67,7 +67,7 @@ class Precision:
 
     def __post_init__(self) -> None:
         if self.regret is not None:
-            in_range("regret", self.regret, 0.0, 1.0, above=True)
+            in_range("regret", self.regret, 0.0, 1.0)
         if self.edge_stops is not None:
             in_range("edge_stops", self.edge_stops, 0.0, 64.0, above=True)
         integer("most_nodes", self.most_nodes, 12, 10_000)

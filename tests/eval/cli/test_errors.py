@@ -48,7 +48,6 @@ Output = pytest.CaptureFixture[str]
         ("sweep --max-megapixels 0", "--max-megapixels = 0.0: must be"),
         ("decide --hfov-deg 60", "--hfov-deg: goes with --ego-kmh"),
         ("decide --edge-stops 0", "--edge-stops = 0.0: must be finite and > 0 and <= 64"),
-        ("decide --regret 0", "--regret = 0.0: must be finite and > 0 and <= 1"),
         ("bench training --held-out 0", "--held-out = 0: must be >= 1"),
         ("bench simulate --seeds 0", "--seeds: goes with 'bench edges and training'"),
         ("chart slanted-edge --size 50", "--size: goes with siemens-star and stop-sign"),
