@@ -17,7 +17,7 @@ def chart(
     kind: Annotated[Kind, Argument(metavar="KIND", help="which")],
     *,
     output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
-    size: Annotated[float | None, Option(metavar="PX", help="of star and sign, px (default: 100)")] = None,
+    size: Annotated[float, Option(metavar="PX", help="of star and sign, px")] = 100.0,
     width: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
     height: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
     angle: Annotated[
@@ -34,21 +34,19 @@ def chart(
     In Python, blurnoise.charts gives them as linear reflectance.
     """
     from blurnoise import charts
+    from blurnoise._core.limits import limited
     from blurnoise.encoding import srgb_from_linear
     from blurnoise_eval.datasets import write_picture
 
-    if size is not None and kind not in ("siemens-star", "stop-sign"):
-        raise ValueError("size: goes with siemens-star and stop-sign; --width and --height are the picture's")
-    if angle is not None and kind == "flat-patch":
-        raise ValueError("angle: goes with all but flat-patch, which looks alike from everywhere")
-    size_px = 100.0 if size is None else size
     angle_deg = angle if angle is not None else (5.0 if kind == "slanted-edge" else 0.0)
+    limited("size", size, "size_px")
+    limited("angle", angle_deg, "angle_deg")
     if kind == "slanted-edge":
         linear = charts.slanted_edge(height, width, angle_deg=angle_deg)
     elif kind == "siemens-star":
-        linear = charts.siemens_star(size_px, height_px=height, width_px=width, angle_deg=angle_deg)
+        linear = charts.siemens_star(size, height_px=height, width_px=width, angle_deg=angle_deg)
     elif kind == "stop-sign":
-        linear = charts.stop_sign(size_px, height_px=height, width_px=width, angle_deg=angle_deg)
+        linear = charts.stop_sign(size, height_px=height, width_px=width, angle_deg=angle_deg)
     else:
         linear = charts.flat_patch(height, width)
     full_scale, dtype = (255, "uint8") if bit_depth == "8" else (65535, "uint16")
