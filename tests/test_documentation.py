@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import browsers
 import documented
 import made_files
 import pytest
@@ -125,6 +126,26 @@ def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> Non
     physics = (tmp_path / "physics.html").read_text(encoding="utf-8")
     assert "<math" in physics
     assert "arithmatex" not in physics
+    assert '<span class="option">--map</span>' in (tmp_path / "motion.html").read_text(encoding="utf-8")
+    if browsers.CHROMIUM is not None:
+        assert "matching documents" in _answer_from_disk(tmp_path / "index.html", "flicker")
+
+
+def _answer_from_disk(page: Path, word: str) -> str:
+    """What the guide's search says of a word where a page is opened as a file."""
+    with browsers.browser() as browser:
+        tab = browser.tab()
+        tab.open(page.as_uri())
+        tab.until("document.readyState === 'complete'")
+        tab.run("document.querySelector('.md-search__input').focus()")
+        for letter in word:
+            tab.press(letter)
+        answer = tab.until(
+            "document.querySelector('.md-search-result__link') && document.querySelector("
+            "'.md-search-result__meta').innerText"
+        )
+        assert tab.failures == []
+    return str(answer)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from typing import Any
 
 import typer
 from blurnoise_eval.cli import COMMANDS
+from blurnoise_eval.cli._help import record
 from mkdocs.structure.files import File, Files
 from typer.main import get_command
 
@@ -71,10 +72,10 @@ def _described(text: str) -> Iterator[str]:
 def _sections(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
     found: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in command.get_params(context):
-        record = parameter.get_help_record(context)
-        if record is not None:
+        told = record(parameter, context)
+        if told is not None:
             usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
-            found.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(record)
+            found.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(told)
     found["Options"] = found.pop("Options")
     return {title: records for title, records in found.items() if records}
 

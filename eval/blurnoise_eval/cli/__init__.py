@@ -86,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
     words = _with_ocr_method(_named(sys.argv[1:] if arguments is None else arguments))
+    _complete_two_words()
     accept_all_text()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
@@ -143,6 +144,15 @@ def _named(arguments: Sequence[str]) -> list[str]:
     """The arguments with a command's name of two words as the one that it is here."""
     both = " ".join(arguments[:2])
     return [both, *arguments[2:]] if both in {_name(run) for run, _ in COMMANDS} else [*arguments]
+
+
+def _complete_two_words() -> None:
+    """Where bash asks what may follow a command of two words, have its name as one."""
+    words = os.environ.get("COMP_WORDS", "").split()
+    place = int(os.environ.get("COMP_CWORD", "0"))
+    if place > 2 and _named(words[1:]) != words[1:]:
+        os.environ["COMP_WORDS"] = " ".join([words[0], f"'{words[1]} {words[2]}'", *words[3:]])
+        os.environ["COMP_CWORD"] = str(place - 1)
 
 
 def _with_ocr_method(arguments: Sequence[str]) -> list[str]:

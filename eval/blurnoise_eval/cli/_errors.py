@@ -14,6 +14,10 @@ from blurnoise_eval.system.transport import without_secrets
 _SPOKEN: tuple[tuple[str, str, float], ...] = (
     *((axis.name, axis.option, axis.per_option) for axis in AXES),
     ("velocity_px_s", "--dx", 1.0),
+    ("velocity_m_s", "--object-kmh", 1 / 3.6),
+    ("yaw_deg_s", "--ego", 1.0),
+    ("pitch_deg_s", "--ego", 1.0),
+    ("angle_deg", "--angle", 1.0),
     ("size_px", "--size", 1.0),
     ("width_px", "--width", 1.0),
     ("height_px", "--height", 1.0),
@@ -29,6 +33,15 @@ _SPOKEN: tuple[tuple[str, str, float], ...] = (
     ("gain_max_db", "--most-gain-db", 1.0),
 )
 """The library's name, the option for it, and how much of the library's unit one of the option's is."""
+_PYDANTIC = (
+    ("Value error, ", ""),
+    ("Input should be a valid integer, unable to parse string as an integer", "must be a whole number"),
+    ("Input should be a valid number, unable to parse string as a number", "must be a number"),
+    ("Input should be greater than or equal to", "must be >="),
+    ("Input should be less than or equal to", "must be <="),
+)
+_NAME = re.compile(r"[a-z][\w-]*")
+_NAMES = re.compile(rf"{_NAME.pattern}(, {_NAME.pattern})*(?=:)")
 _NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
@@ -47,8 +60,9 @@ def _in_options(error: Exception, own: dict[str, str]) -> str:
 
     spoken = {name: (option, unit) for name, option, unit in _SPOKEN if option in own.values()}
     spoken |= {name: (option, 1.0) for name, option in own.items()}
-    if isinstance(error, OutOfRange) and error.name in spoken and isinstance(error.value, float):
-        option, unit = spoken[error.name]
+    known = isinstance(error, OutOfRange) and spoken.get(error.name.replace("-", "_"))
+    if isinstance(error, OutOfRange) and known and isinstance(error.value, (int, float)):
+        option, unit = known
         value, low, high = (_in_unit(each, unit) for each in (error.value, error.low, error.high))
         return str(OutOfRange(option, value, low, high, error.above))
 
@@ -56,14 +70,16 @@ def _in_options(error: Exception, own: dict[str, str]) -> str:
         return spoken.get(name[0].replace("-", "_"), (name[0],))[0]
 
     name, equals, rest = str(error).partition(" = ")
-    if equals and name in spoken:
+    if equals and name.replace("-", "_") in spoken:
         got, colon, must = rest.partition(": ")
-        option, unit = spoken[name]
+        option, unit = spoken[name.replace("-", "_")]
         if unit != 1.0:
             got = _NUMBER.sub(lambda found: f"{_in_unit(float(found[0]), unit):g}", got)
         said = f"{option} = {got}{colon}{must}"
     else:
-        said = re.sub(r"^[a-z][\w-]*(?=:)", option_of, str(error))
+        begin = _NAMES.match(str(error))
+        named = _NAME.sub(option_of, begin[0]) if begin else ""
+        said = named + str(error)[len(begin[0]) if begin else 0 :]
     return re.sub(
         r"(?<![\w-])[a-z]+(_[a-z]+)+(?!\w| = )", option_of, said
     )  # no word of English has an underscore
@@ -75,7 +91,9 @@ def _in_unit(value: float, unit: float) -> float:
 
 def usage(error: typer.TyperException) -> str:
     """What is wrong with the options themselves, with the value and where to look."""
-    told = error.format_message().replace("Value error, ", "").rstrip(".")
+    told = error.format_message().rstrip(".")
+    for theirs, ours in _PYDANTIC:
+        told = told.replace(theirs, ours)
     for fault in getattr(error.__cause__, "errors", list)():
         if repr(fault["input"]) not in told:
             told += f", got {fault['input']!r}"

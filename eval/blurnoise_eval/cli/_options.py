@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable
 from functools import partial, wraps
 from inspect import Parameter, signature
@@ -137,7 +138,10 @@ def classes(context: Context, incomplete: str) -> list[str]:
         known = [str(each["name"]) for each in told["categories"]]
     except (OSError, ValueError, LookupError, TypeError):
         known = list(COCO80)
-    return one_of(known)(incomplete)
+    in_bash = (
+        os.environ.get("_BLURNOISE_COMPLETE") == "complete_bash"
+    )  # which takes words as they would be typed
+    return [name.replace(" ", "\\ ") if in_bash else name for name in one_of(known)(incomplete)]
 
 
 def speeds(context: Context, incomplete: str) -> list[str]:

@@ -132,6 +132,9 @@ def bench(
     under a grid of exposures, lights and speeds. Open DIR/training.md and DIR/training.png; the networks stay as
     DIR/models/ARM-SEED.onnx. The same command goes on where it was stopped.
     """
+    from blurnoise._core.checks import integer
+    from blurnoise._core.rng import LAST_SEED
+
     asked: dict[str, tuple[object, tuple[str, ...]]] = {
         "model": (model, ("sweep", "decide")),
         "contract": (contract, ("sweep", "decide")),
@@ -142,12 +145,17 @@ def bench(
         "seeds": (seeds, ("edges", "training")),
         "held-out": (held_out, ("training",)),
         "coco": (coco, ("decide", "training")),
-        "replications": (replications is not None, ("intervals",)),
-        "seed": (seed is not None, ("intervals",)),
+        "replications": (replications, ("intervals",)),
+        "seed": (seed, ("intervals",)),
     }
     for name, (value, rooms) in asked.items():
-        if value and what not in rooms:
+        if value is not None and value is not False and what not in rooms:
             raise ValueError(f"{name}: goes with 'bench {' and '.join(rooms)}'")
+    for name, count in (("seeds", seeds), ("held-out", held_out), ("replications", replications)):
+        if count is not None:
+            integer(name, count, 1, 10_000_000)
+    if seed is not None:
+        integer("seed", seed, 0, LAST_SEED)
     workers = given.threads(threads)
     folder = output or Path(f"bench-{what}")
     if what == "sweep":

@@ -15,7 +15,9 @@ def cameras(
     camera: Annotated[
         str | None,
         Argument(
-            metavar="NAME|FILE", help="one camera (default: all presets)", autocompletion=one_of(CAMERAS)
+            metavar="NAME|FILE",
+            help="one camera (default: all presets)",
+            autocompletion=one_of((*CAMERAS, "fit")),
         ),
     ] = None,
     *,

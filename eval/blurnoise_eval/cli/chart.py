@@ -34,10 +34,13 @@ def chart(
     In Python, blurnoise.charts gives them as linear reflectance.
     """
     from blurnoise import charts
+    from blurnoise._core.limits import limited
     from blurnoise.encoding import srgb_from_linear
     from blurnoise_eval.datasets import write_picture
 
     angle_deg = angle if angle is not None else (5.0 if kind == "slanted-edge" else 0.0)
+    limited("size", size, "size_px")
+    limited("angle", angle_deg, "angle_deg")
     if kind == "slanted-edge":
         linear = charts.slanted_edge(height, width, angle_deg=angle_deg)
     elif kind == "siemens-star":

@@ -105,10 +105,9 @@ def print_assumptions(contract: Any, model: Path | None) -> None:
     values = {name: stated[name] for name in assumed}
     if "classes" in values:
         values["classes"] = f"the {len(contract.classes)} of COCO"
-    say(
-        f"assumed, since nothing in {model.name} says it: "
-        + ", ".join(f"{name} {values[name]}" for name in assumed)
-        + ".",
+    told = ", ".join(f"{name} {values[name]}" for name in assumed)
+    say_wrapped(f"assumed, since nothing in {model.name} says it: {told}.", error=True)
+    say_wrapped(
         f"State these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
         f"--contract {stated.get('family', 'ppocr')}.",
         error=True,
@@ -120,7 +119,7 @@ def print_assumed(contract: Any, model: Path | None) -> None:
     sources = contract.to_dict()["sources"]
     assumed = [name.replace("_", " ") for name, source in sources.items() if source.startswith("assumed")]
     if assumed and model is not None:
-        say(f"{model.name}: assumed {', '.join(assumed)}; see blurnoise inspect", error=True)
+        say_wrapped(f"{model.name}: assumed {', '.join(assumed)}; see blurnoise inspect", error=True)
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:

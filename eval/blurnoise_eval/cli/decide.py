@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Context, Option
 
-from blurnoise_eval.cli import given, vehicle
+from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import (
     ENGINE_NAMES,
     Address,
@@ -147,9 +147,7 @@ def decide(
     }
     if ego_kmh is not None and left_out(context, "dx"):
         dx = (0.0,)
-    ego = vehicle.stated(**{name: shared.pop(name) for name in _VEHICLE})
-    if ego is not None and ego_kmh is None:
-        raise ValueError("height-m, hfov-deg and the like: go with --ego-kmh")
+    ego = given.vehicle(drives=ego_kmh is not None, **{name: shared.pop(name) for name in _VEHICLE})
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
     question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import Json, Range, bounds
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
 _EXPOSURE_MS, _LUX, _SPEED_PX_S = Range(1, 60), Range(5, 500), Range(0, 1000)
@@ -90,17 +91,20 @@ def gallery(
         matte = (
             gallery.shrunk(given.matte(cut, picture.shape[:2]), size) if cut else motions.middle_box(shape)
         )
-        tiles = motions.tiles(
-            scene,
-            matte,
-            ranges.cameras[0],
-            exposure_s=exposure_ms.high / 1e3,
-            illuminance_lux=lux.high,
-            speed_px_s=speed.high,
-            seed=seed,
-        )
+        with ProgressBar("gallery", len(motions.KINDS)) as advance:
+            tiles = motions.tiles(
+                scene,
+                matte,
+                ranges.cameras[0],
+                exposure_s=exposure_ms.high / 1e3,
+                illuminance_lux=lux.high,
+                speed_px_s=speed.high,
+                seed=seed,
+                progress=advance,
+            )
     else:
-        tiles = gallery.tiles(scene, ranges, count, seed)
+        with ProgressBar("gallery", count) as advance:
+            tiles = gallery.tiles(scene, ranges, count, seed, advance)
     gallery.write(gallery.draw(scene, tiles), output)
     if as_json:
         say_json({"output": str(output), "tiles": [tile.facts() for tile in tiles]})

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from blurnoise.camera import Camera
     from blurnoise.capture import Capture
     from blurnoise.colour import Cfa
+    from blurnoise.driving import Vehicle
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut, Matte
     from blurnoise.motion import Lens
@@ -174,7 +175,10 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
         numbers = []
     if len(numbers) not in (2, 3):
         raise ValueError(f"pwm = {pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
-    lamp = Pwm(*numbers)
+    try:
+        lamp = Pwm(*numbers)
+    except ValueError as error:
+        raise ValueError(f"pwm = {pwm!r}: {error}") from None
     lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(seed)
     return Flicker(lamp, None if mask_path is None else mask(mask_path, light.shape))
 
@@ -379,6 +383,16 @@ def _by_class(name: str, stated: Iterable[str], wanted: str) -> dict[str, float]
         if not label:
             raise ValueError(f"{name} = {text!r}: must be {wanted}")
     return told
+
+
+def vehicle(*, drives: bool, **fields: Any) -> Vehicle | None:
+    """As :func:`blurnoise_eval.cli.vehicle.stated`. Raises ``ValueError`` for fields where nothing drives."""
+    from blurnoise_eval.cli.vehicle import stated
+
+    for name, value in fields.items():
+        if value is not None and not drives:
+            raise ValueError(f"{name}: goes with --ego-kmh")
+    return stated(**fields)
 
 
 def command() -> str:

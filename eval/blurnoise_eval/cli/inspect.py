@@ -9,8 +9,9 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import FAMILIES, Json, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
+from blurnoise_eval.system.layout import table_lines
 from blurnoise_eval.system.storage import Location, location
-from blurnoise_eval.system.terminal import say, say_json
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, width
 
 if TYPE_CHECKING:
     import numpy as np
@@ -189,14 +190,15 @@ def _print_all(facts: dict[str, Any], contract: Any, looked_at: object) -> None:
         "warnings": facts["warnings"] or f"none on {looked_at}",
     }
     print_facts(shown, False)
-    say("contract")
+    rows = []
     for name, source in contract.sources.items():
         value = getattr(contract, name)
         if name == "classes":
             names = ", ".join(map(_short, value[:4]))
             value = f"{len(value)}: {names}{', ...' if len(value) > 4 else ''}"
         if name != "family":  # told above
-            say(f"  {name:15s} {value!s:28s} {source}")
+            rows.append((name, str(value), source))
+    say(*table_lines(("contract", "value", "from"), rows, (False,) * 3, width()))
 
 
 def _print_probe(found: dict[str, Any]) -> None:
@@ -204,16 +206,17 @@ def _print_probe(found: dict[str, Any]) -> None:
         say(f"read in {found['image']}", f"  {found['text']!r} {found['score']:.3f}")
         return
     say(f"detections in {found['image']}")
-    for row in found["detections"]:
-        say(f"  {_detection(row)}")
-    best = f", the best: {_detection(found['best_weaker'])}" if found["best_weaker"] else ""
-    say(f"  {found['weaker']} below {DRAWN_SCORE}{best}")
+    if found["detections"]:
+        heads, right = ("class", "score", "x0", "y0", "x1", "y1 / px"), (False, *(True,) * 5)
+        say(*table_lines(heads, list(map(_detection, found["detections"])), right, width()))
+    best = found["best_weaker"]
+    told = f", the best: {_short(best['class'])}, {best['score']:.3f}" if best else ""
+    say_wrapped(f"{found['weaker']} below {DRAWN_SCORE}{told}", hanging=2)
     say(found["output"])
 
 
-def _detection(row: dict[str, Any]) -> str:
-    left, top, right, bottom = row["box_xyxy"]
-    return f"{_short(row['class']):20s} {row['score']:.3f}  ({left:.1f}, {top:.1f}, {right:.1f}, {bottom:.1f}) px"
+def _detection(row: dict[str, Any]) -> list[str]:
+    return [_short(row["class"]), f"{row['score']:.3f}", *(f"{side:.1f}" for side in row["box_xyxy"])]
 
 
 def _short(text: str) -> str:

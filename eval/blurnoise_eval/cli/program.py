@@ -10,6 +10,7 @@ from typer import Option
 
 from blurnoise_eval.cli._options import Folder, Json, Range, RunRead, bounds
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, width
 
 if TYPE_CHECKING:
@@ -123,18 +124,25 @@ def program(
         most_gain_db=120.0 if most_gain_db is None else most_gain_db,
         line_time_s=line_time_us / 1e6,
     )
-    with read_run(run) as read, Store(read.path) as store:
+    with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
+        advance.note("reads the run")
         criterion = criterion_of(store, threshold, keep, score)
         found = reading.read(store, criterion, cluster, model)
-    camera = found.metering.camera
-    scenario = Scenario(
-        lights_lux=half_stops(*(lux or found.lights_lux)),
-        speeds_px_s=_speeds(speeds, found.speeds_px_s, speed_unit, distance_m, focal_mm, hfov_deg, camera),
-        targets=chosen_targets(targets, list(found.planes)),
-        objective=objective,
-        tail=tail,
-    )
-    made = make(Response(scenario, found.planes, found.exposures_s), found.metering, limits, stages)
+        camera = found.metering.camera
+        scenario = Scenario(
+            lights_lux=half_stops(*(lux or found.lights_lux)),
+            speeds_px_s=_speeds(
+                speeds, found.speeds_px_s, speed_unit, distance_m, focal_mm, hfov_deg, camera
+            ),
+            targets=chosen_targets(targets, list(found.planes)),
+            objective=objective,
+            tail=tail,
+        )
+        advance(1)
+        advance.note("tries exposures at every light")
+        response = Response(scenario, found.planes, found.exposures_s)
+        made = make(response, found.metering, limits, stages)
+        advance(1)
     about: dict[str, Any] = {
         "run": str(run),
         "model": found.model,
@@ -204,13 +212,15 @@ def _px_s(
     kmh: float, distance_m: float, focal_mm: float | None, hfov_deg: float | None, camera: Camera
 ) -> float:
     """Of what crosses the axis. A small target, so that its own width does not tell."""
+    from blurnoise._core.checks import in_range
     from blurnoise.motion import velocity_px_s
 
     lens: Literal["f-theta", "rectilinear"] = "f-theta"
     angle = camera.hfov_deg if hfov_deg is None else hfov_deg
     if focal_mm is not None:
-        if hfov_deg is not None or focal_mm <= 0:
-            raise ValueError(f"focal_mm = {focal_mm:g}: must be above 0, and stand in place of --hfov-deg")
+        if hfov_deg is not None:
+            raise ValueError(f"focal_mm = {focal_mm:g}: must stand in place of --hfov-deg")
+        in_range("focal_mm", focal_mm, 1e-3, 1e6)
         angle = math.degrees(2 * math.atan(camera.width_px * camera.pixel_pitch_um / 2e3 / focal_mm))
         lens = "rectilinear"
     return velocity_px_s(

@@ -186,7 +186,8 @@ def simulate(
     import torch
 
     from blurnoise import AutoExposure, plan
-    from blurnoise._core.checks import integer, positive
+    from blurnoise._core.checks import in_range, integer
+    from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.auto_exposure import mean_luma
     from blurnoise.grey_anchor import reflectance_text, share_above_white
@@ -199,12 +200,15 @@ def simulate(
     from blurnoise_eval.datasets import write_picture
 
     integer("seed", seed, 0, LAST_SEED)
+    for name, px_s in (("dx", dx), ("dy", dy), ("object_dx", object_dx), ("object_dy", object_dy)):
+        limited(name, px_s, "velocity_px_s")
     lit_by = given.illuminant(illuminant)
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
     moving = _object(cut, plate, scene, (object_dx, object_dy), encoding, grey_anchor or emitters)
     crossing = {"away_m": object_m, "width_m": object_width_m}
     if object_kmh is not None:
+        limited("velocity_m_s", object_kmh / 3.6)
         seen_through = {} if ego else {"hfov_deg": hfov_deg, "lens": lens}
         moving = _crossing(moving, (object_dx, object_dy), object_kmh, taker, **crossing, **seen_through)
         hfov_deg, lens = (hfov_deg, lens) if ego else (None, None)
@@ -260,7 +264,9 @@ def simulate(
         if len(captures) == 1:
             seen = develop_8bit(dn, taker, digital_db, lit_by)
         else:
-            shown_e = max(1e-9, white_e * positive("hdr_white", hdr_white) / 10 ** (digital_db / 20))
+            shown_e = max(
+                1e-9, white_e * in_range("hdr_white", hdr_white, 1e-6, 1e6) / 10 ** (digital_db / 20)
+            )
             picture = developed(fuse(frames, taker, captures), taker, white_e=shown_e, illuminant=lit_by)
             seen = picture.mul(255.0).round().to(torch.uint8)
         outputs = [in_channels(seen, max(seen.shape[1], scene.shape[1])).numpy()]

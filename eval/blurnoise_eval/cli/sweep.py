@@ -36,6 +36,7 @@ from blurnoise_eval.cli._options import (
 )
 from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Parquet, Score, Threshold, tell
+from blurnoise_eval.grid.axes import EGO
 from blurnoise_eval.system.storage import Location, location
 
 _EGO = "With --ego-kmh: the camera on the vehicle"
@@ -232,7 +233,8 @@ def sweep(
         **(seen_by if object_m else {}),
     )
     stated: Any = {"repeats": repeats, "seed": seed, "grey_anchor": grey_anchor, "trajectory": trajectory}
-    stated["ego"] = vehicle.stated(
+    stated["ego"] = given.vehicle(
+        drives=EGO.name in grid,
         height_m=height_m,
         pitch_deg=pitch_deg,
         heading_deg=heading_deg,

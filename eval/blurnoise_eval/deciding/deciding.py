@@ -69,7 +69,7 @@ class Precision:
         if self.regret is not None:
             in_range("regret", self.regret, 0.0, 1.0)
         if self.edge_stops is not None:
-            in_range("edge_stops", self.edge_stops, 0.0, 64.0)
+            in_range("edge_stops", self.edge_stops, 0.0, 64.0, above=True)
         integer("most_nodes", self.most_nodes, 12, 10_000)
 
     @property

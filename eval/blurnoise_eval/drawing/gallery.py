@@ -7,6 +7,7 @@ noise looks as large as it is.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
@@ -88,10 +90,16 @@ def shrunk(coded: NDArray[np.float32], size_px: int) -> NDArray[np.float32]:
     return coded.clip(0.0, 1.0)
 
 
-def tiles(coded: NDArray[np.float32], ranges: ExposureRanges, count: int, seed: int) -> list[Tile]:
+def tiles(
+    coded: NDArray[np.float32],
+    ranges: ExposureRanges,
+    count: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[Tile]:
     """``count`` draws from ``ranges``, 1 to ``MAX_TILES``, brightest first: by how far white fills the pixel.
 
-    coded: sRGB-coded, (H, W) or (H, W, 3). The same seed gives the same tiles.
+    coded: sRGB-coded, (H, W) or (H, W, 3). The same seed gives the same tiles. progress is told of each.
     Raises ``ValueError`` naming count or seed.
     """
     integer("count", count, 1, MAX_TILES)
@@ -99,25 +107,33 @@ def tiles(coded: NDArray[np.float32], ranges: ExposureRanges, count: int, seed: 
     generator = torch.Generator().manual_seed(seed)
     drawn = ranges.conditions(torch.rand(count, ranges.draws, generator=generator))
     cameras = [ranges.cameras[index] for index in drawn["camera_index"].tolist()]
-    planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)
-    exposed = expose_pictures(
-        planes.expand(count, -1, -1, -1),
-        cameras,
-        exposure_s=drawn["exposure_s"],
-        illuminance_lux=drawn["illuminance_lux"],
-        speed_px_s=drawn["speed_px_s"],
-        direction_deg=drawn["direction_deg"],
-        temperature_c=drawn["temperature_c"],
-        gain_db=ranges.gain(drawn),
-        generator=generator,
-    )
-    pictures = (
-        exposed.mul(255).round().byte().permute(0, 2, 3, 1).numpy().squeeze(-1 if coded.ndim == 2 else ())
-    )
+    planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
+    pictures = []
+    for place, noise in enumerate(rng.item_seeds(generator, count)):
+        of = [place]
+        exposed = expose_pictures(
+            planes,
+            cameras[place],
+            exposure_s=drawn["exposure_s"][of],
+            illuminance_lux=drawn["illuminance_lux"][of],
+            speed_px_s=drawn["speed_px_s"][of],
+            direction_deg=drawn["direction_deg"][of],
+            temperature_c=drawn["temperature_c"][of],
+            gain_db=ranges.gain(drawn, of),
+            generator=[noise],
+        )
+        pictures.append(as_shown(exposed, coded.ndim))
+        progress(1)
     columns = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")
     rows = zip(*(drawn[name].tolist() for name in columns), strict=True)
     made = [Tile(*each, *row) for *each, row in zip(pictures, cameras, rows, strict=True)]
     return sorted(made, key=lambda tile: -tile.white_electrons / tile.camera.saturation_e)
+
+
+def as_shown(exposed: Tensor, ndim: int) -> NDArray[np.uint8]:
+    """A picture (1, C, H, W) in [0, 1] as 8 bits, of so many dimensions."""
+    shown: NDArray[np.uint8] = exposed[0].mul(255).round().byte().permute(1, 2, 0).numpy()
+    return shown[..., 0] if ndim == 2 else shown
 
 
 def draw(coded: NDArray[np.float32], made: list[Tile]) -> Figure:

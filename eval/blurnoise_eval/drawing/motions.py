@@ -6,6 +6,7 @@ Domain: sRGB-coded pictures, (H, W) or (H, W, 3), in [0, 1]; a matte (H, W) is w
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,7 +23,7 @@ from blurnoise.ego_motion import View
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.simulation import simulate
 from blurnoise.trajectory import Trajectory
-from blurnoise_eval.drawing.gallery import Tile
+from blurnoise_eval.drawing.gallery import Tile, as_shown
 
 READOUT_S = 0.03
 """From first row to last, as slow rolling shutters take."""
@@ -72,8 +73,12 @@ def tiles(
     illuminance_lux: float,
     speed_px_s: float,
     seed: int = 0,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> list[Tile]:
-    """A tile for each of ``KINDS``; paths are as long as what moves at ``speed_px_s`` is, but for bump and road."""
+    """A tile for each of ``KINDS``; paths are as long as what moves at ``speed_px_s`` is, but for bump and road.
+
+    progress is told of each.
+    """
     planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
     size = (planes.shape[-2], planes.shape[-1])
     stands = replace(camera, row_time_s=0.0, shutter="global")
@@ -95,36 +100,34 @@ def tiles(
         {"camera": rolls if kind.rolls else stands, "path": paths.get(kind.path or "")} for kind in KINDS
     ]
     speeds = [kind.share * speed_px_s for kind in KINDS]
-    exposed = expose_pictures(
-        planes.expand(len(KINDS), -1, -1, -1),
-        [each["camera"] for each in own],
-        exposure_s=exposure_s,
-        illuminance_lux=illuminance_lux,
-        speed_px_s=speeds,
-        direction_deg=[kind.direction_deg for kind in KINDS],
-        masks=torch.from_numpy(matte).expand(len(KINDS), 1, *size),
-        moves=[kind.moves for kind in KINDS],
-        trajectory=[each["path"] for each in own],
-        generator=[seed] * len(KINDS),
-    )
-    on_road = simulate(
-        planes,
-        stands,
-        exposure_s=exposure_s,
-        illuminance_lux=illuminance_lux,
-        velocity_px_s=_VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6),
-        generator=[seed],
-    )
-    road = torch.tensor([kind.path == "road" for kind in KINDS])
-    exposed[road] = in_channels(develop(on_road, stands, whole=True), planes.shape[1])
-    pictures = exposed.mul(255).round().byte().permute(0, 2, 3, 1).numpy()
+    light: dict[str, Any] = {
+        "exposure_s": exposure_s,
+        "illuminance_lux": illuminance_lux,
+        "generator": [seed],
+    }
     made = []
-    for kind, picture, each, speed in zip(KINDS, pictures, own, speeds, strict=True):
-        seen = picture[..., 0] if coded.ndim == 2 else picture
+    for kind, each, speed in zip(KINDS, own, speeds, strict=True):
+        if kind.path == "road":
+            flow_px_s = _VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6)
+            dn = simulate(planes, stands, velocity_px_s=flow_px_s, **light)
+            exposed = in_channels(develop(dn, stands, whole=True), planes.shape[1])
+        else:
+            exposed = expose_pictures(
+                planes,
+                each["camera"],
+                speed_px_s=speed,
+                direction_deg=kind.direction_deg,
+                masks=torch.from_numpy(matte).expand(1, 1, *size),
+                moves=kind.moves,
+                trajectory=each["path"],
+                **light,
+            )
+        seen = as_shown(exposed, coded.ndim)
         path = each["path"].seen(exposure_s).box if each["path"] else None
         goes = f"{math.dist(path[:2], path[2:]):.3g} px" if path else f"{speed * exposure_s:.3g} px"
         note = kind.name if kind.path == "road" else f"{kind.name}: {goes}"
         made.append(
             Tile(seen, each["camera"], exposure_s, illuminance_lux, speed, kind.direction_deg, motion=note)
         )
+        progress(1)
     return made

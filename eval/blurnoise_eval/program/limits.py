@@ -38,11 +38,12 @@ class Limits:
     def __post_init__(self) -> None:
         if self.banding and not self.mains_hz:
             raise ValueError("banding: says what --anti-flicker may do, and so must stand with it")
-        if self.shortest_s > self.rule.limit_s * (1 + _STEP):
+        longest_s = self.rule.limit_s  # which looks at the fields
+        if self.shortest_s > longest_s * (1 + _STEP):
             raise ValueError(
                 f"{self._why_long}: leaves no exposure at any light: it must be {1e3 * self.shortest_s:.4g} ms or "
                 f"more, and {self.fps:g} frames/s less {1e3 * self.readout_s:g} ms of read-out leave "
-                f"{1e3 * self.rule.limit_s:.4g} ms"
+                f"{1e3 * longest_s:.4g} ms"
             )
 
     @cached_property

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
+from blurnoise._core.limits import limited
 from blurnoise.encoding import linear_from_srgb
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
@@ -83,7 +84,7 @@ class Square:
 
     def __post_init__(self) -> None:
         checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
-        checks.positive("target_contrast", self.contrast)
+        limited("target_contrast", self.contrast, "contrast")
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from urllib.request import url2pathname
 
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.node_cache import node_cache
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.transport import OBJECT_S, SCHEMES, Changed, system_of, tried, without_secrets
 
 _AT_ONCE = 16  # requests that only wait
@@ -322,12 +323,16 @@ class Finder:
 def fetch_ahead(urls: Sequence[Url]) -> None:
     """Read objects into the cache, several at a time; what fails does so again when it is wanted."""
 
+    if not urls:
+        return
+
     def fetch(url: Url) -> None:
         with suppress(OSError):
             url.read_bytes()
 
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        list(pool.map(fetch, urls))
+    with ThreadPoolExecutor(_AT_ONCE) as pool, ProgressBar("fetch files", len(urls)) as advance:
+        for _ in pool.map(fetch, urls):
+            advance(1)
 
 
 def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:

@@ -56,10 +56,10 @@ def width() -> int | None:
     return max(shutil.get_terminal_size().columns, LEAST_WIDTH)
 
 
-def say_wrapped(text: str, indent: int = 0, hanging: int = 0) -> None:
+def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = False) -> None:
     """Print a paragraph, of 79 columns where there is room."""
     wide = width()
-    say(*paragraph(plain(text), wide and min(wide, PROSE), indent, hanging))
+    say(*paragraph(plain(text), wide and min(wide, PROSE), indent, hanging), error=error)
 
 
 def show(*tables: Table) -> None:

@@ -21,7 +21,7 @@ import uuid
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import mkdtemp
@@ -29,7 +29,7 @@ from typing import Any
 
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 from blurnoise_eval.system.node_cache import cache_folder
-from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.progress import Advance, ProgressBar
 from blurnoise_eval.system.storage import Location, Url, get_file, is_url, listing, put_file
 from blurnoise_eval.system.transport import without_secrets
 
@@ -77,13 +77,13 @@ class WorkingFolder:
         copy.unlink(missing_ok=True)
         try:
             copy_results(copy)
-            self.put(leaving=(RUN_FILE,))
+            self.put(leaving=(RUN_FILE,), shown=False)  # the work has a bar of its own
             self._put_results(copy)
         finally:
             copy.unlink(missing_ok=True)
 
-    def put(self, leaving: Sequence[str] = ()) -> None:
-        """Put the files that are new or have changed, the page last. Raises ``OSError``."""
+    def put(self, leaving: Sequence[str] = (), *, shown: bool = True) -> None:
+        """Put the files that are new or have changed, the page last. shown: say how far. Raises ``OSError``."""
         if self.url is None:
             return
         now = _files(self.path)
@@ -91,12 +91,16 @@ class WorkingFolder:
             (name for name in now if now[name] != self._seen.get(name) and name not in leaving),
             key=lambda name: (name == "report.html", name),
         )
-        for name in changed:
-            if name == RUN_FILE:
-                self._put_results(self.path / name)
-            else:
-                put_file(self.path / name, self.url / name)
-            self._seen[name] = now[name]
+        with (
+            ProgressBar("put files", len(changed)) if shown and changed else nullcontext(Advance()) as advance
+        ):
+            for name in changed:
+                if name == RUN_FILE:
+                    self._put_results(self.path / name)
+                else:
+                    put_file(self.path / name, self.url / name)
+                self._seen[name] = now[name]
+                advance(1)
 
     def _put_results(self, file: Path) -> None:
         if self.url is not None:

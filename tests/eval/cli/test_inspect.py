@@ -122,7 +122,7 @@ def test_probe_lists_and_draws(
     assert not changed[top + 3 : bottom - 3, left + 3 : right - 3].any()
     assert main(["inspect", str(model), "--probe", str(sign), "-o", "mine.png"]) == 0
     out = capsys.readouterr().out
-    assert f"stop sign            {found['score']:.3f}  (" in out
+    assert f"stop sign  {found['score']:.3f}  " in out
     assert out.strip().endswith("mine.png")
     assert (tmp_path / "mine.png").read_bytes() == (tmp_path / "small-sign-probe.png").read_bytes()
 

@@ -123,7 +123,7 @@ def test_road_speeds(street: Path, capsys: Output) -> None:
         (["--object", "5,2,-3,4"], "box: x, width = -3"),
         (["--object", "0,0,120,80"], "give a plate"),
         (["--object", "none.png"], "none.png"),
-        (["--object", WHERE, "--object-dx", "1e9"], "velocity_px_s"),
+        (["--object", WHERE, "--object-dx", "1e9"], "--object-dx = 1000000000.0"),
         (["--object", WHERE, "--plate", "street.png", "--grey-anchor", "mean"], "neither --grey-anchor"),
     ],
 )
