@@ -36,7 +36,7 @@ def gains_db(
     of_each = [gain_db] if isinstance(gain_db, AutoExposure) else gain_db
     if not isinstance(of_each, Sequence) or not any(isinstance(each, AutoExposure) for each in of_each):
         stated: Numbers = of_each  # type: ignore[assignment]
-        return limited_per_image("gain_db", stated, batch, scene).tolist()  # type: ignore[no-any-return]
+        return limited_per_image("gain_db", stated, batch, scene).tolist()
     if len(of_each) not in (1, batch):
         raise ValueError(f"gain_db: got {len(of_each)}; must be one, or {batch}, one for each picture")
     with torch.no_grad():

@@ -269,7 +269,8 @@ def measure(
 
     What was stopped goes on. Raises ``ValueError`` for arms with unequal seeds, a model that does not know
     ``LABEL``, and a part in which no picture that can be read has a target;
-    :class:`blurnoise_eval.store.store.StoreError` where ``folder`` holds runs of other models, pictures or conditions.
+    :class:`blurnoise_eval.store.store.StoreError` where ``folder`` holds runs of other models, pictures or
+    conditions.
     """
     seeds: dict[str, list[int]] = {}
     for model in models:
