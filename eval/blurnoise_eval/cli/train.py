@@ -29,7 +29,7 @@ def train(
 ) -> None:
     """Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside.
 
-      blurnoise train -o trained                       as the built-in detector was made: under an hour on two cores
+      blurnoise train -o trained                       like the built-in detector: under an hour on two cores
       blurnoise train -o trained --arm none            without the exposure augmentation, to compare
       blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
 
