@@ -11,7 +11,6 @@ its centroid, so what moves is swept half the displacement to either side of its
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Self
 
 import torch
@@ -25,7 +24,7 @@ from blurnoise._core.checks import Numbers, image_batch, in_range, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.augment_boxes import moved_corners, swept_px, velocity_px_s, within_picture
-from blurnoise.auto_exposure import AutoExposure, mean_luma
+from blurnoise.augment_gain import Gains, gains_db
 from blurnoise.camera import Amplified
 from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.encoding import Encoding
@@ -41,7 +40,7 @@ from blurnoise.exposure_ranges import (
     cameras_of,
     shakes,
 )
-from blurnoise.exposure_table import ExposureTable, beside_table
+from blurnoise.exposure_table import ExposureTable, Place, beside_table
 from blurnoise.mattes import Cut
 from blurnoise.moving_masks import Moves, checked, in_motion, matte_of
 from blurnoise.picture.develop import develop, in_channels
@@ -62,7 +61,7 @@ def expose_pictures(
     speed_px_s: Numbers = 0.0,
     direction_deg: Numbers = 0.0,
     temperature_c: Numbers = 25.0,
-    gain_db: Numbers | AutoExposure = 0.0,
+    gain_db: Gains = 0.0,
     masks: Tensor | None = None,
     moves: str | Sequence[str] = "all",
     trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
@@ -77,7 +76,7 @@ def expose_pictures(
     image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. camera: one, or one for each
     picture, presets by name. exposure_s, illuminance_lux, speed_px_s, direction_deg (counter-clockwise as
     displayed), temperature_c: a number or one per picture. gain_db: the same, analogue as far as the camera goes,
-    then digital; or auto-exposure, which sets it for each picture's mean light and exposure.
+    then digital; or auto-exposure, which sets it for each picture's mean light and exposure; or either for each.
 
     masks: (B, N, H, W) within [0, 1], what the targets of each picture cover, empty where there are fewer. moves:
     what the speed is of, "all", the "targets" or the "background" behind them, one or one for each picture; what the
@@ -118,24 +117,15 @@ def expose_pictures(
     names = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
     own_masks = None if masks is None else checked(masks, batch, (scene.shape[-2], scene.shape[-1]))
     cuts = _cuts(scene, encoding, own_masks, names, velocity, exposure)
-    if isinstance(gain_db, AutoExposure):
-        with torch.no_grad():
-            light = scene_reflectance(scene, encoding)
-            by_camera = {each: mean_luma(light, each).tolist() for each in {*cameras}}
-            means = [by_camera[cameras[item % len(cameras)]][item] for item in range(batch)]
-        set_by = zip(means, lux.tolist(), exposure.tolist(), temperature.tolist(), strict=True)
-        gains = [
-            gain_db.gain_db(
-                cameras[item % len(cameras)],
-                mean_light=mean,
-                illuminance_lux=light,
-                exposure_s=exposure_s,
-                temperature_c=celsius,
-            )
-            for item, (mean, light, exposure_s, celsius) in enumerate(set_by)
-        ]
-    else:
-        gains = limited_per_image("gain_db", gain_db, batch, scene).tolist()
+    gains = gains_db(
+        gain_db,
+        scene,
+        cameras,
+        exposure_s=exposure,
+        illuminance_lux=lux,
+        temperature_c=temperature,
+        encoding=encoding,
+    )
 
     def pictures(taker: Amplified, of: list[int]) -> Tensor:  # all with objects, or none
         camera, digital_db = taker
@@ -273,12 +263,13 @@ class RandomExposure(IntensityAugmentationBase2D):  # type: ignore[misc]
         }
 
     @classmethod
-    def for_run(cls, run: str | Path, *, direction_deg: Range | None = None, **options: Any) -> Self:
+    def for_run(cls, run: str | Place, *, direction_deg: Range | None = None, **options: Any) -> Self:
         """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
         what moves, as :class:`blurnoise.exposure_table.ExposureTable` reads and spreads them.
 
-        run: the sweep's folder. direction_deg: of the motion, None: the run's. options: the class's that are no
-        ranges. Raises ``TypeError`` or ``ValueError`` naming the argument.
+        run: the sweep's folder, or what ``blurnoise_eval.system.storage.location`` makes of its URL. direction_deg:
+        of the motion, None: the run's. options: the class's that are no ranges. Raises ``TypeError`` or
+        ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
         return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
 

@@ -7,7 +7,6 @@ uint8 rounded. Convention: as in v2, all images of one call get the same conditi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Self
 
 import PIL.Image
@@ -23,7 +22,7 @@ from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
 from blurnoise.driving import Vehicle
 from blurnoise.encoding import Encoding
 from blurnoise.exposure_ranges import Cameras, Draws, ExposureRanges, Gain, Range, shakes
-from blurnoise.exposure_table import ExposureTable, beside_table
+from blurnoise.exposure_table import ExposureTable, Place, beside_table
 from blurnoise.light import effects
 from blurnoise.moving_masks import Moves
 from blurnoise.sensor.readout import Fidelity
@@ -86,7 +85,7 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         self._generator = ExposureGenerator(self.ranges)
 
     @classmethod
-    def for_run(cls, run: str | Path, *, direction_deg: Range | None = None, **options: Any) -> Self:
+    def for_run(cls, run: str | Place, *, direction_deg: Range | None = None, **options: Any) -> Self:
         """As :meth:`blurnoise.augment.RandomExposure.for_run`."""
         return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
 

@@ -66,8 +66,10 @@ class Draws(ABC):
     def conditions(self, uniform: Tensor) -> Params:
         """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each."""
 
-    def gain(self, params: Params, of: slice | list[int] = slice(None)) -> Tensor | float | AutoExposure:
-        """What was drawn for these pictures, or what holds for all."""
+    def gain(
+        self, params: Params, of: slice | list[int] = slice(None)
+    ) -> Tensor | float | AutoExposure | list[float | AutoExposure]:
+        """What was drawn for these pictures, or what holds for all; one of either for each picture in a list."""
         return params["gain_db"][of] if "gain_db" in params else self.gain_db  # type: ignore[return-value]
 
     def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:

@@ -3,7 +3,7 @@
 Convention: speeds px/s, directions counter-clockwise as displayed. Rows are as likely as each other. Exposure, light
 and speed are drawn between a row's value and the middles to its neighbours, those that some row has (in the
 logarithm for exposure and light), so that what lies between two values of a grid is met, and nothing beyond its ends;
-a row at rest stays at rest. All else is the row's.
+a row at rest stays at rest. All else is the row's, a gain, too; in rows that state none auto-exposure sets it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import pairwise, product
+from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -31,12 +32,27 @@ from blurnoise.moving_masks import Moves
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
+_WHOLE = ("gain_auto", "moves_index", "camera_index")
+"""What no precision rounds."""
 _NOT_DRAWN = {
     "trajectory": "its pictures move along a trajectory",
     "ego": "its camera drives, so that each place of a picture moves in its own way",
     "speeds": "its classes move at speeds of their own",
     "grey_anchor": "its light is metered by a grey anchor",
 }
+
+
+class Place(Protocol):
+    """A folder or file, a ``Path`` or whatever reads as one."""
+
+    def __truediv__(self, name: str, /) -> Place:
+        """What has that name in this folder."""
+
+    def is_file(self) -> bool:
+        """Whether there is such a file."""
+
+    def read_text(self, encoding: str) -> str:
+        """All of the file."""
 
 
 class Condition(NamedTuple):
@@ -56,9 +72,8 @@ class Condition(NamedTuple):
 class ExposureTable(Draws):
     """Conditions, each as likely as the others, and the cameras that they name by number.
 
-    gain_db: the auto-exposure that sets the gain, where the rows state none. direction_deg: drawn uniformly in place
-    of the rows', None: theirs. Raises ``ValueError`` for no row, one outside the limits of conditions, or one that
-    states a gain beside one that does not.
+    gain_db: the auto-exposure that sets the gain of rows that state none. direction_deg: drawn uniformly in place
+    of the rows', None: theirs. Raises ``ValueError`` for no row, or one outside the limits of conditions.
     """
 
     camera: Cameras
@@ -79,20 +94,23 @@ class ExposureTable(Draws):
             integer("camera", row.camera, 0, len(self.cameras) - 1)
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
-        if len({row.gain_db is None for row in self.rows}) > 1:
-            raise ValueError("gain_db: some conditions have 'auto', others a number; must be either")
         if self.direction_deg is not None:
             ends = ExposureRanges(direction_deg=self.direction_deg).direction_deg
             object.__setattr__(self, "direction_deg", ends)
 
     @classmethod
-    def of_run(cls, run: str | Path, *, direction_deg: Range | None = None) -> ExposureTable:
+    def of_run(cls, run: str | Place, *, direction_deg: Range | None = None) -> ExposureTable:
         """The table of a finished sweep, from the file ``conditions.json`` in its folder.
 
+        run: the folder; of one elsewhere what ``blurnoise_eval.system.storage.location`` makes of its URL.
         Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
         along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
         """
-        path = Path(run) / FILE
+        if isinstance(run, str) and "://" in run:
+            raise ValueError(
+                f"run = {shown(run)}: is a URL; must be a folder, or location(URL) of blurnoise_eval.system.storage"
+            )
+        path = (Path(run) if isinstance(run, (str, PathLike)) else run) / FILE
         if not path.is_file():
             raise ValueError(
                 f"run = {str(run)!r}: holds no {FILE}; must be a finished sweep's folder ('blurnoise report "
@@ -129,12 +147,12 @@ class ExposureTable(Draws):
         speed_px_s: Sequence[float] = (0.0,),
         direction_deg: Range | None = (0.0, 360.0),
         temperature_c: Sequence[float] = (25.0,),
-        gain_db: Sequence[float] | Literal["auto"] | AutoExposure = (0.0,),
+        gain_db: Sequence[float | Literal["auto"]] | Literal["auto"] | AutoExposure = (0.0,),
         moves: Sequence[Moves] = ("all",),
     ) -> ExposureTable:
         """Every combination of these values. Raises as the class does, ``TypeError`` for what is no sequence."""
         gain_db = USUAL if gain_db == "auto" else gain_db
-        gains = (None,) if isinstance(gain_db, AutoExposure) else gain_db
+        gains: Any = (None,) if isinstance(gain_db, AutoExposure) else gain_db
         lists = {"exposure_s": exposure_s, "illuminance_lux": illuminance_lux, "speed_px_s": speed_px_s}
         for name, given in {
             **lists,
@@ -147,12 +165,13 @@ class ExposureTable(Draws):
                     f"{name} = {shown(given)}: must be a sequence of values, such as [{shown(given)}]"
                 )
         cameras = cameras_of(camera)
+        gains = [None if gain == "auto" else gain for gain in gains]
         values = (exposure_s, illuminance_lux, speed_px_s, (0.0,), temperature_c, gains, moves)
         rows = (Condition(*each) for each in product(*values, range(len(cameras))))
         auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
         return cls(cameras, tuple(rows), auto, direction_deg)
 
-    @property
+    @cached_property
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
         """Whatever the motion of some row is of."""
         return tuple(dict.fromkeys(row.moves for row in self.rows))
@@ -168,10 +187,6 @@ class ExposureTable(Draws):
         shares = iter(uniform.unbind(-1))
         # in double precision: a thousand rows leave single precision few places
         row = (next(shares).double() * len(self.rows)).long().clamp_max(len(self.rows) - 1).cpu()
-
-        def column(name: str) -> Tensor:
-            return uniform.new_tensor([getattr(each, name) for each in self.rows])[row]
-
         drawn: Params = {}
         for name in _SPREAD:
             low, high = (end[row].to(uniform) for end in self._cells[name])
@@ -186,18 +201,43 @@ class ExposureTable(Draws):
         )  # a row's own is within it
         drawn["speed_px_s"] = torch.minimum(drawn["speed_px_s"], fastest * (1 - 1e-6))
         if self.direction_deg is None:
-            drawn["direction_deg"] = column("direction_deg")
+            drawn["direction_deg"] = self._columns["direction_deg"][row].to(uniform)
         else:
             first, last = self.direction_deg  # type: ignore[misc]
             drawn["direction_deg"] = first + (last - first) * next(shares)
-        drawn["temperature_c"] = column("temperature_c")
-        if self.rows[0].gain_db is not None:
-            drawn["gain_db"] = column("gain_db")
+        drawn["temperature_c"] = self._columns["temperature_c"][row].to(uniform)
+        if "gain_db" in self._columns:
+            drawn["gain_db"] = self._columns["gain_db"][row].to(uniform)
+        whole = {name: self._columns[name] for name in _WHOLE if name in self._columns}
+        return {**drawn, **{name: column[row].to(uniform.device) for name, column in whole.items()}}
+
+    def gain(
+        self, params: Params, of: slice | list[int] = slice(None)
+    ) -> Tensor | float | AutoExposure | list[float | AutoExposure]:
+        """The rows' own, what holds for all, or in a table with both kinds of rows either, one for each picture."""
+        if "gain_auto" not in params:
+            return super().gain(params, of)
+        each = zip(params["gain_auto"][of].tolist(), params["gain_db"][of].tolist(), strict=True)
+        return [self.gain_db if auto else stated for auto, stated in each]  # type: ignore[misc]
+
+    @cached_property
+    def _columns(self) -> dict[str, Tensor]:
+        """What is the row's alone, (rows,) each: without what no row states, or all the same."""
+        stated = [row.gain_db for row in self.rows]
+        auto = [gain is None for gain in stated]
+        moves = {name: place for place, name in enumerate(self.moves)}
+        found = {
+            "direction_deg": torch.tensor([row.direction_deg for row in self.rows], dtype=torch.float64),
+            "temperature_c": torch.tensor([row.temperature_c for row in self.rows], dtype=torch.float64),
+            "camera_index": torch.tensor([row.camera for row in self.rows]),
+        }
+        if not all(auto):
+            found["gain_db"] = torch.tensor([gain or 0.0 for gain in stated], dtype=torch.float64)
+            if any(auto):
+                found["gain_auto"] = torch.tensor(auto)
         if self.moves != ("all",):
-            places = [self.moves.index(each.moves) for each in self.rows]
-            drawn["moves_index"] = torch.tensor(places, device=uniform.device)[row]
-        index = torch.tensor([each.camera for each in self.rows], device=uniform.device)[row]
-        return {**drawn, "camera_index": index}
+            found["moves_index"] = torch.tensor([moves[row.moves] for row in self.rows])
+        return found
 
     @cached_property
     def _cells(self) -> dict[str, tuple[Tensor, Tensor]]:
@@ -212,8 +252,8 @@ class ExposureTable(Draws):
             if name == "speed_px_s":
                 highs[0.0] = 0.0
             found[name] = (
-                torch.tensor([lows[value] for value in values]),
-                torch.tensor([highs[value] for value in values]),
+                torch.tensor([lows[value] for value in values], dtype=torch.float64),
+                torch.tensor([highs[value] for value in values], dtype=torch.float64),
             )
         return found
 

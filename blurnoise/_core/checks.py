@@ -164,7 +164,7 @@ def real_tensor(name: str, value: object) -> Tensor:
 
 def _number(name: str, value: float, *, low: float, high: float = math.inf, strict: bool = False) -> float:
     try:
-        if isinstance(value, (str, bytes)):
+        if isinstance(value, (str, bytes, bool, np.bool_)):
             raise TypeError
         number = float(value)
     except OverflowError:  # an integer beyond 1e308

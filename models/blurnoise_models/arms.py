@@ -16,7 +16,8 @@ import onnx
 
 from blurnoise._core.orphans import end_with_parent, interrupts_held
 from blurnoise_models.export import write_onnx
-from blurnoise_models.training import ARMS, FEWEST_PICTURES, Arm, Step, pool, train
+from blurnoise_models.mixes import ARMS, Arm, mix_facts
+from blurnoise_models.training import FEWEST_PICTURES, Step, pool, train
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Recipe:
     @property
     def facts(self) -> dict[str, Any]:
         """What the file says of its training."""
-        return {"arm": self.arm, "seed": self.seed, "scenes": self.scenes, "pictures": self.pictures}
+        facts = {"arm": self.arm, "seed": self.seed, "scenes": self.scenes, "pictures": self.pictures}
+        return {**facts, **mix_facts(self.arm)}
 
     @property
     def checkpoint(self) -> Path:

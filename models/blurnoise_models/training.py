@@ -17,7 +17,7 @@ from functools import partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,18 +27,14 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
-from blurnoise._core import checks
 from blurnoise._core.orphans import end_with_parent, interrupts_held
 from blurnoise_models.checkpoints import Checkpoint
+from blurnoise_models.mixes import Arm, mix, mix_facts
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 
-Arm = Literal["none", "kornia", "exposure"]
-ARMS: tuple[Arm, ...] = ("none", "kornia", "exposure")
 POOL_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
-SHARE = 0.8
-"""Of the training pictures that an augmentation changes."""
 BATCH = 16
 FEWEST_PICTURES = 20 * BATCH
 """In fewer, the learning rate has no time to rise and fall."""
@@ -141,28 +137,6 @@ def _draw(start: int, *, count: int, size_px: int) -> tuple[NDArray[np.uint8], l
     return np.stack([each.picture for each in scenes]), [each.boxes_xyxy for each in scenes]
 
 
-def augmentation(arm: Arm, share: float = SHARE) -> nn.Module:
-    """What an arm does to a batch of pictures (B, 3, H, W) in [0, 1]: nothing, Kornia's blur and noise, ours.
-
-    Kornia's motion blur has the lengths up to what RandomExposure's longest exposure gives at its highest
-    speed. share: of the pictures that each of them changes.
-    """
-    checks.one_of("arm", arm, ARMS)
-    if arm == "none":
-        return nn.Identity()
-    if arm == "kornia":
-        import kornia.augmentation as kornia
-
-        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=share)
-        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=share), nn.Hardtanh(0.0, 1.0))
-    from blurnoise.augment import RandomExposure
-
-    ours: nn.Module = RandomExposure(
-        "imx250", exposure_s=(1e-3, 60e-3), illuminance_lux=(5.0, 500.0), speed_px_s=(0.0, 1000.0), p=share
-    )
-    return ours
-
-
 def train(
     scenes: Pool,
     arm: Arm = "exposure",
@@ -187,7 +161,7 @@ def train(
     another training.
     """
     check(pictures, seed)
-    change = augmentation(arm)
+    change = mix(arm)
     before = torch.get_num_threads()
     if threads is not None:
         torch.set_num_threads(threads)
@@ -196,7 +170,7 @@ def train(
             torch.default_generator.manual_seed(seed)
             size_px = scenes.pictures.shape[1]
             recipe = {"arm": arm, "seed": seed, "pictures": pictures}
-            recipe |= {"scenes": len(scenes.pictures), "size_px": size_px}
+            recipe |= {"scenes": len(scenes.pictures), "size_px": size_px, **mix_facts(arm)}
             return _train(scenes, change, pictures // BATCH, seed, (checkpoint, recipe), progress)
     finally:
         torch.set_num_threads(before)
@@ -212,7 +186,7 @@ def check(pictures: int, seed: int) -> None:
 
 def _train(
     scenes: Pool,
-    change: nn.Module,
+    change: Callable[[Tensor, float], Tensor],
     steps: int,
     seed: int,
     kept: tuple[Path | None, dict[str, Any]],
@@ -230,7 +204,8 @@ def _train(
     next_kept = time.monotonic() + _KEPT_EVERY_S
     for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), done, steps), start=done + 1):
         seen, boxes = batch(scenes, chosen)
-        value = learn(network, optimiser, change(seen), boxes, bfloat16=has_bfloat16())
+        seen = change(seen, (step - 1) / steps)
+        value = learn(network, optimiser, seen, boxes, bfloat16=has_bfloat16())
         cycle.step()
         average.update_parameters(network)
         checkpoint.losses.append(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from batches import pictures
@@ -94,3 +95,10 @@ def test_noise_seed_is_of_63_bits_and_survives_replay() -> None:
 def test_half_precision_modules_draw_in_float32() -> None:
     aug = RandomExposure(p=1.0).half()
     assert aug.generate_parameters((4, 3, 8, 8))["exposure_s"].dtype == torch.float32
+
+
+@pytest.mark.parametrize("name", ["exposure_s", "white_e", "blur_px", "gain_db", "shake_px", "p"])
+@pytest.mark.parametrize("value", [True, np.True_])
+def test_yes_is_no_number(name: str, value: bool) -> None:
+    with pytest.raises(TypeError, match=f"{name} = .*True"):
+        RandomExposure(**{name: value})  # type: ignore[arg-type]

@@ -243,5 +243,37 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
 def test_what_the_conditions_state_is_not_stated_twice() -> None:
     with pytest.raises(TypeError, match=r"exposure_s = 0\.01: is stated by the conditions"):
         RandomExposure.for_conditions(table(), exposure_s=0.01)
-    with pytest.raises(ValueError, match="gain_db: some conditions"):
-        ExposureTable("imx250", (Condition(0.01, 5.0, gain_db=None), Condition(0.01, 5.0)))
+
+
+def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path: Path) -> None:
+    row = {"exposure_s": 0.01, "illuminance_lux": 5.0}
+    set_by = AutoExposure(target=0.3)
+    held = [{**row, "gain_db": "auto"}, {**row, "gain_db": 6.0}]
+    folder = run(tmp_path, conditions=held, auto_exposure={"target": 0.3})
+    augmentation = RandomExposure.for_run(folder, p=1.0)
+    torch.manual_seed(4)
+    seen = augmentation(pictures(8))
+    params = augmentation._params
+    auto = params["gain_auto"]
+    assert 0 < int(auto.sum()) < 8
+    noise = params["noise_seed"].tolist()
+    for gain, chosen in ((set_by, auto), (6.0, ~auto)):
+        alone = expose_pictures(
+            pictures(8),
+            IMX250,
+            exposure_s=params["exposure_s"],
+            illuminance_lux=params["illuminance_lux"],
+            gain_db=gain,
+            generator=noise,
+        )
+        assert torch.equal(seen[chosen], alone[chosen])
+    assert torch.equal(augmentation(pictures(8), params=params), seen)
+    both = ExposureTable.of_grid("imx250", exposure_s=(0.01,), illuminance_lux=(5.0,), gain_db=("auto", 6.0))
+    assert [each.gain_db for each in both.rows] == [None, 6.0]
+    with pytest.raises(ValueError, match="gain_db: got 2; must be one, or 8"):
+        expose_pictures(pictures(8), IMX250, exposure_s=0.01, illuminance_lux=5.0, gain_db=(set_by, 6.0))
+
+
+def test_url_is_told_how_it_is_read() -> None:
+    with pytest.raises(ValueError, match=r"run = 's3://bucket/run': is a URL; must be .*location\(URL\)"):
+        ExposureTable.of_run("s3://bucket/run")

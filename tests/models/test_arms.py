@@ -52,6 +52,17 @@ def test_file_of_another_training_is_refused(tmp_path: Path, change: dict[str, o
         replace(recipe, **change).is_ready()  # type: ignore[arg-type]
 
 
+def test_networks_of_the_mix_before_are_refused(tmp_path: Path) -> None:
+    recipe = recipes(tmp_path, seeds=1, scenes=5, pictures=640)[2]
+    assert recipe.facts == {"arm": "exposure", "seed": 0, "scenes": 5, "pictures": 640, "mix": 2}
+    model = helper.make_model(helper.make_graph([], "nothing", [], []))
+    before = {name: value for name, value in recipe.facts.items() if name != "mix"}
+    helper.set_model_props(model, {"blurnoise.training": json.dumps(before)})
+    onnx.save(model, str(recipe.path))
+    with pytest.raises(ValueError, match=r"was trained with .*, not with .*'mix': 2"):
+        recipe.is_ready()
+
+
 def test_file_of_no_training_is_refused(tmp_path: Path) -> None:
     recipe = recipes(tmp_path, seeds=1, scenes=5, pictures=640)[0]
     onnx.save(helper.make_model(helper.make_graph([], "nothing", [], [])), str(recipe.path))

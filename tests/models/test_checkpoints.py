@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_models import training
+from blurnoise_models.mixes import ARMS, Arm
 from blurnoise_models.network import SignNet
-from blurnoise_models.training import ARMS, Arm, Pool, Step, train
+from blurnoise_models.training import Pool, Step, train
 
 pytestmark = pytest.mark.slow  # networks are trained
 

@@ -13,8 +13,9 @@ import torch
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_models import training
 from blurnoise_models.export import write_onnx
+from blurnoise_models.mixes import ARMS, Arm, augmentation
 from blurnoise_models.network import Decoded, SignNet
-from blurnoise_models.training import ARMS, Pool, Step, augmentation, batch, train
+from blurnoise_models.training import Pool, Step, batch, train
 
 pytestmark = pytest.mark.slow  # networks are trained
 
@@ -86,7 +87,7 @@ def test_same_arguments_same_network_and_the_global_generator_stays(scenes: Pool
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_arms_keep_shape_and_range(scenes: Pool, arm: training.Arm) -> None:
+def test_arms_keep_shape_and_range(scenes: Pool, arm: Arm) -> None:
     pictures, boxes = batch(scenes, np.arange(8))
     assert boxes.shape[::2] == (8, 4)
     with torch.random.fork_rng(devices=[]):

@@ -253,8 +253,8 @@ class Bench:
 
 
 def steps(models: Sequence[Model], parts: Iterable[Part]) -> int:
-    """How many steps ``progress`` is told of: cells, then conditions to be judged."""
-    return sum(len(models) * (count_cells(part.pictures, part.plan) + len(part.conditions)) for part in parts)
+    """How many steps ``progress`` is told of: cells, then conditions of each model to be judged."""
+    return sum(count_cells(part.pictures, part.plan) + len(models) * len(part.conditions) for part in parts)
 
 
 def measure(
@@ -265,11 +265,12 @@ def measure(
     threads: int = 1,
     progress: Progress = lambda done: None,
 ) -> Bench:
-    """Run every model over every part, in ``folder``/runs, and compare; what was stopped goes on.
+    """Run all models over every part, each cell simulated once, in ``folder``/runs/PART, and compare.
 
-    Raises ``ValueError`` for arms with unequal seeds, a model that does not know ``LABEL``, and a part in
-    which no picture that can be read has a target; :class:`blurnoise_eval.store.store.StoreError` where ``folder``
-    holds runs of other models, pictures or conditions.
+    What was stopped goes on. Raises ``ValueError`` for arms with unequal seeds, a model that does not know
+    ``LABEL``, and a part in which no picture that can be read has a target;
+    :class:`blurnoise_eval.store.store.StoreError` where ``folder`` holds runs of other models, pictures or
+    conditions.
     """
     seeds: dict[str, list[int]] = {}
     for model in models:
@@ -283,11 +284,9 @@ def measure(
     about = [_about(model, detector) for model, detector in detectors.items()]
     bench = Bench([], [], [], [], {}, about, machine(threads))
     for part in parts:
-        runs = {model: folder / "runs" / part.name / model.name for model in models}
-        unread: set[str] = set()
-        for model, detector in detectors.items():
-            unread |= _run(detector, part, runs[model], threads, progress)
-        _judge(bench, part, unread, detectors, runs, progress)
+        run = folder / "runs" / part.name
+        unread = _run(list(detectors.values()), part, run, threads, progress)
+        _judge(bench, part, unread, detectors, run, progress)
     return bench
 
 
@@ -302,12 +301,14 @@ def _about(model: Model, detector: Detector) -> dict[str, Any]:
     return {**facts, "training": json.loads(training) if training else None}
 
 
-def _run(detector: Detector, part: Part, folder: Path, threads: int, progress: Progress) -> set[str]:
+def _run(
+    detectors: Sequence[Detector], part: Part, folder: Path, threads: int, progress: Progress
+) -> set[str]:
     """Sweep, or go on sweeping; returns the names of the pictures that cannot be read."""
     with Store(folder, create=True) as store:
-        results.open_run(store, [detector], CAMERA, part.pictures, part.plan, {"threads": threads})
+        results.open_run(store, detectors, CAMERA, part.pictures, part.plan, {"threads": threads})
         engine = ThreadEngine(threads)
-        sweep.run([detector], CAMERA, part.pictures, part.plan, store, engine=engine, progress=progress)
+        sweep.run(detectors, CAMERA, part.pictures, part.plan, store, engine=engine, progress=progress)
         return {entry["image"] for entry in store.skipped()}
 
 
@@ -316,7 +317,7 @@ def _judge(
     part: Part,
     unread: set[str],
     detectors: dict[Model, Detector],
-    runs: dict[Model, Path],
+    run: Path,
     progress: Progress,
 ) -> None:
     """Add to ``bench`` what the models made of a part."""
@@ -336,11 +337,11 @@ def _judge(
     of_pictures, of_seeds = designs(len(boxes), len(arms), seeds)
     scores: dict[str, Array] = {}
     turns = dict.fromkeys(arms, 0)
-    for model, detector in detectors.items():
-        place, turn = arms.index(model.arm), turns[model.arm]
-        turns[model.arm] += 1
-        class_id = detector.contract.classes.index(LABEL)
-        with Store(runs[model]) as store:
+    with Store(run) as store:
+        for model, detector in detectors.items():
+            place, turn = arms.index(model.arm), turns[model.arm]
+            turns[model.arm] += 1
+            class_id = detector.contract.classes.index(LABEL)
             for index, at in enumerate(part.conditions):
                 cells = [Cell(each.name, 0, at, 0).cell_id for each in pictures]
                 found = [store.detections(cell, detector.name) for cell in cells]

@@ -29,7 +29,7 @@ def train(
 ) -> None:
     """Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside.
 
-      blurnoise train -o trained                       as the built-in detector was made: under an hour on two cores
+      blurnoise train -o trained                       like the built-in detector: under an hour on two cores
       blurnoise train -o trained --arm none            without the exposure augmentation, to compare
       blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
 
@@ -38,6 +38,7 @@ def train(
     """
     from blurnoise_models import training
     from blurnoise_models.export import write_onnx
+    from blurnoise_models.mixes import mix_facts
 
     from blurnoise_eval.system.files import write_whole
 
@@ -56,7 +57,7 @@ def train(
         network = training.train(
             pool, arm, pictures=pictures, seed=seed, threads=workers, checkpoint=checkpoint, progress=progress
         )
-    facts = {"arm": arm, "seed": seed, "scenes": scenes, "pictures": pictures}
+    facts = {"arm": arm, "seed": seed, "scenes": scenes, "pictures": pictures, **mix_facts(arm)}
     path = write_onnx(network, output / "stop_sign.onnx", input_px=size, facts=facts)
     rows = "".join(f"{step.pictures},{step.loss:.6g}\n" for step in steps)
     write_whole(output / "training.csv", f"pictures,loss\n{rows}".encode())

@@ -15,6 +15,7 @@ from blurnoise_eval.grid.conditions import SweepPlan, with_lens
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.sweep.met_conditions import met_conditions
 from blurnoise_eval.sweep.run_folder import write_tables
+from blurnoise_eval.system.storage import location
 from plans import IMX250
 from plans import plan as swept
 from signs_in_memory import matched_detector, picture, picture_set
@@ -78,6 +79,14 @@ def test_speeds_of_classes_are_told() -> None:
     plan = swept((0.002,), (5.0,), (0.0, 400.0), moves=(1.0,))
     slow = replace(plan, objects=Objects(speeds={"person": 0.3}))
     assert list(map(list, table(slow)["speeds"])) == [["person", 0.3]]
+
+
+def test_folder_elsewhere_is_read_through_its_location() -> None:
+    there = location("memory://bucket/run of training")
+    with pytest.raises(ValueError, match=rf"run = 'memory://bucket/run of training': holds no {FILE}"):
+        ExposureTable.of_run(there)
+    (there / FILE).put(json.dumps(table(PLAN)).encode())
+    assert len(ExposureTable.of_run(there).rows) == 16
 
 
 def test_training_draws_what_a_finished_run_has_met(tmp_path: Path) -> None:
