@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blurnoise_eval.bench import scale, scale_view
+from blurnoise_eval.bench import scale, scale_pictures, scale_view
 from blurnoise_eval.bench.scale import Bench, Extent, Row
+from blurnoise_eval.bench.scale_pictures import Pictures
 from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.flight import IN_FLIGHT
@@ -32,14 +34,24 @@ def test_what_gives_out_first() -> None:
     assert MADE.paper("processes", 0.08, 1000) == pytest.approx(4000.0)
     told = MADE.losses()
     assert (
-        "processes: 0.15 ms of the driver and 0.10 ms of the store a cell: at most 1000 / 0.25 = 4000 cells/s"
-        in told
+        "processes: 0.15 ms of the driver and 0.10 ms of the store a cell: at most 1000 / 0.25 = 4000 cells/s; "
+        "for cells of t ms on t / 0.25 cores" in told
     )
     assert "processes, 80 ms a cell: 12.5 cells/s a core, the driver is full from 320 cores on" in told
     held = 1000 * IN_FLIGHT * CELLS * 5000 / 1e6
     assert any(
         "20.0 MB/s of rows come in, 6.0 MB/s are stored" in line and f"{held:.0f} MB" in line for line in told
     )
+
+
+def test_pictures_on_their_way() -> None:
+    """As they come, every worker would begin with each; looking ahead, a few do."""
+    pictures = Pictures(20.0, 5.0, 100_000, {8: 2.0, 1000: 4.0})
+    few, many = replace(MADE, pictures=pictures).losses()[6:8]
+    assert "8 workers: each picture is begun by 2.0 of them, not 8: 2.0, not 8.0 MB/s" in few
+    assert "2.0, not 8.0 % of the work" in few
+    assert "by 4.0 of them, not 50: 4.0, not 49.9 MB/s" in many
+    assert 1.0 <= scale_pictures.begun_by(16) < 4.0
 
 
 def test_made_up_rows_fit_the_store(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_blocks_are_taken_as_needed(detector: Detector, pictures: PictureSet, wo
 
     def counted() -> Iterator[Block]:
         nonlocal taken
-        for block in blocks(replace(pictures, pictures=pictures.pictures[:1]), PLAN):
+        for block in blocks(replace(pictures, pictures=pictures.pictures[:2]), PLAN):
             taken += 1
             yield block
 
