@@ -181,10 +181,11 @@ class Bench:
             mb_s = [most / CELLS_PER_PICTURE * each * file_mb for each in times]
             work = CELLS_PER_PICTURE * self.pictures.cell_ms
             share = [100 * each * self.pictures.begun_ms / work for each in times]
+            begin_ms, cell_ms = self.pictures.begun_ms, self.pictures.cell_ms
             told.append(
                 f"{engine}, at that rate, {workers} workers: each picture is begun by {times[0]:.1f} of them, "
-                f"not {times[1]:.0f}: {mb_s[0]:.1f}, not {mb_s[1]:.1f} MB/s are read; {self.pictures.begun_ms:.1f} ms for "
-                f"each beside {self.pictures.cell_ms:.1f} ms a cell, {share[0]:.1f}, not {share[1]:.1f} % of the work"
+                f"not {times[1]:.0f}: {mb_s[0]:.1f}, not {mb_s[1]:.1f} MB/s are read; {begin_ms:.1f} ms for "
+                f"each beside {cell_ms:.1f} ms a cell, {share[0]:.1f}, not {share[1]:.1f} % of the work"
             )
         return told
 
