@@ -38,6 +38,7 @@ from small_sweeps import (
     computed,
     descendants,
     everything,
+    killed_once,
     limited,
     small_detector,
     some_pictures,
@@ -139,39 +140,25 @@ def test_a_picture_that_kills_its_process_is_named_and_skipped(
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.skipif(sys.platform != "linux", reason="kills by SIGKILL")
 def test_a_process_that_is_killed_is_replaced(
     detector: Detector, pictures: PictureSet, tmp_path: Path
 ) -> None:
-    def kill_one(cells: int) -> None:
-        nonlocal settled
-        settled += cells
-        if not killed and settled > 0:  # early, while it has blocks to come
-            killed.extend({number for number, _ in descendants(os.getpid())} & spawned())
-            os.kill(killed[0], signal.SIGKILL)
-
-    settled, killed = 0, list[int]()
+    """Killed once, at the picture it reads, as if from outside; the picture is then read by another."""
+    first = pictures.pictures[0]
+    fatal = replace(first, load=partial(killed_once, tmp_path / "killed", first.load))
     with limited(120):
-        outcome = computed(tmp_path / "run", [detector], pictures, ProcessEngine(2), progress=kill_one)
-    assert len(killed) == 2
+        outcome = computed(
+            tmp_path / "run",
+            [detector],
+            replace(pictures, pictures=(fatal, *pictures.pictures[1:])),
+            ProcessEngine(2),
+        )
+    assert (tmp_path / "killed").exists()
     assert outcome.workers_died == 1
     assert list(outcome.skipped) == ["empty.png"]
     computed(tmp_path / "anew", [detector], pictures, ThreadEngine(2))
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
-
-
-def spawned() -> set[int]:
-    """Processes that multiprocessing has spawned."""
-    return {
-        int(path.parent.name) for path in Path("/proc").glob("[0-9]*/cmdline") if b"spawn_main" in read(path)
-    }
-
-
-def read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError:  # gone meanwhile
-        return b""
 
 
 @pytest.mark.slow
