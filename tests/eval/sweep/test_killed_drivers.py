@@ -25,12 +25,12 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.system.storage import location
 from blurnoise_eval.system.working_folder import read_run
 from plans import plan as swept
+from ray_clusters import ray_cluster, with_helpers
 from s3_servers import BUCKET, at, s3_server
 from small_sweeps import computed, everything, limited, small_detector, some_pictures
 
 pytestmark = pytest.mark.slow
 PLAN = swept(tuple(ms / 1e3 for ms in range(1, 13)), (50.0, 200.0), (0.0, 300.0))
-HELPERS = Path(__file__).parents[2] / "helpers"
 
 _DRIVER = """
 import pickle, sys
@@ -68,7 +68,11 @@ def driven(command: list[str], kill_at: int | None, env: dict[str, str]) -> int:
     """Begin a driver and kill it once it has settled so many cells, None: never. How many it was heard to have."""
     settled = 0
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, **env}
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": with_helpers(), **env},
     ) as driver:
         assert driver.stdout is not None
         for line in driver.stdout:
@@ -97,24 +101,14 @@ def command(given: tuple[Detector, PictureSet], folder: Path, where: object, add
 def test_with_actors(given: tuple[Detector, PictureSet], tmp_path: Path, unbroken: list[Any]) -> None:
     """What a driver was heard to have settled, the next finds."""
     pytest.importorskip("ray")
-    from ray.cluster_utils import Cluster
-
-    helpers = {"PYTHONPATH": f"{HELPERS}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
     run = tmp_path / "run"
-    with limited(550):
-        cluster = Cluster(
-            initialize_head=True,
-            head_node_args={"num_cpus": 2, "include_dashboard": False, "object_store_memory": 80_000_000},
-        )
-        try:
-            driver = command(given, tmp_path, run, cluster.address)
-            for kill_at in moments(given, 7, 2):
-                settled = driven(driver, kill_at, helpers)
-                with Store(run) as store:
-                    assert len(list(store.cells())) >= settled
-            assert driven(driver, None, helpers) == count_cells(given[1], PLAN)
-        finally:
-            cluster.shutdown()
+    with limited(550), ray_cluster(2) as cluster:
+        driver = command(given, tmp_path, run, cluster.address)
+        for kill_at in moments(given, 7, 2):
+            settled = driven(driver, kill_at, {})
+            with Store(run) as store:
+                assert len(list(store.cells())) >= settled
+        assert driven(driver, None, {}) == count_cells(given[1], PLAN)
     assert everything(run) == unbroken
 
 
@@ -131,11 +125,7 @@ def test_with_a_run_on_s3(
         s3fs.S3FileSystem(skip_instance_cache=True).mkdir(BUCKET)
         driver = command(given, tmp_path, where)
         for number, kill_at in enumerate([*moments(given, 8, 3), None]):
-            machine = {
-                "BLURNOISE_CACHE": str(tmp_path / f"machine {number // 2 % 2}"),
-                "PYTHONPATH": f"{HELPERS}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
-            }
-            settled = driven(driver, kill_at, machine)
+            settled = driven(driver, kill_at, {"BLURNOISE_CACHE": f"{tmp_path}/machine {number // 2}"})
         assert settled == count_cells(given[1], PLAN)
         monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "reader"))
         with read_run(location(where)) as folder:
