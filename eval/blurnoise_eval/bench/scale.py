@@ -102,7 +102,7 @@ class Bench:
     store_ms: of a cell, in the driver: what a sweep does beside its engine. cell_bytes: of its rows as they travel;
     disk_bytes: as they are stored; block_bytes: of a block as it travels, and about as it waits. pictures: what
     they cost on the way to workers. results: :func:`~blurnoise_eval.bench.made_up_run.scale_of_results`. Both are
-    empty where they were not asked for.
+    empty where they were not asked for. left_out: engines whose workers could not be had, with the reason.
     """
 
     rows: list[Row]
@@ -114,6 +114,7 @@ class Bench:
     block_bytes: float = 1000.0
     pictures: Pictures | None = None
     results: dict[str, float] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
 
     def cost_ms(self, engine: str) -> float:
         """Of the driver per cell, store included, with cells that take no time."""
@@ -139,7 +140,7 @@ class Bench:
 
     def losses(self) -> list[str]:
         """What gives out first, with the arithmetic."""
-        told = []
+        told = [*self.left_out]
         for engine in self.engines:
             cost, most = self.cost_ms(engine), self.most_rate(engine)
             told.append(
@@ -229,14 +230,21 @@ def steps(extent: Extent) -> int:
 
 def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda share: None) -> Bench:
     """Every engine with every number of workers and every cell; then the store, and a run's page."""
-    rows = []
+    rows: list[Row] = []
+    left_out = []
     for name in engines():
-        with local_cluster(max(extent.workers)) if name == "ray" else nullcontext():
-            for workers in extent.workers:
-                with staying(ENGINES[name](workers)) as engine:
-                    for cell_s in extent.cell_s:
-                        rows.append(_row(name, engine, workers, cell_s, extent.seconds))
-                        progress(1)
+        own: list[Row] = []
+        try:
+            with local_cluster(max(extent.workers)) if name == "ray" else nullcontext():
+                for workers in extent.workers:
+                    with staying(ENGINES[name](workers)) as engine:
+                        for cell_s in extent.cell_s:
+                            own.append(_row(name, engine, workers, cell_s, extent.seconds))
+                            progress(1)
+            rows += own
+        except ChildProcessError as error:  # what others cost is known all the same
+            left_out.append(f"{name}: left out ({error})")
+            progress(len(extent.workers) * len(extent.cell_s) - len(own))
     store_ms, disk_bytes = _store(extent.stored)
     progress(1)
     results_of: dict[str, float] = {}
@@ -249,7 +257,16 @@ def measure(extent: Extent = FULL, threads: int = 1, progress: Progress = lambda
     cell_bytes = sum(len(pickle.dumps(results(block))) for block in some) / len(some) / CELLS
     block_bytes = sum(len(pickle.dumps(block)) for block in some) / len(some)
     return Bench(
-        rows, store_ms, cell_bytes, disk_bytes, extent, machine(threads), block_bytes, pictures, results_of
+        rows,
+        store_ms,
+        cell_bytes,
+        disk_bytes,
+        extent,
+        machine(threads),
+        block_bytes,
+        pictures,
+        results_of,
+        left_out,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,10 @@ from blurnoise_eval.bench.scale import Bench, Extent, Row
 from blurnoise_eval.bench.scale_pictures import Pictures
 from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.flight import IN_FLIGHT
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.flight import IN_FLIGHT, Answers
+from blurnoise_eval.sweep.work import Work
 
 
 def row(engine: str, driver_ms: float, cell_s: float = 0.0) -> Row:
@@ -89,6 +93,21 @@ def test_threads_are_measured_and_written(tmp_path: Path, monkeypatch: pytest.Mo
     scale.write(bench, tmp_path)
     assert len((tmp_path / "scale.csv").read_text().splitlines()) == 5
     assert json.loads((tmp_path / "scale.json").read_text())["rows"][0]["engine"] == "threads"
+
+
+def test_an_engine_that_cannot_begin_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unreachable(ThreadEngine):
+        def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+            raise ChildProcessError("no worker could be had")
+
+    monkeypatch.setattr(scale, "engines", lambda: ["processes", "threads"])
+    monkeypatch.setitem(scale.ENGINES, "processes", Unreachable)
+    shares = list[float]()
+    extent = Extent((1,), (0.0,), 0.05, 8, 0)
+    bench = scale.measure(extent, progress=shares.append)
+    assert [each.engine for each in bench.rows] == ["threads"]
+    assert bench.losses()[0] == "processes: left out (no worker could be had)"
+    assert sum(shares) == scale.steps(extent)
 
 
 def test_the_chart_and_the_table(tmp_path: Path) -> None:
