@@ -10,6 +10,7 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -57,7 +58,7 @@ def measure(detector: Detector) -> Pictures:
         some = list(blocks(shown, SweepPlan(GRID, examples=False)))[1::10]
         worker = Work((detector,), Camera.preset("imx250")).open(1)
         worker.compute(replace(some[0], cells=()))
-        cell_ms = statistics.mean(_ms(lambda of=of: worker.compute(of)) / len(of.cells) for of in some)
+        cell_ms = statistics.mean(_ms(partial(worker.compute, of)) / len(of.cells) for of in some)
     return Pictures(begun_ms, cell_ms, len(coded), {workers: begun_by(workers) for workers in WORKERS})
 
 
