@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -82,6 +83,16 @@ def killed_once(told: Path, load: Callable[[], Any]) -> Any:
     else:
         os.kill(os.getpid(), signal.SIGKILL)
     return load()
+
+
+def lasting_once(told: Path, load: Callable[[], Any]) -> Any:
+    """What ``load`` gives, but the first of all processes to ask never has it. The file tells whose child that is."""
+    if told.exists():
+        return load()
+    written = told.with_suffix(".new")
+    written.write_text(f"{os.getppid()}")
+    written.replace(told)
+    return threading.Event().wait()
 
 
 def process_states() -> dict[int, tuple[str, int, int, str]]:

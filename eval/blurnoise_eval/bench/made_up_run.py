@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise.camera import Camera
+from blurnoise_eval.bench.family import family, held_mb, written_bytes
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
@@ -35,37 +36,40 @@ _SIZE_PX = (640, 480)
 _DETECTIONS = 10  # in each cell
 _BLOCK = 8  # cells that are stored at a time
 _DIFFERENT = 250  # pictures; more are copies
-_GRID = {
+GRID = {
     "exposure_s": (0.001, 0.002, 0.003, 0.005, 0.008, 0.013, 0.02, 0.03, 0.05, 0.09),
     "illuminance_lux": (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0),
     "velocity_x_px_s": (0.0, 100.0, 200.0, 500.0, 1000.0),
 }
-CELLS_PER_PICTURE = 1 + math.prod(map(len, _GRID.values()))
+CELLS_PER_PICTURE = 1 + math.prod(map(len, GRID.values()))
 
 
-def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> float:
+def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> tuple[float, float]:
     """Write a run of at least so many cells, whole pictures, into ``folder``.
 
-    Returns the seconds that the store took for each cell, of those that were not copied.
+    Returns the seconds that the store took for each cell, of those that were not copied, and the bytes that it wrote
+    for it, journal included.
     """
     camera = Camera.preset("imx250")
     pictures = made_up_pictures(-(-cells // CELLS_PER_PICTURE), detector.contract.classes[0], seed)
     different = pictures.pictures[:_DIFFERENT]
-    plan = SweepPlan(_GRID, seed=seed, examples=False)
-    seconds = 0.0
+    plan = SweepPlan(GRID, seed=seed, examples=False)
+    seconds, written = 0.0, 0
     with Store(folder, create=True) as store:
         open_run(store, [detector], camera, pictures, plan, {"command": "made up", "threads": 1})
         for place, picture in enumerate(different):
             store.note_picture(picture.name, picture.identity, picture.name, *_SIZE_PX)
             results = list(_results(picture, plan, detector.name, camera, (seed, place)))
-            begun = time.perf_counter()
+            begun, before = time.process_time(), written_bytes()
             for first in range(0, len(results), _BLOCK):
                 store.add(results[first : first + _BLOCK])
-            seconds += time.perf_counter() - begun
+            seconds += time.process_time() - begun
+            written += written_bytes() - before
     for copy in range(1, -(-len(pictures) // _DIFFERENT)):
         last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
         copy_pictures(folder, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
-    return seconds / (len(different) * CELLS_PER_PICTURE)
+    stored = len(different) * CELLS_PER_PICTURE
+    return seconds / stored, written / stored
 
 
 def _other(further: int, copy: int) -> dict[str, str]:
@@ -183,27 +187,41 @@ from blurnoise_eval.sweep.evaluation import Evaluation
 Evaluation(sys.argv[1]).report()
 wall_s = time.perf_counter() - begun
 used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-cpu_s, peak_kb = sum(each.ru_utime + each.ru_stime for each in used), sum(each.ru_maxrss for each in used)
-print(json.dumps({"wall_s": wall_s, "cpu_s": cpu_s, "peak_mb": peak_kb / 1024}))
+print(json.dumps({"wall_s": wall_s, "cpu_s": sum(each.ru_utime + each.ru_stime for each in used)}))
 """
+_LOOK_S = 0.2
 
 
 def report_cost(folder: Path) -> dict[str, float]:
     """Seconds, seconds of a core and the most memory that the page and tables of a run take, in processes of their
-    own: wall_s, cpu_s, peak_mb. Raises ``RuntimeError`` with what it says where it fails."""
-    done = subprocess.run([sys.executable, "-c", _REPORT, str(folder)], capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"the report of {folder} failed: {done.stderr.strip()}")
-    cost: dict[str, float] = json.loads(done.stdout)
-    return cost
+    own: wall_s, cpu_s, and peak_mb of all of them together, looked at five times a second (0 where that cannot be
+    told). Raises ``RuntimeError`` with what it says where it fails."""
+    command = [sys.executable, "-c", _REPORT, str(folder)]
+    peak_mb = 0.0
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as report:
+        try:
+            while True:
+                try:
+                    told, complaint = report.communicate(timeout=_LOOK_S)
+                    break
+                except subprocess.TimeoutExpired:
+                    held = sum(held_mb(process) or 0.0 for process in family(report.pid))
+                    peak_mb = max(peak_mb, held)
+        except BaseException:
+            report.kill()
+            raise
+    if report.returncode:
+        raise RuntimeError(f"the report of {folder} failed: {complaint.strip()}")
+    return {**json.loads(told), "peak_mb": peak_mb}
 
 
 def scale_of_results(folder: Path, cells: int, detector: Detector) -> dict[str, float]:
-    """What a made-up run of at least so many cells costs, made in ``folder``: cells, store_ms and store_bytes of each
-    cell, and :func:`report_cost`."""
-    store_s = made_up_run(folder, cells, detector)
+    """What a made-up run of at least so many cells costs, made in ``folder``: cells, store_ms, store_bytes and
+    written_bytes of each cell, and :func:`report_cost`."""
+    store_s, written = made_up_run(folder, cells, detector)
     count = -(-cells // CELLS_PER_PICTURE) * CELLS_PER_PICTURE
     size = (folder / RUN_FILE).stat().st_size
     return {
-        "cells": count, "store_ms": 1e3 * store_s, "store_bytes": size / count, **report_cost(folder)
+        "cells": count, "store_ms": 1e3 * store_s, "store_bytes": size / count, "written_bytes": written,
+        **report_cost(folder),
     }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +17,14 @@ from blurnoise_eval.scoring.on_picture import Sight
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.exposing import Frame
+from blurnoise_eval.sweep.flight import Answers
 from blurnoise_eval.sweep.rows import cell_result
+from blurnoise_eval.sweep.work import Work
 
 CELLS = 8  # of a block
 BLOCKS_PER_PICTURE = 50  # 400 conditions
 _TARGETS, _DETECTIONS = 2, 20
-_CAMERA = Camera.preset("imx250")
+CAMERA = Camera.preset("imx250")
 _TARGET = {
     "label": "made up",
     "group": "made up, medium (32-96 px)",
@@ -61,14 +63,40 @@ def results(block: Block) -> list[CellResult]:
 
 def made_blocks(count: int, cell_s: float = 0.0) -> Iterator[Block]:
     """So many blocks, pictures one after the other, whose cells take so many seconds each."""
-    for number in range(count):
-        picture = Picture(f"{number // BLOCKS_PER_PICTURE:08}.jpg", (), _never, f"{cell_s}")
-        exposure_s = 1e-4 * (1 + number % BLOCKS_PER_PICTURE)
-        conditions = (
-            Conditions(exposure_s=exposure_s, illuminance_lux=100.0, velocity_x_px_s=float(place))
+    conditions = [
+        [
+            Conditions(exposure_s=1e-4 * (1 + number), illuminance_lux=100.0, velocity_x_px_s=float(place))
             for place in range(CELLS)
-        )
-        yield Block(picture, tuple(Cell(picture.name, 0, at, number) for at in conditions))
+        ]
+        for number in range(BLOCKS_PER_PICTURE)
+    ]
+    for number in range(count):
+        picture = made_picture(number // BLOCKS_PER_PICTURE, f"{cell_s}")
+        some = conditions[number % BLOCKS_PER_PICTURE]
+        yield Block(picture, tuple(Cell(picture.name, 0, at, number) for at in some))
+
+
+def made_picture(number: int, identity: str = "") -> Picture:
+    """Without targets; it cannot be read."""
+    return Picture(f"{number:08}.jpg", (), _never, identity)
+
+
+@dataclass(frozen=True)
+class MadeModel:
+    """As far as a sweep asks for it in order to store its rows."""
+
+    name: str = "made up"
+
+
+@dataclass(frozen=True)
+class Ready:
+    """An engine that has computed every block before it is asked."""
+
+    answers: Sequence[list[CellResult]]
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
+        yield from zip(blocks, self.answers, strict=True)
 
 
 def _never() -> NDArray[np.uint8]:
@@ -80,5 +108,5 @@ def _result(cell: Cell, rng: np.random.Generator) -> CellResult:
     detections = Detections(boxes, rng.random(_DETECTIONS, np.float32), np.zeros(_DETECTIONS, np.int64))
     targets = tuple({"target_id": place, **_TARGET} for place in range(_TARGETS))
     frame = Frame(cell, np.empty((0, 0, 3), np.uint8), 1.0, saturated=0.0, snr_db=30.0, brightness=0.5)
-    row = cell_result(frame, "made up", _CAMERA, Sight(detections, targets, 1.0, None, 0), None, None)
+    row = cell_result(frame, "made up", CAMERA, Sight(detections, targets, 1.0, None, 0), None, None)
     return replace(row, picture=("made up", "0" * 64, 640, 480))

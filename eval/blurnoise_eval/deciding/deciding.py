@@ -41,6 +41,7 @@ from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
+from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import Engine, engine_of, staying
 from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, note_models, progress_bar, tell_of
@@ -158,7 +159,11 @@ def decided(
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
     computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
     facts = {"command": command, **engine_facts(engine, threads)}
-    with Store(folder.path, create=True) as store, staying(computed_by) as engine_kept:
+    with (
+        begun_or_gone(folder.path),
+        Store(folder.path, create=True) as store,
+        staying(computed_by) as engine_kept,
+    ):
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])

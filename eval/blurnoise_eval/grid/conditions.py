@@ -88,7 +88,8 @@ class Conditions(Mapping[str, float | None]):
     @property
     def stated(self) -> dict[str, float]:
         """The values that are not the camera's own."""
-        return {name: value for name, value in zip(NAMES, self._values, strict=True) if value is not None}
+        values = zip(NAMES, self._values, strict=True)
+        return {name: value for name, value in values if value is not None}
 
     @property
     def exposure_s(self) -> float:

@@ -194,6 +194,11 @@ def has_answers(store: Store) -> bool:
     return any(store.rows("SELECT 1 FROM cells WHERE error IS NULL LIMIT 1"))
 
 
+def has_begun(store: Store) -> bool:
+    """Whether a cell is finished or a picture is skipped."""
+    return any(store.rows("SELECT 1 FROM cells UNION ALL SELECT 1 FROM skipped LIMIT 1"))
+
+
 def counts(store: Store) -> Row:
     """n_cells, each once for all models, and n_target_rows."""
     (counted,) = store.rows(

@@ -30,6 +30,7 @@ from blurnoise_eval.system.files import RUN_FILE
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
 _AT_ONCE = 20_000  # rows that are read at a time
+JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
 
 
 class StoreError(ValueError):
@@ -78,6 +79,7 @@ class Store:
                     self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
+                self._db.execute(f"PRAGMA wal_autocheckpoint = {JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
             if version in schema.UPGRADES:

@@ -10,7 +10,7 @@ from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.grid.nodes import Plan
 
-_CELLS = 8  # that a worker computes before it reports
+_CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
 _EXAMPLE_PICTURES = 3
 
 
@@ -47,30 +47,31 @@ def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
         own = (cell for cell in cells if picture.name in shown and _is_example(cell, kept))
         return Block(picture, tuple(cells), frozenset(cell.cell_id for cell in own))
 
-    conditions = plan.conditions()
+    def of_conditions(picture: Picture) -> Iterator[Block]:
+        for repeat in range(plan.repeats):
+            seed = cell_seed(plan.seed, picture.name, repeat)
+            for some in together:
+                yield block(picture, [Cell(picture.name, repeat, at, seed) for at in some])
+
+    together = _together(plan.conditions())
     waiting: Picture | None = None
     for picture in pictures:
         yield block(picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))])
         if waiting:
-            yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
+            yield from of_conditions(waiting)
         waiting = picture
     if waiting:
-        yield from (block(waiting, cells) for cells in _of_conditions(waiting, conditions, plan))
+        yield from of_conditions(waiting)
 
 
-def _of_conditions(picture: Picture, conditions: Sequence[Conditions], plan: Plan) -> Iterator[list[Cell]]:
-    """Conditions that share a blur; those of one exposure stay together."""
-    for repeat in range(plan.repeats):
-        seed = cell_seed(plan.seed, picture.name, repeat)
-        for _, same in groupby(conditions, key=lambda at: at.blurs_as):
-            cells: list[Cell] = []
-            for _, lights in groupby(same, key=lambda at: at.exposure_s):
-                cells += [Cell(picture.name, repeat, at, seed) for at in lights]
-                if len(cells) >= _CELLS:
-                    yield cells
-                    cells = []
-            if cells:
-                yield cells
+def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
+    """Conditions in their order, enough for a block at a time; the lights of one blur and exposure stay together."""
+    found: list[list[Conditions]] = []
+    for _, lights in groupby(conditions, key=lambda at: (at.blurs_as, at.exposure_s)):
+        if not found or len(found[-1]) >= _CELLS:
+            found.append([])
+        found[-1] += lights
+    return found
 
 
 def _is_example(cell: Cell, kept: Collection[Conditions]) -> bool:

@@ -36,6 +36,7 @@ from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import Engine, engine_of
 from blurnoise_eval.sweep.run import Outcome
@@ -120,7 +121,7 @@ def evaluate(
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             exposed = replace(taken, exposure_s=plan.longest_s if at.automatic else taken.exposure_s)
             limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
-    with Store(folder.path, create=True) as store:
+    with begun_or_gone(folder.path), Store(folder.path, create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = sweep.run(

@@ -3,8 +3,8 @@
 A worker is one process or one actor, which computes its blocks one after the other. Retries are made here and nowhere
 else. A block that was lost with its worker goes first in the queue again. The one that the worker was computing is
 suspected: it is tried once more with nothing else in flight on its worker, and if that one dies too, its picture is
-given up. Each block is answered exactly once, whatever died. Few are in flight, so that the cells of a sweep take no
-memory here.
+given up. Each block is answered exactly once, whatever died. Few are in flight and few wait
+(:mod:`blurnoise_eval.sweep.lookahead`), so that the cells of a sweep take no memory here.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ from __future__ import annotations
 import time
 import warnings
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from itertools import chain, islice
 from queue import Empty, SimpleQueue
 
 from blurnoise._core.orphans import interrupts_held
@@ -23,6 +22,7 @@ from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.crews import Crew, Hand
+from blurnoise_eval.sweep.lookahead import Lookahead
 from blurnoise_eval.sweep.worker_process import Told
 
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
@@ -68,8 +68,7 @@ def fly_once(crew: Crew, blocks: Iterable[Block]) -> Answers:
 class _Flight:
     def __init__(self, crew: Crew, blocks: Iterable[Block]) -> None:
         self._crew = crew
-        self._source: Iterator[Block] = iter(blocks)
-        self._more = True  # as far as is known
+        self._ahead = Lookahead(blocks)
         self._suspects, self._again = deque[_Attempt](), deque[_Attempt]()
         self._given_up: dict[str, UnreadablePicture] = {}
         self._slots: list[_Slot] = []
@@ -79,11 +78,10 @@ class _Flight:
         self._hope_s = 0.0  # when there was a worker last, or the flight began
 
     def answers(self) -> Answers:
-        first = list(islice(self._source, 1))
-        self._source, self._more = chain(first, self._source), bool(first)
+        any_at_all = self._ahead.look()
         self._hope_s = time.monotonic()
         try:
-            for _ in range(self._crew.size if first else 0):
+            for _ in range(self._crew.size if any_at_all else 0):
                 self._hire()
             while self._left() or any(slot.flying for slot in self._slots):
                 yield from self._land(self._next_event())
@@ -95,7 +93,7 @@ class _Flight:
                     slot.hand.dismiss()
 
     def _left(self) -> bool:
-        return self._more or bool(self._again or self._suspects)
+        return self._ahead.look() or bool(self._again or self._suspects)
 
     def _hire(self) -> None:
         with interrupts_held():  # or somebody would be left behind
@@ -196,9 +194,13 @@ class _Flight:
             for attempt in [each for each in queue if each.block.picture.name in self._given_up]:
                 queue.remove(attempt)
                 yield attempt.block, self._given_up[attempt.block.picture.name]
+        for picture, error in self._given_up.items():
+            for block in self._ahead.of(picture):
+                yield block, error
 
     def _end(self, slot: _Slot) -> None:
         self._slots.remove(slot)
+        self._ahead.forget(slot)
         slot.hand.dismiss()
 
     def _fill(self, slot: _Slot) -> None:
@@ -219,8 +221,7 @@ class _Flight:
                 return None
         if self._again:
             return self._again.popleft()
-        block = next(self._source, None)
-        self._more = block is not None
+        block = self._ahead.next_for(slot)
         return None if block is None else _Attempt(block)
 
     def _results(self, told: Told) -> list[CellResult]:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blurnoise_eval.bench import scale, scale_view
+from blurnoise_eval.bench import scale, scale_pictures, scale_view
 from blurnoise_eval.bench.scale import Bench, Extent, Row
+from blurnoise_eval.bench.scale_pictures import Pictures
 from blurnoise_eval.bench.scale_work import CELLS, SleepingWork, made_blocks, results
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.flight import IN_FLIGHT
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.flight import IN_FLIGHT, Answers
+from blurnoise_eval.sweep.work import Work
 
 
 def row(engine: str, driver_ms: float, cell_s: float = 0.0) -> Row:
@@ -32,14 +38,24 @@ def test_what_gives_out_first() -> None:
     assert MADE.paper("processes", 0.08, 1000) == pytest.approx(4000.0)
     told = MADE.losses()
     assert (
-        "processes: 0.15 ms of the driver and 0.10 ms of the store a cell: at most 1000 / 0.25 = 4000 cells/s"
-        in told
+        "processes: 0.15 ms of the driver and 0.10 ms of the store a cell: at most 1000 / 0.25 = 4000 cells/s; "
+        "for cells of t ms on t / 0.25 cores" in told
     )
     assert "processes, 80 ms a cell: 12.5 cells/s a core, the driver is full from 320 cores on" in told
     held = 1000 * IN_FLIGHT * CELLS * 5000 / 1e6
     assert any(
         "20.0 MB/s of rows come in, 6.0 MB/s are stored" in line and f"{held:.0f} MB" in line for line in told
     )
+
+
+def test_pictures_on_their_way() -> None:
+    """As they come, every worker would begin with each; looking ahead, a few do."""
+    pictures = Pictures(20.0, 5.0, 100_000, {8: 2.0, 1000: 4.0})
+    few, many = replace(MADE, pictures=pictures).losses()[6:8]
+    assert "8 workers: each picture is begun by 2.0 of them, not 8: 2.0, not 8.0 MB/s" in few
+    assert "2.0, not 8.0 % of the work" in few
+    assert "by 4.0 of them, not 50: 4.0, not 49.9 MB/s" in many
+    assert 1.0 <= scale_pictures.begun_by(16) < 4.0
 
 
 def test_made_up_rows_fit_the_store(tmp_path: Path) -> None:
@@ -77,6 +93,21 @@ def test_threads_are_measured_and_written(tmp_path: Path, monkeypatch: pytest.Mo
     scale.write(bench, tmp_path)
     assert len((tmp_path / "scale.csv").read_text().splitlines()) == 5
     assert json.loads((tmp_path / "scale.json").read_text())["rows"][0]["engine"] == "threads"
+
+
+def test_an_engine_that_cannot_begin_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Unreachable(ThreadEngine):
+        def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+            raise ChildProcessError("no worker could be had")
+
+    monkeypatch.setattr(scale, "engines", lambda: ["processes", "threads"])
+    monkeypatch.setitem(scale.ENGINES, "processes", Unreachable)
+    shares = list[float]()
+    extent = Extent((1,), (0.0,), 0.05, 8, 0)
+    bench = scale.measure(extent, progress=shares.append)
+    assert [each.engine for each in bench.rows] == ["threads"]
+    assert bench.losses()[0] == "processes: left out (no worker could be had)"
+    assert sum(shares) == scale.steps(extent)
 
 
 def test_the_chart_and_the_table(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.crews import Crew
 from blurnoise_eval.sweep.engines import staying
 from blurnoise_eval.sweep.flight import IN_FLIGHT, WorkerDied, fly, fly_once
+from blurnoise_eval.sweep.lookahead import AHEAD, AHEAD_OF_WORKER, Lookahead
 from blurnoise_eval.sweep.work import Work
 
 from blurnoise import Camera
@@ -301,13 +302,40 @@ def test_blocks_are_taken_as_needed_and_forgotten() -> None:
     try:
         for _ in fly_once(crew, plan()):
             answered += 1
-            assert taken - answered <= IN_FLIGHT * 4
-            if answered in (500, 3_500):
+            assert (
+                taken - answered <= (IN_FLIGHT + AHEAD_OF_WORKER) * 4 + AHEAD
+            )  # those that are looked at ahead
+            if answered in (1_000, 3_000):
                 grown.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
     assert answered == 4_000
-    assert grown[1] - grown[0] < 200_000  # 3000 blocks, kept, would be 2 MB and more
+    assert grown[1] - grown[0] < 200_000  # 2000 blocks, kept, would be 1 MB and more
+
+
+def test_a_picture_goes_to_few_workers() -> None:
+    """Whoever has one goes on with it; at the end they help each other. Blocks of a picture stay in their order."""
+    pictures, each, workers = 30, 12, ("x", "y", "z")
+    ahead = Lookahead(block(f"{number % pictures}", number // pictures) for number in range(pictures * each))
+    rng = np.random.default_rng(0)
+    who: dict[str, list[str]] = {}
+    order: dict[str, list[int]] = {}
+    while (taken := ahead.next_for(worker := workers[rng.integers(3)])) is not None:
+        who.setdefault(taken.picture.name, []).append(worker)
+        order.setdefault(taken.picture.name, []).append(taken.cells[0].repeat)
+    assert order == {f"{picture}": list(range(each)) for picture in range(pictures)}
+    shared = [name for name, some in who.items() if len(set(some)) > 1]
+    assert len(shared) <= 2  # the last ones
+
+
+def test_a_worker_that_has_gone_leaves_its_picture_to_another() -> None:
+    ahead = Lookahead(block(name, number) for name in "ab" for number in range(3))
+    first = [ahead.next_for(worker) for worker in ("x", "y", "x")]
+    assert [taken.picture.name for taken in first if taken] == ["a", "b", "a"]
+    ahead.forget("y")
+    assert [taken.picture.name for taken in map(ahead.next_for, "zz") if taken] == ["b", "b"]
+    assert len(ahead.of("a")) == 1
+    assert ahead.next_for("x") is None
 
 
 def test_workers_stay_between_maps_of_the_same_work() -> None:

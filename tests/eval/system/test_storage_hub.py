@@ -54,5 +54,5 @@ def test_a_data_set_of_the_hub(tmp_path: Path) -> None:
         assert process.stdout is not None
         if process.stdout.readline() == "now\n":
             files["b.bin"] = b"other"
-        _, told = process.communicate("\n", timeout=120)
+        _, told = process.communicate("\n", timeout=300)
     assert process.returncode == 0, told

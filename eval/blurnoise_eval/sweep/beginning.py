@@ -1,0 +1,42 @@
+"""The beginning of a run: a folder that is new, and in which nothing is ever answered, is gone again."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.system.files import RUN_FILE
+
+
+@contextmanager
+def begun_or_gone(folder: Path) -> Iterator[None]:
+    """Where what is inside fails before a cell is finished or a picture is skipped, the folder is left as it was."""
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    before = set(folder.iterdir()) if folder.is_dir() else set()
+    try:
+        yield
+    except BaseException:
+        if folder / RUN_FILE not in before and not _has_begun(folder):
+            for each in set(folder.iterdir()) - before if folder.is_dir() else ():
+                if each.is_dir() and not each.is_symlink():
+                    shutil.rmtree(each, ignore_errors=True)
+                else:
+                    each.unlink(missing_ok=True)
+            with suppress(OSError):  # not there, or somebody else's file is
+                for each in made:
+                    each.rmdir()
+        raise
+
+
+def _has_begun(folder: Path) -> bool:
+    if not (folder / RUN_FILE).is_file():
+        return False
+    try:
+        with Store(folder) as store:
+            return queries.has_begun(store)
+    except StoreError:  # another process has it
+        return True
