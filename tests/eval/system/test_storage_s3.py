@@ -64,7 +64,9 @@ def test_a_listing_of_several_pages(wire: Wire) -> None:
     names = [f"{number:04d}.bin" for number in range(1003)]
     folder = location(f"s3://{BUCKET}/many")
     objects = {f"{BUCKET}/many/{name}": b"x" for name in names}
-    transport.system_of("s3").pipe(objects, batch_size=4)  # hundreds at once have a busy machine's server give up
+    transport.system_of("s3").pipe(
+        objects, batch_size=4
+    )  # hundreds at once have a busy machine's server give up
     assert list(storage.listing(folder)) == names
     assert len(storage.stamps(folder, names)) == 1003
 
