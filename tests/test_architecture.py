@@ -79,6 +79,7 @@ EXCEPTIONS = {
         "blurnoise_models",
     ): "the command offers the built-in detector and makes such ones",
     ("blurnoise_eval.sweep", "blurnoise_models"): "so does evaluate, its twin in Python",
+    ("blurnoise_eval.explorer", "blurnoise_models"): "a run's built-in detector is found wherever it lay",
 }
 CIRCLES: dict[tuple[str, ...], str] = {}
 """Circles that stay, sorted, with the reason."""

@@ -9,19 +9,25 @@ from pathlib import Path
 
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
+
+_WRITTEN = (*(RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")), *RUN_PICTURES, "coco")
+"""What a run's folder holds before the first cell is finished."""
 
 
 @contextmanager
 def begun_or_gone(folder: Path) -> Iterator[None]:
-    """Where what is inside fails before a cell is finished or a picture is skipped, the folder is left as it was."""
+    """Where what is inside fails before a cell is finished or a picture is skipped, the folder is left as it was.
+
+    Only what runs write is taken away: other files may have come to the folder meanwhile.
+    """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    before = set(folder.iterdir()) if folder.is_dir() else set()
+    new = [folder / name for name in _WRITTEN if not (folder / name).exists()]
     try:
         yield
     except BaseException:
-        if folder / RUN_FILE not in before and not _has_begun(folder):
-            for each in set(folder.iterdir()) - before if folder.is_dir() else ():
+        if folder / RUN_FILE in new and not _has_begun(folder):
+            for each in new:
                 if each.is_dir() and not each.is_symlink():
                     shutil.rmtree(each, ignore_errors=True)
                 else:

@@ -77,8 +77,8 @@ def test_a_dng(tmp_path: Path, capsys: Output) -> None:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["-o", "x.yaml"], "folder, dng: must be one of them"),
-        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, dng: must be one of them"),
+        (["-o", "x.yaml"], "folder, --dng: must be one of them"),
+        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, --dng: must be one of them"),
         (["FOLDER", "-o", "x.txt"], "suffix of x.txt"),
         (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "--bit-depth = 17"),

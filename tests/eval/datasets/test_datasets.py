@@ -105,14 +105,14 @@ def test_size_of_16_bit_files(tmp_path: Path, suffix: str, shape: tuple[int, ...
 
 def test_size_comes_from_the_header(tmp_path: Path) -> None:
     """Of a picture that cannot be decoded, too; no pixel of a huge one is read, and nobody is warned."""
-    (tmp_path / "huge.png").write_bytes(png_header(12_000, 9_000))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert size_px(tmp_path / "huge.png") == (12_000, 9_000)
+    for size in ((12_000, 9_000), (100_000, 100_000)):
+        (tmp_path / "huge.png").write_bytes(png_header(*size))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert size_px(tmp_path / "huge.png") == size
     for name, data in (
         ("empty.jpg", b""),
         ("text.jpg", b"not a picture"),
-        ("bomb.png", png_header(10**5, 10**5)),
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(UnreadablePicture, match=name):

@@ -69,6 +69,7 @@ def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(axes, "AXES", table)
     monkeypatch.setattr(conditions, "AXES", table)
     monkeypatch.setattr(conditions, "NAMES", (*axes.NAMES, noise.name))
+    monkeypatch.setitem(conditions._PLACE, noise.name, len(axes.NAMES))
     assert states.axes.AXES is table
     made = control("read_noise_made_up", IMX250)
     assert (made.title, made.unit, made.logarithmic) == ("Read noise, made up", "e-", True)

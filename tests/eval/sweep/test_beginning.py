@@ -29,7 +29,14 @@ def test_a_sweep_whose_engine_cannot_begin_leaves_nothing(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == []
 
 
-def begin(folder: Path, *, cells: int = 0, skipped: bool = False, before: tuple[str, ...] = ()) -> list[str]:
+def begin(
+    folder: Path,
+    *,
+    cells: int = 0,
+    skipped: bool = False,
+    before: tuple[str, ...] = (),
+    meanwhile: tuple[str, ...] = (),
+) -> list[str]:
     """Fail after so much was stored; what is there then."""
     for name in before:
         folder.mkdir(exist_ok=True)
@@ -37,6 +44,8 @@ def begin(folder: Path, *, cells: int = 0, skipped: bool = False, before: tuple[
     with suppress(KeyboardInterrupt), begun_or_gone(folder), Store(folder, create=True) as store:
         (folder / "coco").mkdir(exist_ok=True)
         (folder / "coco/instances.json").write_text("{}")
+        for name in meanwhile:
+            (folder / name).write_text("mine, too")
         store.add(results(next(made_blocks(1)))[:cells])
         if skipped:
             store.skip("a.png", "cannot be read")
@@ -51,6 +60,7 @@ def test_what_has_begun_and_what_was_there_stay(tmp_path: Path) -> None:
     assert begin(tmp_path / "cell", cells=1) == whole
     assert begin(tmp_path / "skipped", skipped=True) == whole
     assert begin(tmp_path / "mine", before=("notes.txt",)) == ["notes.txt"]
+    assert begin(tmp_path / "ours", meanwhile=("download.zip",)) == ["download.zip"]
     with Store(tmp_path / "held", create=True) as store:
         store.set_about("identity", {})
     assert begin(tmp_path / "held") == whole
