@@ -65,24 +65,28 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
     """Parse "1,5,10" or "start:stop:step", stop included; "auto" where that is allowed. Raises ``ValueError``."""
     try:
         if ":" not in text:
-            parts = text.split(",")
-            return tuple(AUTOMATIC if automatic and part.strip() == "auto" else float(part) for part in parts)
+            return tuple(or_auto(part) if automatic else float(part) for part in text.split(","))
         start, stop, step = (float(part) for part in text.split(":"))
         count = math.floor((stop - start) / step + 1e-9) + 1
         if step == 0 or count < 1 or count > _MOST_NUMBERS:
             raise ValueError
         return tuple(start + step * index for index in range(count))
     except (ValueError, ZeroDivisionError, OverflowError):
-        or_auto = ", or auto" if automatic else ""
-        raise ValueError(f"{text!r}: must be numbers as {_LIST}{or_auto}") from None
+        also = ", or auto" if automatic else ""
+        raise ValueError(f"{text!r}: must be numbers as {_LIST}{also}") from None
 
 
 def or_auto(text: str | float) -> float:
-    """A number, or "auto" as ``AUTOMATIC``. Raises ``ValueError``."""
+    """A number, or "auto" as ``AUTOMATIC``, which no number says, however large. Raises ``ValueError``."""
+    if isinstance(text, str) and text.strip() == "auto":
+        return AUTOMATIC
     try:
-        return AUTOMATIC if text == "auto" else float(text)
+        number = float(text)
     except ValueError:
-        raise ValueError(f"{text!r}: must be a number, or auto") from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"{text!r}: must be a number, or auto")
+    return number
 
 
 def bounds(text: str | Range) -> Range:

@@ -206,7 +206,9 @@ class Page:
         self.selected(kind, taken)
 
     def _refuses(self, name: str, content: bytes, told: str) -> str:
-        """Of a model: kept, where its contract may yet come."""
+        """Of a model: kept, where its contract may yet come; a contract that it is refused for is not."""
+        if self._contract is not None and ("contract" in told or self._contract[0] in told):
+            self._contract = None
         kept = len(content) <= _MOST_REFUSED_BYTES
         self._refused = (name, content) if kept else None
         told = told if name in told else f"{name}: {told}"

@@ -16,7 +16,7 @@ import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -228,11 +228,13 @@ class Shelf:
         safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "file"
         path = folder / safe
         write_whole(path, content)
-        if contract:
-            end = Path(contract[0]).suffix.lower()
-            write_whole(path.with_name(f"{path.stem}.contract{end}"), contract[1])
         try:
-            with _named(path, name):
+            with ExitStack() as named:
+                named.enter_context(_named(path, name))
+                if contract:
+                    beside = path.with_name(f"{path.stem}.contract{Path(contract[0]).suffix.lower()}")
+                    write_whole(beside, contract[1])
+                    named.enter_context(_named(beside, contract[0]))
                 _CHECKS[kind](path)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)

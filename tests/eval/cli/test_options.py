@@ -194,6 +194,12 @@ def test_nothing_to_do_shows_where_to_begin(capsys: Output, monkeypatch: pytest.
         ("simulate x.png -o y.png --lux bright", "'--lux': must be a number"),
         ("simulate x.png -o y.png --lux bright", "'bright'"),
         ("sweep -o run --exposure-ms 1:2", "'--exposure-ms': '1:2': must be numbers as 1,5,10"),
+        ("sweep -o run --exposure-ms 5,1e400", "'--exposure-ms': '5,1e400': must be numbers as 1,5,10"),
+        ("sweep -o run --gain inf", "'--gain': 'inf': must be numbers as 1,5,10"),
+        (
+            "simulate x.png -o y.png --exposure-ms 1e400",
+            "'--exposure-ms': '1e400': must be a number, or auto",
+        ),
         ("sweep -o run --ocr read", "read"),
         ("sweep -o run --ocr=read", "'read' is not one of 'crop', 'find'"),
         ("sweep -o run --camera", "--camera"),

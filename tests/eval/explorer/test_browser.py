@@ -217,6 +217,16 @@ def test_an_uploaded_model_is_looked_through(tab: Tab, tmp_path: Path) -> None:
     assert text(tab, "h1") == before
 
 
+def test_a_contract_that_is_none_stands_in_the_way_of_no_other_model(tab: Tab, tmp_path: Path) -> None:
+    (tmp_path / "notes.json").write_text('{"licence": "none"}')
+    (tmp_path / "mine.onnx").write_bytes(STOP_SIGN.read_bytes())
+    for name, told in (("notes.json", "now upload"), ("mine.onnx", "file notes.json: unknown key")):
+        tab.choose(".upload-model input[type=file]", tmp_path / name)
+        tab.until(f"document.querySelector('.message').innerText.includes({told!r})")
+    tab.choose(".upload-model input[type=file]", tmp_path / "mine.onnx")
+    tab.until("location.search.includes('model=model-')")
+
+
 def test_what_is_copied_gives_the_picture_that_is_seen(
     tab: Tab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
