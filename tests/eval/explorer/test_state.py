@@ -46,6 +46,7 @@ def test_what_does_not_go_together_gives_way() -> None:
         None,
     )
     assert driven.put("velocity_x_px_s", 3.0).at["ego_speed_m_s"] is None
+    assert State.of_query("ego-kmh=50") == (USUAL.put("ego_speed_m_s", 50 / 3.6), ())  # typed by hand
     assert replace(USUAL, cell="abc").put("illuminance_lux", 3.0).cell == ""
 
 
