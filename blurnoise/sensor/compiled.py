@@ -59,7 +59,7 @@ def expose_piece(
             figures = (
                 *(most, white_e if scaled else 1.0, dark_e if scaled else 0.0, unit_e),
                 math.inf if noisy else min(well_e, BEYOND_DN / gain_dn) / unit_e,
-                *(read_noise_e**2 / unit_e if noisy else 1.0, -2 / 36 / unit_e, 1 / 6 / root_e),
+                *((read_noise_e**2 / unit_e, -2 / 36 / unit_e, 1 / 6 / root_e) if noisy else (1.0, 0.0, 0.0)),
                 *(gain_dn * unit_e, gain_dn * root_e if noisy else 0.0, camera.black_level_dn),
                 *(stages.nearly_full_e(camera) / unit_e, well_e, read_noise_e, gain_dn),
             )

@@ -115,7 +115,7 @@ def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: py
 
 @pytest.mark.parametrize("tones", [False, True])
 @pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("white_e", [1e-12, 0.3, 800.0, 9500.0, 1e30])
+@pytest.mark.parametrize("white_e", [1e-12, 1e-4, 0.3, 800.0, 9500.0, 1e30])
 @pytest.mark.parametrize("camera", CAMERAS[:2], ids=lambda camera: camera.name)
 def test_compiled_or_not_the_bits_are_the_same(
     camera: Camera, white_e: float, noise: bool, tones: bool, monkeypatch: pytest.MonkeyPatch
