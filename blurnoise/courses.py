@@ -82,8 +82,9 @@ class Straight(Course):
     displacement_px: Tensor
 
     def reach(self, window: Window) -> tuple[int, int]:
-        """Half of the way, and the tail of the band-limited line."""
-        across, down = (reach_px(along) for along in self.displacement_px.detach().tolist())
+        """Half of the way, and the tail of the band-limited line; of none, too, where its slope is asked for."""
+        least = ALIKE_PX if torch.is_grad_enabled() and self.displacement_px.requires_grad else 0.0
+        across, down = (reach_px(max(abs(along), least)) for along in self.displacement_px.detach().tolist())
         return down, across
 
     def blurred(self, plane: Tensor, window: Window, border: Border) -> Tensor:
@@ -337,7 +338,12 @@ def _shifted(plane: Tensor, x: float | Tensor, y: float | Tensor, work: Window, 
 
 
 def _between(plane: Tensor, shift_px: float | Tensor, dim: int, first: int, count: int) -> Tensor:
-    """``count`` pixels along one axis from ``first`` on, of a plane that is moved by ``shift_px``."""
+    """``count`` pixels along one axis from ``first`` on, of a plane that is moved by ``shift_px``.
+
+    Less than ``ALIKE_PX`` is no motion: the plane may have nothing beside these pixels.
+    """
+    if not isinstance(shift_px, Tensor) and abs(shift_px) < ALIKE_PX:
+        shift_px = 0.0
     whole = math.ceil(float(shift_px.detach() if isinstance(shift_px, Tensor) else shift_px))
     rest = whole - shift_px  # from the pixel before, in [0, 1)
     near = plane.narrow(dim, first - whole, count)

@@ -337,6 +337,33 @@ def test_every_picture_has_its_own() -> None:
         close(together[place : place + 1], alone, 0.0)
 
 
+@pytest.mark.parametrize("faint", [3e-5, -3e-5])
+@pytest.mark.parametrize("along", [0, 1])
+def test_motion_too_short_to_be_seen_is_none_along_its_axis(along: int, faint: float) -> None:
+    """As a lens's projection leaves of motion that is straight."""
+
+    def drifting(length: float, beside: float) -> Motion:
+        return (beside, length) if along else (length, beside)
+
+    found = seen(drifting(14.0, faint), drifting(-12.0, -faint))
+    close(found, seen(drifting(14.0, 0.0), drifting(-12.0, 0.0)), 2e-5)
+
+
+def test_gradients_reach_an_axis_along_which_nothing_moves() -> None:
+    def loss(velocity: Motion | Tensor) -> Tensor:
+        layer = Layer(OBJECT, MATTE, velocity)
+        found = expose_layers(BACKGROUND[None], [layer], exposure_s=1.0, velocity_px_s=(-12.0, 0.0))
+        return (found * OTHER[None]).sum()
+
+    velocity = torch.tensor([14.0, 0.0], dtype=torch.float64, requires_grad=True)
+    loss(velocity).backward()
+    assert velocity.grad is not None
+    step = 1e-2
+    slope = float(loss((14.0, step)) - loss((14.0, -step))) / (2 * step)
+    assert abs(slope) > 0.1
+    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.02)
+
+
 def test_single_precision_is_as_good() -> None:
     layer = Layer(OBJECT.float(), MATTE.float(), (14.0, 10.0))
     found = expose_layers(BACKGROUND[None].float(), [layer], exposure_s=1.0, velocity_px_s=(-12.0, 6.0))
