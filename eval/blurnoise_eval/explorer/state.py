@@ -125,7 +125,9 @@ class State:
                 said = str(error)
                 must = said.partition(": ")[2] if said.startswith(f"{name} = ") else said
                 wrong.append(f"{name} = {told[:60]!r}: {must}")
-        if values[EGO.name] and all(values[name] == state.at[name] for name in VELOCITY):  # the usual, not told
+        if values[EGO.name] and all(
+            values[name] == state.at[name] for name in VELOCITY
+        ):  # the usual, not told
             values |= dict.fromkeys(VELOCITY, 0.0)
         made = cls(**plain, at=Conditions(**values), figures=tuple(sorted(figures.items())))
         return made, tuple(wrong)
