@@ -211,7 +211,7 @@ def test_functional_twin_refuses_them_too(given: dict[str, Any]) -> None:
 @pytest.mark.parametrize("ego", [{}, {"ego_kmh": 50.0}])
 @pytest.mark.parametrize("vehicle", [None, "x"])
 def test_pictures_refuse_what_is_no_vehicle(vehicle: Any, ego: Any) -> None:
-    with pytest.raises(TypeError, match="vehicle: must be a blurnoise.Vehicle, got"):
+    with pytest.raises(TypeError, match="vehicle: must be"):
         exposed(torch.rand(1, 3, 8, 8), vehicle=vehicle, **ego)
 
 
