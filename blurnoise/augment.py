@@ -38,6 +38,7 @@ from blurnoise.exposure_ranges import (
     Params,
     Range,
     cameras_of,
+    check_vehicle,
     shakes,
 )
 from blurnoise.exposure_table import ExposureTable, Place, beside_table
@@ -102,6 +103,7 @@ def expose_pictures(
     velocity = velocity_px_s(speed, limited_per_image("direction_deg", direction_deg, batch, scene))
     paths = per_picture(trajectory, batch)
     ego = None if ego_kmh is None else limited_per_image("ego_kmh", ego_kmh, batch, scene)
+    check_vehicle(vehicle, drives=ego is not None)
     seeds = rng.item_seeds(generator, batch)
     names: list[str] = [moves] * batch if isinstance(moves, str) else list(moves)
     for each in names:

@@ -10,14 +10,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, one_of, shown
-from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited, limited_motion
+from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
 from blurnoise.auto_exposure import AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
@@ -147,10 +148,8 @@ class ExposureRanges(Draws):
 
     def _check_ego(self, longest_s: float) -> None:
         """Raise ``TypeError`` or ``ValueError`` for a vehicle that does not drive, or what goes with none."""
-        an_instance("vehicle", self.vehicle, Vehicle)
+        check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
         if self.ego_kmh is None:
-            if self.vehicle != USUAL_VEHICLE:
-                raise ValueError("vehicle: goes with ego_kmh, at which it drives")
             return
         _, fastest = _bounds("ego_kmh", self.ego_kmh)
         refused = {
@@ -177,7 +176,12 @@ class ExposureRanges(Draws):
             height, width = camera.field.size
             edges = np.array([[0, (width - 1) / 2, width - 1] * 2, [0] * 3 + [height - 1] * 3])
             flow = self.vehicle.flow_at(edges, camera, (height, width), fastest / 3.6)
-            limited_motion("ego_kmh: flow times exposure", torch.from_numpy(flow * longest_s))
+            moved_px, most = float(np.abs(flow).max()) * longest_s, LIMITS["displacement_px"].high
+            if not moved_px <= most:
+                raise ValueError(
+                    f"ego_kmh, exposure_s = {fastest:g}, {longest_s:g} at most: the motion during exposure before "
+                    f"{camera.name!r}, {moved_px:.6g} px, must be <= {most:g} px"
+                )
 
     def _most_lux(self, shortest_s: float) -> float:
         if self.white_e is None:
@@ -271,11 +275,12 @@ _LIMIT_OF = {"blur_px": "displacement_px"}  # 0 is no blur: roads, which have th
 
 
 def _bounds(name: str, value: Range) -> tuple[float, float]:
-    if isinstance(value, (int, float)):
+    value = _plain(value)
+    if isinstance(value, Real):
         value = (value, value)
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
         raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
-    first, last = (limited(name, each, _LIMIT_OF.get(name)) for each in value)
+    first, last = (limited(name, _plain(each), _LIMIT_OF.get(name)) for each in value)
     if first < 0 and name == "blur_px":
         raise ValueError(f"blur_px = {shown(value)}: must be >= 0")
     if first > last:
@@ -287,12 +292,18 @@ def _bounds(name: str, value: Range) -> tuple[float, float]:
     return first, last
 
 
+def _plain(value: Any) -> Any:
+    """A tensor or array of one number as that number: then a bool is one."""
+    return value.item() if isinstance(value, (Tensor, np.ndarray)) and value.ndim == 0 else value
+
+
 def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
     if isinstance(gain_db, AutoExposure):
         return gain_db
-    if gain_db == "auto":
+    if isinstance(gain_db, str) and gain_db == "auto":
         return AutoExposure()
-    if not isinstance(gain_db, (int, float, Sequence)) or isinstance(gain_db, str):
+    gain_db = _plain(gain_db)
+    if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
         raise TypeError(
             f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure"
         )
@@ -300,6 +311,13 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
     for camera in cameras:
         camera.at_gain(low), camera.at_gain(high)
     return low if low == high else (low, high)
+
+
+def check_vehicle(vehicle: Vehicle, *, drives: bool) -> None:
+    """Raise ``TypeError`` for what is no vehicle, ``ValueError`` for one that is stated and does not drive."""
+    an_instance("vehicle", vehicle, Vehicle)
+    if not drives and vehicle != USUAL_VEHICLE:
+        raise ValueError("vehicle: goes with ego_kmh, at which it drives")
 
 
 def cameras_of(camera: Cameras) -> tuple[Camera, ...]:

@@ -136,6 +136,7 @@ def within(name: str) -> Interval:
 
 def limited_motion(name: str, motion_px: Tensor) -> None:
     """Raise ``ValueError`` unless every displacement is within the limit, or a rounding beyond it."""
-    most = LIMITS["displacement_px"].high
-    if not bool((motion_px.detach().abs() <= most * (1 + 1e-6)).all()):
-        raise ValueError(f"{name} = {shown(motion_px)}: must be finite and >= {-most:g} and <= {most:g}")
+    most, moved = LIMITS["displacement_px"].high, motion_px.detach()
+    if not bool((moved.abs() <= most * (1 + 1e-6)).all()):
+        longest = moved if moved.numel() <= 2 else moved.flatten()[moved.abs().argmax()]
+        raise ValueError(f"{name} = {shown(longest)}: must be finite and >= {-most:g} and <= {most:g}")

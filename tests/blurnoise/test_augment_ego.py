@@ -206,3 +206,15 @@ def test_functional_twin_refuses_them_too(given: dict[str, Any]) -> None:
         exposed(batch(2), **{"ego_kmh": 50.0, **given})
     with pytest.raises(TypeError, match="vehicle"):
         ExposureRanges(ego_kmh=50.0, vehicle=1.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ego", [{}, {"ego_kmh": 50.0}])
+@pytest.mark.parametrize("vehicle", [None, "x"])
+def test_pictures_refuse_what_is_no_vehicle(vehicle: Any, ego: Any) -> None:
+    with pytest.raises(TypeError, match="vehicle: must be"):
+        exposed(torch.rand(1, 3, 8, 8), vehicle=vehicle, **ego)
+
+
+def test_pictures_refuse_a_vehicle_that_does_not_drive() -> None:
+    with pytest.raises(ValueError, match="vehicle: goes with ego_kmh"):
+        exposed(torch.rand(1, 3, 8, 8), vehicle=Vehicle(height_m=2.0))

@@ -102,3 +102,21 @@ def test_half_precision_modules_draw_in_float32() -> None:
 def test_yes_is_no_number(name: str, value: bool) -> None:
     with pytest.raises(TypeError, match=f"{name} = .*True"):
         RandomExposure(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("number", [np.float32(5), np.int64(5), torch.tensor(5.0), np.array(5)])
+def test_any_real_number_is_a_range(number: Any) -> None:
+    ranges = ExposureRanges(illuminance_lux=number, gain_db=number)
+    assert (ranges.illuminance_lux, ranges.gain_db) == ((5.0, 5.0), 5.0)
+
+
+@pytest.mark.parametrize("name", ["illuminance_lux", "gain_db"])
+@pytest.mark.parametrize("value", [np.True_, torch.tensor(True), torch.tensor(1j), np.array([0, 3])])
+def test_what_is_no_number_is_no_range(name: Any, value: Any) -> None:
+    with pytest.raises(TypeError, match=f"{name} = .*: must be a number"):
+        ExposureRanges(**{name: value})
+
+
+def test_a_drive_too_far_is_told_by_speed_and_time() -> None:
+    with pytest.raises(ValueError, match=r"^ego_kmh, exposure_s = 50, 60 at most: [^\[]*$"):
+        ExposureRanges(ego_kmh=50, exposure_s=60.0)

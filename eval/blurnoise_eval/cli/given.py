@@ -376,6 +376,8 @@ def _by_class(name: str, stated: Iterable[str], wanted: str) -> dict[str, float]
     told = {}
     for text in stated:
         label, _, number = text.strip().rpartition("=")
+        if label in told:
+            raise ValueError(f"{name}: {label}: stated twice; must be once")
         try:
             told[label] = float(number)
         except ValueError:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core.checks import in_range, one_of
-from blurnoise._core.limits import limited
+from blurnoise._core.limits import LIMITS, limited
 from blurnoise.camera import Camera
 from blurnoise.driving import Vehicle
 from blurnoise.ego_motion import EgoMotion, range_of_depth_m
+from blurnoise.exposure import Exposure
 from blurnoise.motion import Lens
 
 MATTES = ("auto", "segmentation", "grabcut", "box")
@@ -58,7 +59,20 @@ class Crossing:
     def velocity_px_s(
         self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
     ) -> tuple[float, float]:
-        """Of an object in that box of a picture (H, W), x right and y down."""
+        """Of an object in that box of a picture (H, W), x right and y down. Raises ``ValueError`` beyond limits."""
+        x, y = self._velocity_px_s(box_xyxy, camera, size)
+        most = LIMITS["velocity_px_s"].high
+        if not max(abs(x), abs(y)) <= most:
+            raise ValueError(f"object-kmh = {self}: {max(abs(x), abs(y)):g} px/s, must be <= {most:g} px/s")
+        return x, y
+
+    def __str__(self) -> str:
+        far = ("m", self.away_m) if self.width_m is None else ("width-m", self.width_m)
+        return f"{self.kmh:g} with --object-{far[0]} = {far[1]:g}"
+
+    def _velocity_px_s(
+        self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
+    ) -> tuple[float, float]:
         x0, y0, x1, y1 = box_xyxy
         speed_m_s = self.kmh / 3.6
         if self.width_m is not None:
@@ -121,9 +135,22 @@ class Objects:
     def own_px_s(
         self, label: str, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
     ) -> tuple[float, float]:
-        """Velocity (x, y), px/s, of what is of a class that crosses, in that box of a picture (H, W); else 0."""
+        """Velocity (x, y), px/s, of what is of a class that crosses, in that box of a picture (H, W); else 0.
+
+        Raises ``ValueError`` naming the class where that is beyond the limit.
+        """
         crossing = self.by_class.get(label)
-        return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy, camera, size)
+        try:
+            return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy, camera, size)
+        except ValueError as error:
+            raise ValueError(f"object-kmh: {label}: {error}") from None
+
+    def check_crossing(self, label: str, own_px_s: tuple[float, float], taken: Exposure) -> None:
+        """Raise ``ValueError`` naming the class where one of that velocity moves too far during an exposure."""
+        try:
+            taken.of_targets(0.0, own_px_s)
+        except ValueError as error:
+            raise ValueError(f"object-kmh: {label}: object-kmh = {self.by_class[label]}: {error}") from None
 
     def stands(self, label: str) -> bool:
         """Whether what is of a class never moves."""

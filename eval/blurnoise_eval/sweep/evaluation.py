@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,6 +26,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
@@ -108,6 +110,7 @@ def evaluate(
     facts = {"command": command, **engine_facts(engine, threads)}
     if plan.cuts:
         datasets.check_cut(shown, plan.objects)
+    crossing = _crossing_px_s(shown, plan.objects, seen_by) if plan.cuts else {}
     path = None
     if plan.path is not None:  # a file may be too short, or need a focal length
         (stated_path, longest_s), readout_s = plan.path, seen_by.row_time_s * seen_by.height_px
@@ -116,10 +119,14 @@ def evaluate(
         path.window(-half_s, half_s)
     for at in plan.conditions():  # before a folder is made: not every figure goes with every camera's lens
         taken = replace(at.exposure(seen_by, vehicle=plan.ego), trajectory=path)
+        exposed = replace(
+            taken, exposure_s=plan.longest_s if "exposure_s" in at.automatic else taken.exposure_s
+        )
+        for label, own_px_s in crossing.items():
+            plan.objects.check_crossing(label, own_px_s, exposed)
         if taken.drives:
             height, width = seen_by.field.size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
-            exposed = replace(taken, exposure_s=plan.longest_s if at.automatic else taken.exposure_s)
             limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
     with begun_or_gone(folder.path), Store(folder.path, create=True) as store:
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
@@ -139,6 +146,19 @@ def evaluate(
         note_models(store, opened, shown)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
+
+
+def _crossing_px_s(shown: PictureSet, objects: Objects, camera: Camera) -> dict[str, tuple[float, float]]:
+    """Of each class that crosses the view its fastest target, in pictures as large as the camera's."""
+    fastest: dict[str, tuple[float, float]] = {}
+    for picture in shown if objects.crosses() else ():
+        for target in picture.targets or ():
+            if objects.crosses(target.label):
+                own = objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+                fastest[target.label] = max(
+                    fastest.get(target.label, own), own, key=lambda each: hypot(*each)
+                )
+    return fastest
 
 
 def _as_measured(store: Store, measured: Grouped) -> Grouped:

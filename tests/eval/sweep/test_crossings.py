@@ -119,6 +119,12 @@ def test_options_are_by_class() -> None:
         (["--object-kmh", "car=5,dog=6", "--object-width-m", "car=5,dog=0"], "object-kmh: dog: object-width-m = 0"),
         (["--object-kmh", "car=5", "--object-width-m", "car=5"], "object-kmh: car: no target is one"),
         (["--object-kmh", "a=5", "--object-width-m", "a=5", "--object-speed", "a=2"], "object-speed: a: has an"),
+        (["--object-kmh", "car=5,car=6", "--object-m", "car=5"], "--object-kmh: car: stated twice"),
+        (["--object-kmh", "a=5", "--object-m", "a=5", "--object-m", "a=6"], "--object-m: a: stated twice"),
+        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=1e-6"],
+         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 1e-06:"),
+        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=0.001", "--exposure-ms", "1000"],
+         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 0.001: displacement_px"),
         (["--object-kmh", "a=5", "--object-m", "a=5", "--hfov-deg", "0", "--lens", "rectilinear"], "hfov_deg = 0"),
     ],
 )  # fmt: skip
