@@ -276,11 +276,10 @@ _LIMIT_OF = {"blur_px": "displacement_px"}  # 0 is no blur: roads, which have th
 
 def _bounds(name: str, value: Range) -> tuple[float, float]:
     value = _plain(value)
-    if isinstance(value, Real):
-        value = (value, value)
-    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 2:
+    ends = (value, value) if isinstance(value, Real) else value
+    if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2:
         raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
-    first, last = (limited(name, _plain(each), _LIMIT_OF.get(name)) for each in value)
+    first, last = (limited(name, _plain(each), _LIMIT_OF.get(name)) for each in ends)
     if first < 0 and name == "blur_px":
         raise ValueError(f"blur_px = {shown(value)}: must be >= 0")
     if first > last:
