@@ -123,8 +123,8 @@ def test_options_are_by_class() -> None:
         (["--object-kmh", "a=5", "--object-m", "a=5", "--object-m", "a=6"], "--object-m: a: stated twice"),
         (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=1e-6"],
          "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 1e-06:"),
-        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=0.001", "--exposure-ms", "1000"],
-         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 0.001: displacement_px"),
+        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=0.002", "--exposure-ms", "1000"],
+         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 0.002: displacement_px"),
         (["--object-kmh", "a=5", "--object-m", "a=5", "--hfov-deg", "0", "--lens", "rectilinear"], "hfov_deg = 0"),
     ],
 )  # fmt: skip
