@@ -83,8 +83,8 @@ def or_auto(text: str | float) -> float:
     try:
         number = float(text)
     except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
+        number = math.inf
+    if math.isinf(number):
         raise ValueError(f"{text!r}: must be a number, or auto")
     return number
 

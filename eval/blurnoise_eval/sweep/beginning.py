@@ -31,7 +31,8 @@ def begun_or_gone(folder: Path) -> Iterator[None]:
                 if each.is_dir() and not each.is_symlink():
                     shutil.rmtree(each, ignore_errors=True)
                 else:
-                    each.unlink(missing_ok=True)
+                    with suppress(OSError):  # not there, or the folder is a file
+                        each.unlink()
             with suppress(OSError):  # not there, or somebody else's file is
                 for each in made:
                     each.rmdir()
