@@ -189,7 +189,7 @@ def test_boxes_follow_rows_of_a_rolling_shutter() -> None:
         ({"ego_kmh": 50.0, "moves": ("all", "targets")}, "moves"),
         ({"ego_kmh": 50.0, "moves": "background", "camera": "ar0237"}, "reads row by row"),
         ({"ego_kmh": 50.0, "camera": replace(CAMERA, row_time_s=1e-5, shutter="global-reset")}, "global reset"),
-        ({"ego_kmh": 300.0, "vehicle": Vehicle(height_m=1e-3), "exposure_s": 3.0}, "ego_kmh, exposure_s = 300, 3 at most"),
+        ({"ego_kmh": 300.0, "vehicle": Vehicle(height_m=1e-3), "exposure_s": 3.0}, "= 300, 3 at most"),
         ({"ego_kmh": 50.0, "camera": replace(CAMERA, hfov_deg=190.0), "vehicle": PINHOLE}, "hfov_deg"),
     ],
 )  # fmt: skip
