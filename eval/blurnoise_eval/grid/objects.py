@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -158,14 +159,12 @@ class Objects:
 
     def crosses(self, label: str | None = None) -> bool:
         """Whether a class, or any, crosses the view at a speed of its own."""
-        of = self.by_class
-        return any(
-            each.kmh for each in (of.values() if label is None else [of[label]] if label in of else ())
-        )
+        asked = self.by_class if label is None else {label} & self.by_class.keys()
+        return any(self.by_class[each].kmh for each in asked)
 
-    @property
+    @cached_property
     def by_class(self) -> dict[str, Crossing]:
-        """The crossings."""
+        """The crossings; asked for with every target of every frame."""
         return dict(self.crossings)  # type: ignore[arg-type]
 
     def to_dict(self) -> dict[str, Any]:

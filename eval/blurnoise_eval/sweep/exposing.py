@@ -29,7 +29,7 @@ from blurnoise.light import effects
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.stated_trajectory import StatedTrajectory
-from blurnoise_eval.datasets import Image, Picture, Target, UnreadablePicture, cut_out, eight_bit
+from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.matching import MoveBoxes, swept_within
@@ -78,6 +78,7 @@ class Scene:
         self.image8 = eight_bit(image)
         self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
+        self._crossing_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
@@ -108,27 +109,31 @@ class Scene:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
         if taken.moves == "all" or self._picture is None:
             return {}
-        crossing = {
-            place: self._own_px_s(target, taken.camera)
-            for place, target in enumerate(self._picture.targets or ())
-            if self.objects.crosses(target.label)
-        }
         return {
             place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
-            for place, own in crossing.items()
+            for place, own in self._crossing(taken.camera).items()
         }
 
     def _apart(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
 
-    def _own_px_s(self, target: Target, camera: Camera) -> tuple[float, float]:
-        size = (self.image8.shape[0], self.image8.shape[1])
-        return self.objects.own_px_s(target.label, target.box_xyxy, camera, size)
+    def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
+        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s; told once.
+
+        camera: of all exposures, but for figures of its lens that no speed needs.
+        """
+        if self._crossing_px_s is None:
+            size, every = self.image8.shape[:2], self._picture.targets if self._picture else None
+            self._crossing_px_s = {
+                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (size[0], size[1]))
+                for place, target in enumerate(every or ())
+                if self.objects.crosses(target.label)
+            }
+        return self._crossing_px_s
 
     def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
-        """Cut out once, whoever needs it first; layers with the targets that they are. camera: of all exposures, but
-        for figures of its lens that no speed needs."""
+        """Cut out once, whoever needs it first; layers with the targets that they are."""
         with self._lock:
             if self._cut is None:
                 if self._picture is None:
@@ -139,9 +144,9 @@ class Scene:
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
                 found = cut_out(self._picture, self.image8, light, self.objects, scale)
-                every = self._picture.targets or ()
-                own = [self._own_px_s(every[place], camera) for place in found.targets]
-                self._cut = CutScene(found.cut, found.speeds, own), found.targets
+                own = self._crossing(camera)
+                beside = [own.get(place, (0.0, 0.0)) for place in found.targets]
+                self._cut = CutScene(found.cut, found.speeds, beside), found.targets
             return self._cut
 
     def mean_light(self, camera: Camera) -> float:

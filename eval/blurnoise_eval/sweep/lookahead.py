@@ -11,10 +11,8 @@ from collections.abc import Hashable, Iterable, Iterator
 
 from blurnoise_eval.sweep.blocks import Block
 
-AHEAD, AHEAD_OF_WORKER = (
-    256,
-    16,
-)  # blocks that wait at most, about 2 kB each: at least so many, and so many for each
+AHEAD, AHEAD_OF_WORKER = 256, 16
+"""Blocks that wait at most, about 2 kB each: so many, and so many more for each worker."""
 
 
 class Lookahead:

@@ -46,7 +46,8 @@ def cell_result(
         middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
         own_px = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1)
         rows = [{**row, "blur_px": blur} for row, blur in zip(rows, own_px.tolist(), strict=True)]
-    rows = [{**row, "blur_px": frame.own_px.get(row["target_id"], row["blur_px"])} for row in rows]
+    if frame.own_px:
+        rows = [{**row, "blur_px": frame.own_px.get(row["target_id"], row["blur_px"])} for row in rows]
     invented = [row["invented_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {
