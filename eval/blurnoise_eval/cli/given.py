@@ -367,7 +367,8 @@ def objects(
         try:
             crossings[label] = Crossing(speed, wide.get(label), away.get(label), **seen_by)  # type: ignore[arg-type]
         except ValueError as error:
-            raise ValueError(f"object-kmh: {label}: {error}") from None
+            why = str(error).removeprefix("object-kmh: ")
+            raise ValueError(f"object-kmh: {label}: {why}") from None
     return Objects(mattes, told, None if plates is None else str(plates), boxes, crossings)
 
 

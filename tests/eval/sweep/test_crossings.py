@@ -113,7 +113,7 @@ def test_options_are_by_class() -> None:
     ("options", "told"),
     [
         (["--object-kmh", "car"], "object-kmh = 'car': must be CLASS=KMH"),
-        (["--object-kmh", "car=50"], "object-kmh: car: object-kmh: needs --object-m"),
+        (["--object-kmh", "car=50"], "object-kmh: car: needs --object-m"),
         (["--object-kmh", "car=50", "--object-m", "dog=5"], "dog: go with --object-kmh"),
         (["--object-kmh", "car=500", "--object-m", "car=5"], "object-kmh = 500"),
         (["--object-kmh", "car=5,dog=6", "--object-width-m", "car=5,dog=0"], "object-kmh: dog: object-width-m = 0"),
