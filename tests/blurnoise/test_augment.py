@@ -264,6 +264,7 @@ def test_developing_with_gradients_gives_the_tables_picture() -> None:
         torch.testing.assert_close(formula, develop(dn, camera, encoding=encoding), atol=2e-6, rtol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["eager", "aot_eager"])
 def test_compiled_models_may_begin_with_it(backend: str) -> None:
     torch.manual_seed(0)

@@ -116,6 +116,7 @@ def test_compiled_code_breaks_its_graph_at_the_simulator(chain: Callable[..., Te
         torch._dynamo.reset()
 
 
+@pytest.mark.slow
 def test_the_augmentations_parameters_say_all_in_compiled_code() -> None:
     picture = torch.rand(2, 3, 23, 31, generator=torch.Generator().manual_seed(3))
     augmentation = RandomExposure(CAMERA, p=1.0)

@@ -7,6 +7,7 @@ measured. Costs are ms of the driver's processor per cell; with threads they hol
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import resource
@@ -282,11 +283,13 @@ def _row(name: str, engine: Engine, workers: int, cell_s: float, seconds: float)
     count, started, spent = 0, 0.0, 0.0
     counted, wall_s, cpu_s = 0, 0.0, 0.0
     warm = 4 * workers
+    # Many blocks wait to be handed out; where each takes long, no more are made than fill the time.
+    most = warm + math.ceil(workers * (seconds / (CELLS * cell_s) + 2)) if cell_s else 1 << 30
 
-    def endless() -> Iterator[Block]:
-        yield from takewhile(lambda _: time.perf_counter() < until, made_blocks(1 << 30, cell_s))
+    def asked() -> Iterator[Block]:
+        yield from takewhile(lambda _: time.perf_counter() < until, made_blocks(most, cell_s))
 
-    with closing(engine.map(cast(Work, SleepingWork()), endless())) as answers:
+    with closing(engine.map(cast(Work, SleepingWork()), asked())) as answers:
         for _, answer in answers:
             if isinstance(answer, Exception):
                 raise answer

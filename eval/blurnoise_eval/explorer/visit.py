@@ -30,7 +30,7 @@ FIRST = ThreadPoolExecutor(2, thread_name_prefix="explorer-first")
 REST = ThreadPoolExecutor(2, thread_name_prefix="explorer-rest")
 """Smaller pictures wait for no full one."""
 _PICTURES = 6
-_REST_S = 0.08
+_REST_S = 0.15
 """A slider that has not moved for so long is taken to rest."""
 _TOLD = (ValueError, TypeError, OSError, MemoryError, RuntimeError)
 Curve = list[Stop]

@@ -74,14 +74,12 @@ def precision(
         places[number] = place_of[category]
     own = np.array([place_of.get(category, -1) for category in targets.categories], np.int64)
     of_target = own[targets.category] if len(own) else targets.category
-    counted = np.zeros((clusters, len(AREAS_PX2), max(len(place_of), 1)))
-    found = _matched(answers, cluster, places, targets, of_target, counted)
+    areas_px2, limits = (AREAS_PX2[:1], _LIMITS[:1]) if ap50_only else (AREAS_PX2, _LIMITS)
+    counted = np.zeros((clusters, len(areas_px2), max(len(place_of), 1)))
+    found = _matched(answers, cluster, places, targets, of_target, counted, (areas_px2, limits))
     order = np.lexsort((-found.score, found.category))
     parts: list[Any] = [part[..., order] for part in found]
     found = _Found(*parts)
-    if ap50_only:
-        counted = counted[:, :1]
-        found = found._replace(right=found.right[:1, :1], ignored=found.ignored[:1, :1])
     hits = np.zeros((clusters, found.right.shape[1], counted.shape[2]))
     for place in range(hits.shape[1]):
         here = found.right[0, place] & ~found.ignored[0, place]
@@ -110,8 +108,11 @@ def _matched(
     targets: Targets,
     of_target: NDArray[np.int64],
     counted: Array,
+    asked: tuple[Array, Array],
 ) -> _Found:
-    """Of all pictures; their targets, of the categories ``of_target``, are counted in ``counted``."""
+    """Of all pictures; their targets, of the categories ``of_target``, are counted in ``counted``. asked: areas and
+    IoUs."""
+    areas_px2, limits = asked
     picture = answers.picture
     known = places[np.minimum(answers.class_ids, len(places) - 1)]
     order = np.lexsort((known, picture))  # of each category the highest scores first
@@ -121,11 +122,11 @@ def _matched(
     category, picture = known[index], picture[index]
     boxes = answers.boxes_xyxy[index].astype(float)
     area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
-    outside = (area < AREAS_PX2[:, :1]) | (area > AREAS_PX2[:, 1:])
-    right = np.zeros((len(AREAS_PX2), len(IOUS), len(index)), bool)
-    ignored = np.repeat(outside[:, None], len(IOUS), axis=1)
+    outside = (area < areas_px2[:, :1]) | (area > areas_px2[:, 1:])
+    right = np.zeros((len(areas_px2), len(limits), len(index)), bool)
+    ignored = np.repeat(outside[:, None], len(limits), axis=1)
     sizes = targets.area_px2
-    aside = targets.crowd | (sizes < AREAS_PX2[:, :1]) | (sizes > AREAS_PX2[:, 1:])
+    aside = targets.crowd | (sizes < areas_px2[:, :1]) | (sizes > areas_px2[:, 1:])
     for line, of_area in enumerate(aside):
         here = ~of_area
         np.add.at(counted[:, line], (clusters[targets.picture[here]], of_target[here]), 1)
@@ -134,18 +135,18 @@ def _matched(
     detection, target = pairs(picture * many + category, target_key)
     sides = xywh(boxes)
     shared = paired_overlaps(sides[detection], targets.boxes_xywh[target], targets.crowd[target])
-    near = shared >= _LIMITS[0]
+    near = shared >= limits[0]
     detection, target, shared = detection[near], target[near], shared[near]
     choice = with_a_choice(target_key[target], detection)
     alone = ~choice
-    enough = shared[alone, None] >= _LIMITS
+    enough = shared[alone, None] >= limits
     own = enough & (targets.crowd[target[alone], None] | first_of(target[alone], enough))
     _note(right, ignored, detection[alone], own.T, own.T & aside[:, None, target[alone]])
     for number in np.unique(target_key[target[choice]]).tolist():
         rivals = np.flatnonzero(target_key == number)
         rows = np.unique(detection[target_key[target] == number])
         table = overlaps(boxes[rows], targets.boxes_xywh[rivals], targets.crowd[rivals])
-        taken, beside = _pairs(table, targets.crowd[rivals], aside[:, rivals])
+        taken, beside = _pairs(table, targets.crowd[rivals], aside[:, rivals], limits)
         _note(right, ignored, rows, taken, beside)
     return _Found(
         answers.scores[index].astype(float), category, clusters[picture].astype(np.int64), right, ignored
@@ -164,18 +165,18 @@ def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.arange(len(ordered)) - np.repeat(starts, np.diff(starts, append=len(ordered)))
 
 
-def _pairs(shared: Array, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
+def _pairs(shared: Array, crowd: Flags, aside: Flags, limits: Array) -> tuple[Flags, Flags]:
     """Which detections answer for a target, and for one set aside, both (areas, IoUs, detections).
 
-    shared: overlaps (detections, targets), highest score first. aside: (areas, targets).
+    shared: overlaps (detections, targets), highest score first. aside: (areas, targets). limits: IoUs.
     """
-    taken = np.zeros((len(aside), len(_LIMITS), len(shared)), bool)
+    taken = np.zeros((len(aside), len(limits), len(shared)), bool)
     beside = np.zeros_like(taken)
     for area, of_area in enumerate(aside):
         order = np.argsort(of_area, kind="stable")
         table = shared[:, order].tolist()
         set_aside, many = of_area[order].tolist(), crowd[order].tolist()
-        for place, limit in enumerate(_LIMITS.tolist()):
+        for place, limit in enumerate(limits.tolist()):
             free = [True] * len(order)
             for index, row in enumerate(table):
                 best, chosen = limit, -1

@@ -22,7 +22,7 @@ MERGES = "\n".join(
     [
         ("a.yaml", LAUGHS, "more than 16 aliases"),
         ("a.yaml", MERGES, "more than 16 aliases"),
-        ("a.yaml", "[" * 100_000, "nested too deeply"),
+        pytest.param("a.yaml", "[" * 100_000, "nested too deeply", marks=pytest.mark.slow),
         ("a.yaml", "a: " * 100_000, "mapping values are not allowed here"),
         ("a.yaml", "a: !!int ''", "index out of range"),
         ("a.yaml", "a: " + "1" * 5000, "integer string conversion"),

@@ -46,6 +46,7 @@ def test_a_worker_ends_with_its_parent(tmp_path: Path, how: signal.Signals, busy
     assert parent.returncode == -how
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_a_worker_leaves_interrupts_to_its_parent() -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), end_with_parent) as pool:

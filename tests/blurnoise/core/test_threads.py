@@ -44,6 +44,7 @@ def test_the_first_error_is_raised_after_all_have_ended() -> None:
     assert sorted(done) == [0, 2, 3, 4, 5]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
 def test_a_forked_process_has_threads_of_its_own() -> None:
     code = (

@@ -123,6 +123,7 @@ def test_what_is_small_is_left_out() -> None:
     assert torch.equal(auto, simulate(picture(), CAMERA, **frames))
 
 
+@pytest.mark.slow
 def test_field_curvature_adds_to_defocus() -> None:
     """In the centre the disc of the camera, in the corner 0: curvature may bring the corners into focus."""
     camera = of(Lens(field_curvature_px=-1.5), defocus_radius_px=1.5)
@@ -192,6 +193,7 @@ def test_pictures_of_few_pixels(size: tuple[int, int], kind: torch.dtype) -> Non
     assert torch.isfinite(seen).all()
 
 
+@pytest.mark.slow
 def test_batches_are_their_pictures_and_gradients_reach_them() -> None:
     images = torch.rand(3, 3, 21, 33, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     frames: dict[str, Any] = {"noise": False, "quantised": False, **LIT}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import shutil
@@ -132,6 +133,7 @@ def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
     expected = [path.read_bytes() for path in write_exports(store, tmp_path)[:2]]
     store.__exit__(None, None, None)
     monkeypatch.setattr(exports, "MOST_JSON", 10)
+    monkeypatch.setattr(exports, "_has_arrow", lambda: False)
     if alone:
         monkeypatch.setattr(exports, "write_exports", lambda *_: pytest.fail("written here"))
     else:
@@ -144,3 +146,28 @@ def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
     assert not list(output.glob(".*"))
     with Store(tmp_path) as again:
         assert again.about("kept") == [1]
+
+
+def test_tables_of_large_runs_hold_the_same_values(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Written by pyarrow: every number to its last bit, and texts with what CSV must not mistake."""
+    names = ("results.csv", "targets.csv")
+    write_exports(store)
+    before = [(tmp_path / name).read_bytes() for name in names]
+    expected = [list(csv.DictReader((tmp_path / name).open(newline="", encoding="utf-8"))) for name in names]
+    monkeypatch.setattr(exports, "MOST_JSON", 10)
+    write_exports(store)
+    for name, rows, bytes_before in zip(names, expected, before, strict=True):
+        assert (tmp_path / name).read_bytes() != bytes_before
+        found = list(csv.DictReader((tmp_path / name).open(newline="", encoding="utf-8")))
+        assert [{at: _number(value) for at, value in row.items()} for row in found] == [
+            {at: _number(value) for at, value in row.items()} for row in rows
+        ]
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -194,6 +194,7 @@ def test_a_bright_side_quieter_than_the_dark_one_is_suspected() -> None:
     assert measured(louder).flags == frozenset()
 
 
+@pytest.mark.slow
 def test_flags_are_rare_where_nothing_is_wrong() -> None:
     """Of 100 noisy edges of 6 px of motion at CNR 20, one may be flagged."""
     images = closed_edge(100, 100, sigma_px=0.3, motion_px=(6.0, 0.0)) + noise((100, 1, 100, 100), 0.035)
