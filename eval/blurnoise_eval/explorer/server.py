@@ -14,6 +14,7 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from nicegui import ui
 
+from blurnoise._core.compiled_ways import compiled_ways
 from blurnoise_eval.explorer.page import Page
 from blurnoise_eval.explorer.shelf import Shelf, held
 from blurnoise_eval.explorer.state import State
@@ -48,7 +49,8 @@ def serve(
     if browser:
         webbrowser.open(f"{url}{f'?{query}' if query else ''}")
     try:
-        uvicorn.Server(config).run(sockets=[listening])
+        with compiled_ways("never"):  # loading them would hold up a slider for seconds
+            uvicorn.Server(config).run(sockets=[listening])
     finally:
         listening.close()
         shelf.close()
