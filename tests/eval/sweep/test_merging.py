@@ -15,10 +15,12 @@ from blurnoise_eval import datasets
 from blurnoise_eval.cli import main
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.parts import Part
+from blurnoise_eval.store.exports import exported_meanwhile
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import INSTANCES
 from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.sweep.run_folder import write_tables
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.storage import location, put_file
 from blurnoise_eval.system.transport import system_of
@@ -36,10 +38,15 @@ def signs(count: int = 6) -> datasets.PictureSet:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
-    evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1).report()
+    tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1))
     for part in ("1/2", "2/2"):
         evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part)
     return folder
+
+
+def tables(run: Evaluation) -> None:
+    with exported_meanwhile(run.folder, run.output):
+        write_tables(run.data, run.output)
 
 
 def table(folder: Path, name: str) -> pd.DataFrame:
@@ -54,7 +61,7 @@ def test_run_of_parts_is_that_of_the_whole(runs: Path, order: str, tmp_path: Pat
     """Rows, scores, curves and answers, in whatever order and however often they are given."""
     done = merge([runs / part for part in order], tmp_path / "run")
     assert done == (30, 6, 0)
-    Evaluation(tmp_path / "run").report()
+    tables(Evaluation(tmp_path / "run"))
     for name in ("results.csv", "targets.csv", "scores.csv", "answers.csv", "curves.csv", "models.csv"):
         found, expected = table(tmp_path / "run", name), table(runs / "whole", name)
         pd.testing.assert_frame_equal(found, expected, check_exact=False, rtol=1e-12)
