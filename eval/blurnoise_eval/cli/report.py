@@ -109,7 +109,7 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet:
     for each in done.summary["withheld"]:
         say(f"withheld: {each['model']}, {each['group']}: next to nothing is known in the untouched pictures")
     print_models(done.models)
-    took = f" in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
+    took = f" computed in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
     if done.data.manifest["json_left_out"]:
         say("results.json is left out of a run of this size; results.csv has its rows")

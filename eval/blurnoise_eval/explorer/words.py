@@ -27,7 +27,8 @@ def verdict(seen: Seen) -> str:
     kind = "" if hits == of else ' class="no"'
     verb = " found" if of > 1 else ""
     spread = f", {min(rows):.2f} to {max(rows):.2f}" if of > 1 else ""
-    return f"<b{kind}>{what}{verb}</b> at confidence {held:.2f}{spread}."
+    enough = "" if hits == of else f"; enough is {threshold:.2f}"
+    return f"<b{kind}>{what}{verb}</b> at confidence {held:.2f}{spread}{enough}."
 
 
 def instead(seen: Seen) -> str:
@@ -42,7 +43,10 @@ def window(curve: Curve, along: Control, at: float, threshold: float) -> str:
     kept = works(curve, threshold, at)
     what = along.title
     if kept is None:
-        return f"No {what.lower()} brings the mean to {threshold:.2f} here."
+        tried = [stop for stop in curve if stop.mean is not None]
+        best = max(tried, key=lambda stop: stop.mean or 0.0, default=None)
+        told = f" (highest {best.mean:.2f}, at {along.text(best.value)})" if best else ""
+        return f"None of the {len(tried)} tried along {what.lower()} brings the mean to {threshold:.2f} here{told}."
     if along.choices:
         good = [along.choices[int(stop.value)] for stop in curve if (stop.mean or 0.0) >= threshold]
         return f"The mean stays at {threshold:.2f} or above with {what.lower()}: {', '.join(good)}."

@@ -41,7 +41,10 @@ def questions(data: RunData, answers: Sequence[Answer], rows: Sequence[Row]) -> 
     if not best:
         return
     every = len(asked) > 1 and len(asked) == len(best)
-    yield "Which exposure?", _per_setting(data, {each: EXPOSURE.text(at) for each, at in best.items()}, every)
+    some = {data.settings.of(answer) for answer in answers if answer["verdict"] != NONE_WORKS}
+    texts = {each: EXPOSURE.text(at) if each in some else "none" for each, at in best.items()}
+    yield "Which exposure?", _per_setting(data, texts, every)
+    best = {each: at for each, at in best.items() if each in some}
     gains = {each: gain for each, at in best.items() if (gain := gain_at(data, each, at)) is not None}
     if gains:
         told = _per_setting(

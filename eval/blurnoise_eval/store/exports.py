@@ -44,7 +44,8 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
     for name, table in (("results.csv", "cells"), ("targets.csv", "targets")):
         rows = _rows(store, table, clean="CASE WHEN {} THEN 'True' ELSE 'False' END")
         quick = not has_json(store) and _has_arrow()
-        write_whole(folder / name, (_arrow_csv if quick else _csv)(list(store.columns(table)), rows))
+        parts = _arrow_csv(store, table, rows) if quick else _csv(list(store.columns(table)), rows)
+        write_whole(folder / name, parts)
         written.append(folder / name)
     if has_json(store):
         names = list(store.columns("cells"))
@@ -195,26 +196,29 @@ def _csv(columns: Sequence[str], blocks: Iterator[list[Row]]) -> Iterator[bytes]
     yield text.getvalue().encode("utf-8")
 
 
-def _arrow_csv(columns: Sequence[str], blocks: Iterator[list[Row]]) -> Iterator[bytes]:
-    """As :func:`_csv`, in a sixth of its time: the same values, texts in quotes, whole numbers without ".0"."""
+def _arrow_csv(store: Store, table: str, blocks: Iterator[list[Row]]) -> Iterator[bytes]:
+    """As :func:`_csv`, in a sixth of its time: the same values, texts in quotes, whole numbers without ".0", and
+    lines that end as on Unix."""
     import pyarrow as pa
     from pyarrow.csv import WriteOptions, write_csv
 
-    yield from _csv(columns, iter(()))
+    types = {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}
+    kinds = store.columns(table)
+    automatic = queries.infinite_somewhere(store, table, [name for name in kinds if kinds[name] == "REAL"])
+    texts = {"clean", *CHOICES, *automatic}
+    schema = pa.schema(
+        [(name, pa.string() if name in texts else types[kind]) for name, kind in kinds.items()]
+    )
+    plain = WriteOptions(include_header=False)
+    yield f"{','.join(kinds)}\n".encode()
     for rows in blocks:
         part = io.BytesIO()
-        values = [_arrow_column(column) for column in zip(*rows, strict=True)]
-        write_csv(pa.record_batch(values, names=columns), part, WriteOptions(include_header=False))
+        columns = dict(zip(kinds, zip(*rows, strict=True), strict=True))
+        for name in automatic:
+            columns[name] = tuple(None if each is None else str(each) for each in columns[name])
+        values = [pa.array(column, schema.field(name).type) for name, column in columns.items()]
+        write_csv(pa.record_batch(values, schema=schema), part, plain)
         yield part.getvalue()
-
-
-def _arrow_column(values: Sequence[Any]) -> Any:
-    import pyarrow as pa
-
-    try:
-        return pa.array(values)
-    except pa.ArrowInvalid:  # numbers and "auto"
-        return pa.array([None if value is None else str(value) for value in values])
 
 
 def _has_arrow() -> bool:

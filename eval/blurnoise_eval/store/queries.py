@@ -5,6 +5,7 @@ Rows come as the store gives them: a dictionary each, keyed by column, one at a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -158,6 +159,12 @@ def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[t
     """What is ``asked`` of every row of "cells" or "targets", in the order of pictures and conditions."""
     tables, order = _IN_ORDER[table]
     return store.tuples(f"SELECT {', '.join(asked)} FROM {tables} ORDER BY {order}")
+
+
+def infinite_somewhere(store: Store, table: str, columns: Sequence[str]) -> list[str]:
+    """Those of the columns of numbers, some, in which any row of "cells" or "targets" has infinity."""
+    (found,) = store.rows(f"SELECT {', '.join(f'MAX({name}) AS {name}' for name in columns)} FROM {table}")
+    return [name for name in columns if found[name] == math.inf]
 
 
 def rows_of_pictures(

@@ -1,7 +1,8 @@
 """Progress of long work: what is done, how far it is, how fast, when it will end.
 
 On a terminal it is a line that changes. Elsewhere it is a line of standard error after 10 s and then ever more
-rarely, down to one a minute, so that a log says how a night's work goes on; what takes less than 10 s says nothing.
+rarely, down to one a minute, so that a log says how a night's work goes on; what takes less than 10 s says nothing,
+unless with what went right before it takes longer.
 """
 
 from __future__ import annotations
@@ -32,24 +33,32 @@ class Advance:
 class ProgressBar(Advance):
     """Progress of ``total`` steps, on standard error. Inside: what advances it."""
 
+    _spoken, _ended = (
+        0.0,
+        float("-inf"),
+    )  # of any: the last line, or the beginning of those without one; the end
+
     def __init__(self, label: str, total: float) -> None:
         from rich.live import Live
 
         self._label, self._total, self._done, self._note = plain(label), total, 0.0, ""
-        self._began = self._said = monotonic()
+        self._began = monotonic()
         console = plain_console(error=True)
         self._bar = console.width >= WITH_BAR
         live = Live(get_renderable=self._drawn, console=console, refresh_per_second=5)
         self._live = live if console.is_terminal else None
 
     def __enter__(self) -> Advance:
-        self._began = self._said = monotonic()
+        self._began = monotonic()
+        if abs(self._began - ProgressBar._ended) > FIRST_S:
+            ProgressBar._spoken = self._began
         if self._live:
             self._live.start()
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        took = monotonic() - self._began
+        ProgressBar._ended = monotonic()
+        took = ProgressBar._ended - self._began
         if self._live:
             self._live.stop()
         elif took >= FIRST_S:
@@ -60,8 +69,7 @@ class ProgressBar(Advance):
         self._done += done
         now = monotonic()
         pause = min(max(FIRST_S, (now - self._began) / 5), RAREST_S)
-        if not self._live and now - self._said >= pause and self._done < self._total:
-            self._said = now
+        if not self._live and now - ProgressBar._spoken >= pause and self._done < self._total:
             self._say(self._how())
 
     def note(self, text: str) -> None:
@@ -82,6 +90,7 @@ class ProgressBar(Advance):
         return f"{self._label}: {self._done:.0f} of {self._total:.0f}"
 
     def _say(self, how: str) -> None:
+        ProgressBar._spoken = monotonic()
         say(f"{self._far()}, {how}{self._note}", error=True)
         sys.stderr.flush()
 

@@ -68,7 +68,10 @@ def test_a_strip_has_a_dot_for_each_value_that_was_had() -> None:
         ((0.9, 0.9, 0.9), "Exposure: the mean stays at 0.60 or above anywhere along the strip."),
         ((0.1, 0.9, 0.1), "Exposure: the mean stays at 0.60 or above from about 9.5 to 9.5 ms, not here."),
         ((0.9, 0.9, 0.1), "Exposure: the mean stays at 0.60 or above up to about 9.5 ms, not here."),
-        ((0.1, 0.2, 0.1), "No exposure brings the mean to 0.60 here."),
+        (
+            (0.1, 0.2, 0.1),
+            "None of the 3 tried along exposure brings the mean to 0.60 here (highest 0.20, at 9.49 ms).",
+        ),
     ],
 )
 def test_the_sentence_of_a_strip(held: tuple[float, ...], told: str) -> None:

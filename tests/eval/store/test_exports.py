@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.store import exports
+from blurnoise_eval.store import store as store_module
 from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.store import Store
 from stored_rows import clean_result, result
@@ -148,22 +149,29 @@ def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
         assert again.about("kept") == [1]
 
 
+@pytest.mark.parametrize("rows_at_once", [1, 3, 20_000])
 def test_tables_of_large_runs_hold_the_same_values(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows_at_once: int
 ) -> None:
-    """Written by pyarrow: every number to its last bit, and texts with what CSV must not mistake."""
+    """Written by pyarrow: every number to its last bit, and texts with what CSV must not mistake, wherever a block
+    begins; of one kind in a whole column, with one kind of line ends."""
     names = ("results.csv", "targets.csv")
+    monkeypatch.setattr(store_module, "_AT_ONCE", rows_at_once)
     write_exports(store)
     before = [(tmp_path / name).read_bytes() for name in names]
     expected = [list(csv.DictReader((tmp_path / name).open(newline="", encoding="utf-8"))) for name in names]
     monkeypatch.setattr(exports, "MOST_JSON", 10)
     write_exports(store)
     for name, rows, bytes_before in zip(names, expected, before, strict=True):
-        assert (tmp_path / name).read_bytes() != bytes_before
+        bytes_now = (tmp_path / name).read_bytes()
+        assert bytes_now != bytes_before
+        assert b"\r\n" not in bytes_now
         found = list(csv.DictReader((tmp_path / name).open(newline="", encoding="utf-8")))
         assert [{at: _number(value) for at, value in row.items()} for row in found] == [
             {at: _number(value) for at, value in row.items()} for row in rows
         ]
+    gains = pd.read_csv(tmp_path / "results.csv")["gain_db"].dropna().unique().tolist()
+    assert sorted(gains) == ["0.0", "auto"]
 
 
 def _number(text: str) -> float | str:

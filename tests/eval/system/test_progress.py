@@ -42,6 +42,25 @@ def test_long_work_says_how_far_it_is_and_when_it_ends(
     assert len(lines) < 16
 
 
+def test_short_works_one_after_the_other_are_told_as_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    now = [1000.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    for label in ("sweep", "score", "draw"):
+        with ProgressBar(label, 10) as advance:
+            for _ in range(10):
+                now[0] += 0.7
+                advance(1)
+        now[0] += 1.0
+    assert capsys.readouterr().err.splitlines() == [
+        "score: 3 of 10, 30 %, 1.43/s, 5 s left",
+        "draw: 6 of 10, 60 %, 1.43/s, 3 s left",
+    ]
+    now[0] += 60.0
+    assert told(monkeypatch, capsys, 9, 1.0) == []
+
+
 def test_a_night_is_told_once_a_minute(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
     assert 470 < len(told(monkeypatch, capsys, 8 * 3600, 1.0)) < 490
 
