@@ -36,6 +36,8 @@ def test_one_combination_is_answered_with_its_interval(tmp_path: Path) -> None:
         "No tested exposure keeps 0.6 of its confidence. "
         "Best is 4 ms: keeps 0.47 (0.41–0.51) of its confidence, limited by motion blur and noise.",
     )
+    assert _questions(weak)["Which exposure?"] == "none"
+    assert "Which gain?" not in _questions(weak)
     few = _kept(made_run(tmp_path, n_examples=0, interval=False, **ONE))
     assert opening(few).sentences == (
         "Best is 4 ms: keeps 0.88 of its confidence. "
