@@ -8,7 +8,6 @@ text and infinity in Parquet, whose columns have one type each. What is not know
 from __future__ import annotations
 
 import csv
-import importlib.util
 import io
 import shutil
 import subprocess
@@ -222,4 +221,8 @@ def _arrow_csv(store: Store, table: str, blocks: Iterator[list[Row]]) -> Iterato
 
 
 def _has_arrow() -> bool:
-    return importlib.util.find_spec("pyarrow") is not None
+    try:
+        check_parquet()
+    except ValueError:
+        return False
+    return True
