@@ -38,6 +38,7 @@ from blurnoise_eval.cli._errors import in_a_line, usage
 from blurnoise_eval.cli._help import HELP_NAMES, Command, Program, described
 from blurnoise_eval.system.layout import PROSE
 from blurnoise_eval.system.machine import is_out_of_memory
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, width
 
 COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
@@ -88,6 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = _with_ocr_method(_named(sys.argv[1:] if arguments is None else arguments))
     _complete_two_words()
     accept_all_text()
+    ProgressBar.command_begins()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():

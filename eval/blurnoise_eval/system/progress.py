@@ -72,6 +72,11 @@ class ProgressBar(Advance):
         if not self._live and now - ProgressBar._spoken >= pause and self._done < self._total:
             self._say(self._how())
 
+    @classmethod
+    def command_begins(cls) -> None:
+        """What was worked on before has nothing to do with what comes."""
+        cls._ended = float("-inf")
+
     def note(self, text: str) -> None:
         """Say this at the end of the line."""
         self._note = f"; {plain(text)}"
