@@ -77,7 +77,7 @@ class Command(_Described, TyperCommand):
         if others:
             with _section(formatter, f"More, explained by 'blurnoise {ctx.info_name} --help-all'"):
                 for title, names in others.items():
-                    text = f"{title.partition(',')[0].partition(' (')[0]}: {', '.join(names)}"
+                    text = f"{re.split('[,;]| [(]', title)[0]}: {', '.join(names)}"
                     formatter.write("".join(f"{line}\n" for line in paragraph(text, formatter.width, 2, 6)))
 
 
