@@ -7,6 +7,8 @@ criterion's unit.
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -140,8 +142,9 @@ _SPARE = 2**0.5  # beyond the conditions that a search asks for, half a stop apa
 def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
     """The gain that was applied in a setting at an exposure, mean over pictures, dB.
 
-    Between tested exposures it is straight over their logarithm; None where it is not known, or beyond them. A search
-    takes few pictures in each light; its gains follow from light times exposure, whatever the light.
+    Between tested exposures it is straight over their logarithm, and where it ends at 0 dB, falls by 20 dB a decade
+    until it is there; None where it is not known, or beyond them. A search takes few pictures in each light; its gains
+    follow from light times exposure, whatever the light.
     """
     place = data.settings.axes.index(LIGHT)
     rest = setting[:place] + setting[place + 1 :]
@@ -157,6 +160,10 @@ def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
     spare = _SPARE if data.searched else 1.0
     if not tested or not tested[0] / spare <= exposure_s <= tested[-1] * spare:
         return None
+    after = bisect_right(tested, exposure_s)
+    if 0 < after < len(tested) and known[tested[after]] == 0 < known[tested[after - 1]]:
+        fallen = 20 * math.log10(exposure_s / tested[after - 1])
+        return max(0.0, known[tested[after - 1]] - fallen)
     return float(np.interp(np.log(exposure_s), np.log(tested), [known[each] for each in tested]))
 
 

@@ -144,10 +144,9 @@ def _write_part(store: Store, table: str, model: str, pictures: Sequence[str], p
     import pyarrow as pa
     from pyarrow import parquet
 
-    kinds = {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}
     columns = {name: kind for name, kind in store.columns(table).items() if name != "model"}
     own = {"clean": pa.bool_(), **dict.fromkeys(CHOICES, pa.string())}
-    schema = pa.schema([(name, own.get(name, kinds[kind])) for name, kind in columns.items()])
+    schema = pa.schema([(name, own.get(name, _arrow_kind(kind))) for name, kind in columns.items()])
     of = queries.OF[table]
     asked = [_named(name, of, f'{of}."{name}"') for name in columns]
     with parquet.ParquetWriter(path, schema) as writer:
@@ -201,12 +200,11 @@ def _arrow_csv(store: Store, table: str, blocks: Iterator[list[Row]]) -> Iterato
     import pyarrow as pa
     from pyarrow.csv import WriteOptions, write_csv
 
-    types = {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}
     kinds = store.columns(table)
     automatic = queries.infinite_somewhere(store, table, [name for name in kinds if kinds[name] == "REAL"])
     texts = {"clean", *CHOICES, *automatic}
     schema = pa.schema(
-        [(name, pa.string() if name in texts else types[kind]) for name, kind in kinds.items()]
+        [(name, pa.string() if name in texts else _arrow_kind(kind)) for name, kind in kinds.items()]
     )
     plain = WriteOptions(include_header=False)
     yield f"{','.join(kinds)}\n".encode()
@@ -218,6 +216,13 @@ def _arrow_csv(store: Store, table: str, blocks: Iterator[list[Row]]) -> Iterato
         values = [pa.array(column, schema.field(name).type) for name, column in columns.items()]
         write_csv(pa.record_batch(values, schema=schema), part, plain)
         yield part.getvalue()
+
+
+def _arrow_kind(kind: str) -> Any:
+    """Arrow's type for one of SQLite's."""
+    import pyarrow as pa
+
+    return {"TEXT": pa.string(), "INTEGER": pa.int64(), "REAL": pa.float64()}[kind]
 
 
 def _has_arrow() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -271,6 +272,23 @@ def test_the_gain_is_that_applied_and_none_beyond_what_was_tested(tmp_path: Path
     assert gain_at(data, (200.0,), 0.1) is None
     assert gain_at(data, (10.0,), 0.001) == 6.0
     assert _questions(data)["Which gain?"] == "6 dB at 10 lux, 12 dB at 200 lux"
+
+
+def test_a_gain_that_ends_falls_as_the_light_grows_and_stays_at_0(tmp_path: Path) -> None:
+    """18 dB are gone after 0.9 decades, wherever the next tested exposure lies; a straight line has 0.6 dB left."""
+    data = made_run(tmp_path, n_examples=0)
+    at = {**next(row for row in data.scores if not row["clean"]), "applied_gain_db": None}
+    data.manifest["searched"] = ["by a search"]
+    gains = {0.177: 18.0, 2.83: 0.0, 8.0: 0.0}
+    data.manifest["taken"] = [
+        {**at, "illuminance_lux": 100.0, "exposure_s": lux_s / 100, "applied_gain_db": gain}
+        for lux_s, gain in gains.items()
+    ]
+    (lux, *_) = sorted({row["illuminance_lux"] for row in data.answers})
+    assert gain_at(data, (lux,), 0.177 / lux) == pytest.approx(18.0)
+    assert gain_at(data, (lux,), 0.354 / lux) == pytest.approx(18.0 - 20 * math.log10(2))
+    assert gain_at(data, (lux,), 2.5 / lux) == 0.0
+    assert gain_at(data, (lux,), 5.0 / lux) == 0.0
 
 
 def test_gains_of_a_search_follow_light_times_exposure(tmp_path: Path) -> None:
