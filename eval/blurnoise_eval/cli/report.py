@@ -105,9 +105,12 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet:
         say_json(done.summary)
         return
     print_opening(done.data)
-    say(*first)
+    for line in first:
+        say_wrapped(line)
     for each in done.summary["withheld"]:
-        say(f"withheld: {each['model']}, {each['group']}: next to nothing is known in the untouched pictures")
+        say_wrapped(
+            f"withheld: {each['model']}, {each['group']}: next to nothing is known in the untouched pictures"
+        )
     print_models(done.models)
     took = f" computed in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
     say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")

@@ -143,8 +143,8 @@ def gain_at(data: RunData, setting: Setting, exposure_s: float) -> float | None:
     """The gain that was applied in a setting at an exposure, mean over pictures, dB.
 
     Between tested exposures it is straight over their logarithm, and where it ends at 0 dB, falls by 20 dB a decade
-    until it is there; None where it is not known, or beyond them. A search takes few pictures in each light; its gains
-    follow from light times exposure, whatever the light.
+    until it is there; None where it is not known, or beyond them. A search takes few pictures in each light; its
+    gains follow from light times exposure, whatever the light.
     """
     place = data.settings.axes.index(LIGHT)
     rest = setting[:place] + setting[place + 1 :]
