@@ -181,7 +181,7 @@ def _choose(
                 f"displacement_px = {(dx, dy)}: method {method!r} takes at most {_LONGEST_KERNEL_PX} px"
             )
         return Choice(method, "asked for")
-    left_out = transfer.motion_error(math.hypot(dx, dy)) + optics.error
+    left_out = transfer.motion_error(dx, dy) + optics.error
     reach = fourier.reach((dx, dy), optics, every_axis=moving)
     nothing = not any(reach) or (method == "auto" and left_out <= NEGLIGIBLE and not moving)
     if method == "none" or nothing:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -23,6 +22,7 @@ from annotated_types import Ge, Le
 from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
+from blurnoise._core.files import write_whole
 from blurnoise._core.validation import Text, check_fields
 from blurnoise.capture import Capture
 from blurnoise.colour import FilterCurves, marked
@@ -111,15 +111,7 @@ def write(path: Path, values: Mapping[str, object]) -> None:
         text = json.dumps(values, indent=1, ensure_ascii=False) + "\n"
     else:
         text = _HEAD + yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=110)
-    unfinished = path.with_name(f".{path.name}.partial")
-    try:
-        unfinished.write_text(text, encoding="utf-8")
-        unfinished.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        with suppress(OSError):
-            unfinished.unlink()
+    write_whole(path, text.encode("utf-8"))
 
 
 def within(where: str, error: Exception) -> Exception:

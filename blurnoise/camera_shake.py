@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, positive, shown
+from blurnoise._core.files import read_text
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.trajectory import Trajectory
@@ -142,7 +143,7 @@ def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AX
     in rows, in the unit's. Rates are linear between readings; what is faster than half their rate is not in them.
     Raises ``OSError``, or ``ValueError`` naming the file and what is wrong in it.
     """
-    return from_text(Path(path).read_text(encoding="utf-8-sig"), str(path), focal_px=focal_px, axes=axes)
+    return from_text(read_text(Path(path)), str(path), focal_px=focal_px, axes=axes)
 
 
 def from_text(content: str, name: str, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:

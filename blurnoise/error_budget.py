@@ -97,7 +97,7 @@ def plan(
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
     the module. displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels
-    is another, 0.198 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
+    is another, 0.484 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
     displacement and share of the picture (:func:`blurnoise.layers.passing`); the other arguments as in
     :func:`blurnoise.simulate`, for one picture. size: (H, W) of that, by default the sensor's, in what is told.
     Raises ``ValueError`` that names the argument.
@@ -174,6 +174,8 @@ def _left_out(
         (stay | dithers, 0.0),
         (stay | spreading, 0.0),
     ):
+        if rounding_dn2 and rounding_dn2 >= budget_dn2:
+            continue
         left_out, spent_dn2 = set[str](), rounding_dn2
         unseen_dn2 = 0.0
         for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
@@ -186,7 +188,7 @@ def _left_out(
         spread_dn2 = sum(bounds[name] ** 2 for name in left_out & spreading)
         if dithers - left_out or spread_dn2 <= invisible_dn2:
             return left_out, 0.0
-        if rounding_dn2 and rounding_dn2 < budget_dn2:
+        if rounding_dn2:
             return left_out, rounding_dn2
     return left_out, 0.0
 

@@ -7,6 +7,7 @@ displayed, 0 to the right.
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ Cameras = Camera | str | Sequence[Camera | str]
 Params = dict[str, Tensor]
 Gain = Range | Literal["auto"] | AutoExposure
 """dB, or what auto-exposure sets for the exposure at hand."""
+LONGEST_USUAL_S = 1.0
+"""Beyond it an exposure is taken for one in milliseconds, and warned about."""
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """What every picture has a value of."""
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
@@ -95,7 +98,8 @@ class ExposureRanges(Draws):
     each place of a picture otherwise, by the focal length of its camera and its size; the picture is all that the
     camera sees. It goes without a shake and a global reset, and masks tell what drives along: "all" or "background".
 
-    Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed.
+    Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
+    than a second.
     """
 
     camera: Cameras = "imx250"
@@ -121,6 +125,7 @@ class ExposureRanges(Draws):
             if name not in _INSTEAD or getattr(self, name) is not None:
                 object.__setattr__(self, name, _bounds(name, getattr(self, name)))
         shortest, longest = _bounds("exposure_s", self.exposure_s)
+        warn_of_milliseconds(shortest, longest)
         _, fastest = _bounds("speed_px_s", self.speed_px_s)
         for name, most in (("white_e", self._most_lux(shortest)), ("blur_px", self._most_px_s(shortest))):
             if most > LIMITS[_INSTEAD[name]].high:
@@ -252,6 +257,18 @@ class ExposureRanges(Draws):
             *["vehicle"] * (self.ego_kmh is not None),
         ]
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
+
+
+def warn_of_milliseconds(*exposure_s: float) -> None:
+    """Warn of an exposure of more than ``LONGEST_USUAL_S``, which is likely to be in milliseconds."""
+    if max(exposure_s, default=0.0) > LONGEST_USUAL_S:
+        stated, meant = (
+            ", ".join(f"{each * factor:g}" for each in dict.fromkeys(exposure_s)) for factor in (1, 1e-3)
+        )
+        warnings.warn(
+            f"exposure_s = ({stated}): is in seconds; must be ({meant}) if milliseconds are meant",
+            stacklevel=4,
+        )
 
 
 def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> list[Trajectory | None]:

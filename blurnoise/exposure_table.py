@@ -4,6 +4,8 @@ Convention: speeds px/s, directions counter-clockwise as displayed. Rows are as 
 and speed are drawn between a row's value and the middles to its neighbours, those that some row has (in the
 logarithm for exposure and light), so that what lies between two values of a grid is met, and nothing beyond its ends;
 a row at rest stays at rest. All else is the row's, a gain, too; in rows that state none auto-exposure sets it.
+Of a run the rows are those that its camera would use: at each light and motion the exposures that the run recommends,
+or the best where none works, and none that saturates more than a tenth of the picture while another does not.
 """
 
 from __future__ import annotations
@@ -26,11 +28,23 @@ from blurnoise._core.limits import LIMITS, limited
 from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.exposure import MOVES
-from blurnoise.exposure_ranges import DRAWN, Cameras, Draws, ExposureRanges, Gain, Params, Range, cameras_of
+from blurnoise.exposure_ranges import (
+    DRAWN,
+    Cameras,
+    Draws,
+    ExposureRanges,
+    Gain,
+    Params,
+    Range,
+    cameras_of,
+    warn_of_milliseconds,
+)
 from blurnoise.moving_masks import Moves
 
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""
+MOST_SATURATED = 0.1
+"""Mean share of a picture's values at a limit of the sensor beyond which a run's condition is left out."""
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _WHOLE = ("gain_auto", "moves_index", "camera_index")
 """What no precision rounds."""
@@ -56,7 +70,10 @@ class Place(Protocol):
 
 
 class Condition(NamedTuple):
-    """One row: what a picture is taken under. camera: of the table's; gain_db: None where the camera sets it."""
+    """One row: what a picture is taken under. camera: of the table's; gain_db: None where the camera sets it.
+
+    most_lux_s: exposure times light that draws about it have at most, as far as the row's neighbours leave it.
+    """
 
     exposure_s: float
     illuminance_lux: float
@@ -66,6 +83,7 @@ class Condition(NamedTuple):
     gain_db: float | None = 0.0
     moves: str = "all"
     camera: int = 0
+    most_lux_s: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -130,7 +148,7 @@ class ExposureTable(Draws):
                 )
             return cls(
                 tuple(Camera.from_dict(each) for each in held["cameras"]),
-                tuple(_row(each) for each in held["conditions"]),
+                tuple(_used(held["conditions"])),
                 AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL,
                 direction_deg,
             )
@@ -164,6 +182,7 @@ class ExposureTable(Draws):
                 raise TypeError(
                     f"{name} = {shown(given)}: must be a sequence of values, such as [{shown(given)}]"
                 )
+        warn_of_milliseconds(*exposure_s)
         cameras = cameras_of(camera)
         gains = [None if gain == "auto" else gain for gain in gains]
         values = (exposure_s, illuminance_lux, speed_px_s, (0.0,), temperature_c, gains, moves)
@@ -196,6 +215,12 @@ class ExposureTable(Draws):
                 in_logarithm, low * (high / low.clamp_min(1e-30)) ** share, low + (high - low) * share
             )
             drawn[name] = torch.minimum(torch.maximum(value, low), high)
+        exposure, light = drawn["exposure_s"], drawn["illuminance_lux"]
+        columns = self._columns["most_lux_s"], *(self._cells[name][0] for name in _SPREAD[:2])
+        most, shortest, darkest = (column[row].to(uniform) for column in columns)
+        drawn["exposure_s"] = torch.maximum(torch.minimum(exposure, most / light.clamp_min(1e-30)), shortest)
+        least = torch.minimum(light, most / drawn["exposure_s"].clamp_min(1e-30))
+        drawn["illuminance_lux"] = torch.maximum(least, darkest)
         fastest = LIMITS["displacement_px"].high / drawn["exposure_s"].clamp_min(
             1e-30
         )  # a row's own is within it
@@ -229,6 +254,7 @@ class ExposureTable(Draws):
         found = {
             "direction_deg": torch.tensor([row.direction_deg for row in self.rows], dtype=torch.float64),
             "temperature_c": torch.tensor([row.temperature_c for row in self.rows], dtype=torch.float64),
+            "most_lux_s": torch.tensor([row.most_lux_s for row in self.rows], dtype=torch.float64),
             "camera_index": torch.tensor([row.camera for row in self.rows]),
         }
         if not all(auto):
@@ -278,6 +304,31 @@ def beside_table(table: object, options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _middle(low: float, high: float, *, linear: bool) -> float:
     return (low + high) / 2 if linear or low == 0 else math.sqrt(low * high)
+
+
+def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
+    """The rows that a run's camera would use, of all that it met; all where it does not say how they did."""
+    met = [(_row(each), each.get("saturated") or 0.0, bool(each.get("recommended"))) for each in held]
+    least: dict[Condition, float] = {}  # saturated, of a setting at any exposure
+    most_lux_s: dict[tuple[int, float | None], float] = {}  # of a camera and gain, without saturation
+    for row, saturated, _ in met:
+        setting, reader = row._replace(exposure_s=0.0), (row.camera, row.gain_db)
+        least[setting] = min(least.get(setting, 1.0), saturated)
+        light = row.exposure_s * row.illuminance_lux * (saturated <= MOST_SATURATED)
+        most_lux_s[reader] = max(most_lux_s.get(reader, 0.0), light)
+    fit = [
+        (row, recommended)
+        for row, saturated, recommended in met
+        if saturated <= max(MOST_SATURATED, least[row._replace(exposure_s=0.0)])
+    ]
+    answered = {row._replace(exposure_s=0.0) for row, recommended in fit if recommended}
+    return [
+        row._replace(
+            most_lux_s=max(most_lux_s[row.camera, row.gain_db], row.exposure_s * row.illuminance_lux)
+        )
+        for row, recommended in fit
+        if recommended or row._replace(exposure_s=0.0) not in answered
+    ]
 
 
 def _row(held: Mapping[str, Any]) -> Condition:

@@ -29,6 +29,9 @@ from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 
 SPACING_PX = 2.0
+LEAST_PX = 0.8
+"""Longest path of a band of rows up to which it stays as it is: on photographs what the steps of linear interpolation
+lose is then more than the blur (on a photograph 0.79 of 255 for 0.58 at 0.7 px, 0.82 for 1.14 at 1 px)."""
 _BAND = 16  # rows
 _MARGIN = 4  # px, for the taps
 _OFFSETS = np.arange(8) - 3.5
@@ -101,7 +104,7 @@ def _bands(by: Tensor, at: list[float] | None) -> list[tuple[slice, list[float]]
 
 def _times(length_px: float) -> list[float]:
     """Times of sub-exposures, the exposure being from -1/2 to 1/2; their variance is 1/12, as its."""
-    if length_px == 0:
+    if length_px <= LEAST_PX:
         return [0.0]
     count = 1 + math.ceil(length_px / SPACING_PX)
     spread = 1 / math.sqrt(count * count - 1)

@@ -195,19 +195,28 @@ def noise_e(
 ) -> float:
     """Temporal noise of a fused pixel of so many mean electrons of the first capture, rms, rounding included.
 
-    With the weights of the mean. A capture k alone has R_k sqrt(n / R_k + sigma_k^2). Raises ``ValueError``.
+    With the weights of the mean. A capture k alone has R_k sqrt(n / R_k + sigma_k^2). Two gains on one exposure read
+    the same electrons with the same noise, as :func:`captured` draws them: their weights add up before the square.
+    Raises ``ValueError``.
     """
     low, high = _blend(blend)
-    remaining, variance = 1.0, 0.0
-    rows = list(zip(_readers(camera, captures), factors(captures), strict=True))
-    for place, (reader, factor) in enumerate(rows):
-        seen = in_range("electrons", electrons, 0.0, LIMITS["white_e"].high) / factor
-        level = seen * reader.system_gain_dn_per_e / (reader.saturated_dn - reader.black_level_dn)
-        share = 1.0 if place == len(rows) - 1 else min(1.0, max(0.0, (high - level) / (high - low)))
-        own = seen + reader.dark_variance_dn2() / reader.system_gain_dn_per_e**2
-        variance += (remaining * share * factor) ** 2 * own
+    in_range("electrons", electrons, 0.0, LIMITS["white_e"].high)
+    remaining, rounding_e2 = 1.0, 0.0
+    shared: dict[
+        tuple[float, ...], list[float]
+    ] = {}  # by what is exposed: weight, weighted read noise, electrons
+    readers, exposed = _readers(camera, captures), windows(captures, 1.0)
+    for place, (reader, factor) in enumerate(zip(readers, factors(captures), strict=True)):
+        seen, gain = electrons / factor, reader.system_gain_dn_per_e
+        level = seen * gain / (reader.saturated_dn - reader.black_level_dn)
+        share = 1.0 if place == len(readers) - 1 else min(1.0, max(0.0, (high - level) / (high - low)))
+        weight = remaining * share * factor
         remaining *= 1 - share
-    return math.sqrt(variance)
+        rounding_e2 += (weight / gain) ** 2 / 12
+        sums = shared.setdefault((*exposed[place], captures[place].sensitivity), [0.0, 0.0, seen])
+        sums[0] += weight
+        sums[1] += weight * reader.read_noise_e
+    return math.sqrt(rounding_e2 + sum(light**2 * seen + read**2 for light, read, seen in shared.values()))
 
 
 def snr_db(

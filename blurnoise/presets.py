@@ -186,6 +186,12 @@ def _with_mosaic(base: Figures, name: str) -> Figures:
     }
 
 
+def _monochrome(base: Figures, name: str) -> Figures:
+    """A camera without colour filters, which makes one grey plane of all colours."""
+    sources = {"cfa": "chosen: no filters, one plane of light", "ccm": "without: no colours"}
+    return {**base, "name": name, "cfa": "mono", "sources": {**base["sources"], **sources}}
+
+
 def _rolling(base: Figures, row_time_s: float, source: str) -> Figures:
     """With an electronic rolling shutter."""
     sources = {
@@ -216,6 +222,7 @@ _IMX250 = _from_emva(
 FIGURES: tuple[Figures, ...] = (
     _IMX250,
     _with_mosaic(_IMX250, "imx250c"),
+    _monochrome(_IMX250, "imx250m"),
     _from_emva(
         "imx249",
         pixel_pitch_um=5.86,

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from blurnoise import camera_shake
 from blurnoise._core.checks import in_range, shown
+from blurnoise._core.files import read_text
 from blurnoise._core.limits import limited
 from blurnoise.camera import Camera
 from blurnoise.trajectory import Trajectory
@@ -51,9 +52,10 @@ class StatedTrajectory:
         if not text or Path(text).is_dir():
             raise ValueError(f"trajectory = {shown(text)}: {_FORMS}")
         try:
-            return cls(text, Path(text).read_text(encoding="utf-8-sig"))
-        except UnicodeDecodeError:
-            raise ValueError(f"trajectory = {shown(text)}: is no text; {_FORMS}") from None
+            content = read_text(Path(text))
+        except ValueError as error:
+            raise ValueError(f"trajectory = {error}") from None
+        return cls(text, content)
 
     @property
     def _parts(self) -> tuple[str, list[float]]:

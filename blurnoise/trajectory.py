@@ -66,9 +66,8 @@ class Polyline:
     def error(self) -> float:
         """RMS error, in units of white, of leaving it out: a bound for any picture within [0, 1].
 
-        |1 - H(f)| is at most 2 pi f . c of the centroid c and 2 pi^2 f . S f of the second moments S about it; RMS
-        over the band of a sampled picture f_x^4 is 1/80, f_x^2 f_y^2 1/144, f_x^2 1/12. As for straight motion, the
-        worst picture has contrast 1/2 RMS; |1 - H| is at most 2.
+        |1 - H(f)| is at most 2 pi f . c of the centroid c and 2 pi^2 f . S f of the second moments S about it. As for
+        straight motion, the worst picture is a checkerboard, f = (1/2, 1/2) or (1/2, -1/2); |1 - H| is at most 2.
         """
         shares = np.array(self.shares)
         starts, ends = self.knots[:, :-1], self.knots[:, 1:]
@@ -76,8 +75,8 @@ class Polyline:
         second += ((starts[:, None] * ends + ends[:, None] * starts) / 6 * shares).sum(-1)
         centroid = np.array(self.centroid_px)
         (a, c), (_, b) = second - np.outer(centroid, centroid)
-        spread = 2 * math.pi**2 * math.sqrt(max(0.0, (a * a + b * b) / 80 + (2 * a * b + 4 * c * c) / 144))
-        shifted = 2 * math.pi * math.hypot(*centroid) / math.sqrt(12)
+        spread = 2 * math.pi**2 * max(0.0, float(a + b + 2 * abs(c))) / 4
+        shifted = math.pi * float(np.abs(centroid).sum())
         return min(2.0, spread + shifted) / 2
 
 

@@ -26,22 +26,25 @@ def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
     return sinc(fx * dx + fy * dy)
 
 
-def motion_error(length_px: float) -> float:
+_MOST_LOST = 1.2173  # 1 - sinc, where it is deepest
+
+
+def motion_error(dx_px: float, dy_px: float) -> float:
     """RMS error, in units of white, of leaving a motion out: a bound for any picture within [0, 1].
 
-    1 - sinc(f . d) is at most (pi f . d)^2 / 6, whose RMS over the band of a sampled picture is at most
-    (pi length)^2 / 6 / sqrt(60); the worst picture, black and white without correlation, has contrast 1/2 RMS.
+    1 - sinc(f . d) is at most (pi f . d)^2 / 6. The worst picture is a checkerboard: all its contrast, 1/2 RMS, lies
+    at the band's corner, where f . d is (|dx| + |dy|) / 2.
     """
-    return min(1.0, (math.pi * length_px) ** 2 / 6 / math.sqrt(60)) / 2
+    return min(_MOST_LOST, (math.pi * (abs(dx_px) + abs(dy_px)) / 2) ** 2 / 6) / 2
 
 
 def motion_variation_error(difference_px: float) -> float:
     """RMS error, in units of white, of one motion where displacements differ from it by up to difference_px.
 
-    |sinc(f . d) - sinc(f . d0)| is at most 1.3703 |f . (d - d0)|, the sinc's steepest slope (at 0.6626). Its RMS over
-    the band is 1.3703 / sqrt(12) of the difference; the worst picture, black and white, has contrast 1/2 RMS.
+    |sinc(f . d) - sinc(f . d0)| is at most 1.3703 |f . (d - d0)|, the sinc's steepest slope (at 0.6626), and f at
+    most 1 / sqrt(2), at the corner of the band, where a checkerboard has all its contrast, 1/2 RMS.
     """
-    return min(1.0, 1.3703 / math.sqrt(12) * difference_px) / 2
+    return min(_MOST_LOST, 1.3703 / math.sqrt(2) * difference_px) / 2
 
 
 def disc(f: Tensor, radius_px: float) -> Tensor:
@@ -94,8 +97,8 @@ class Measured:
 
     @property
     def lost(self) -> float:
-        """1 - value, RMS over the band of a sampled picture."""
-        return float((1 - self.at(_band())).square().mean().sqrt())
+        """1 - value, at most, over the band of a sampled picture."""
+        return float((1 - self.at(_band())).abs().max())
 
     @property
     def reach_px(self) -> float:
@@ -104,8 +107,8 @@ class Measured:
 
 
 def _band() -> Tensor:
-    """Radial frequencies (128, 128) that fill the band of a sampled picture."""
-    f = (torch.arange(128, dtype=torch.float64) + 0.5) / 256
+    """Radial frequencies (129, 129) that fill the band of a sampled picture, to its corner."""
+    f = torch.arange(129, dtype=torch.float64) / 256
     return torch.hypot(f, f[:, None])
 
 
@@ -149,15 +152,14 @@ class Optics:
     def error(self) -> float:
         """RMS error, in units of white, of leaving the lens out: a bound for any picture within [0, 1].
 
-        The worst picture is black and white without correlation, RMS contrast 1/2. 1 - OTF is at most
-        (pi R f)^2 / 2 for the disc and 2 (pi sigma f)^2 for the Gaussian, whose RMS over the band of a
-        sampled picture, f^2 -> sqrt(7/180), is taken; for diffraction (4/pi) lambda N f, f -> sqrt(1/6); for what
-        is measured, its own.
+        The worst picture is a checkerboard, whose contrast, 1/2 RMS, lies at the corner of the band, f^2 = 1/2. There
+        1 - OTF is at most (pi R f)^2 / 2 for the disc, 2 (pi sigma f)^2 for the Gaussian and (4/pi) lambda N f for
+        diffraction; for what is measured it is its own.
         """
         squares = (math.pi * self.defocus_radius_px) ** 2 / 2 + 2 * (math.pi * self.gaussian_sigma_px) ** 2
-        lost = squares * math.sqrt(7 / 180) + 4 / math.pi * self.diffraction_lambda_n_px / math.sqrt(6)
+        lost = squares / 2 + 4 / math.pi * self.diffraction_lambda_n_px / math.sqrt(2)
         lost += self.measured.lost if self.measured else 0.0
-        return min(1.0, lost) / 2
+        return min(_MOST_LOST, lost) / 2
 
     def response(self, fx: Tensor, fy: Tensor) -> Tensor:
         """Product of the causes' transfer functions at fx and fy, cycles/px."""

@@ -8,6 +8,8 @@ from typing import Any
 
 import yaml
 
+from blurnoise._core.files import read_bytes
+
 _LARGEST_BYTES = 1 << 20  # of what a person writes: YAML is read at 50 kB a second
 _MOST_ALIASES = 16  # each may hold two of another: more would be a bomb
 
@@ -17,11 +19,7 @@ def read_document(path: Path) -> Any:
 
     Raises ``OSError``, and ``ValueError`` of one line.
     """
-    with path.open("rb") as file:
-        data = file.read(_LARGEST_BYTES + 1)
-    if len(data) > _LARGEST_BYTES:
-        raise ValueError(f"larger than {_LARGEST_BYTES} bytes")
-    text = data.decode("utf-8-sig")
+    text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
     return json_of(text) if path.suffix.lower() == ".json" else yaml_of(text)
 
 

@@ -103,10 +103,10 @@ class LateralColour(LightEffect):
 def _displaced(by_px: float) -> float:
     """RMS that a displacement changes a picture by, at most, units of white.
 
-    A wave changes by at most 2 pi f d of its amplitude; over the band of a sampled picture f along d has the RMS
-    1 / sqrt(12), and the worst picture, black and white without correlation, contrast 1/2 RMS.
+    A wave changes by at most 2 pi f d of its amplitude; the worst picture is a checkerboard, whose contrast, 1/2 RMS,
+    lies at f = 1 / sqrt(2).
     """
-    return min(1.0, math.pi * by_px / math.sqrt(12))
+    return min(1.0, math.pi * by_px / math.sqrt(2))
 
 
 def _shares(camera: Camera) -> tuple[float, float]:

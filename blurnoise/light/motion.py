@@ -27,12 +27,12 @@ class Motion(LightEffect):
     name = "motion"
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """:func:`blurnoise.transfer.motion_error` of the length, or :attr:`blurnoise.trajectory.Polyline.error`."""
+        """:func:`blurnoise.transfer.motion_error`, or :attr:`blurnoise.trajectory.Polyline.error`."""
         if (along := path(at)) is not None:
             return along.error
         if row_by_row(at):
             return 0.0
-        return transfer.motion_error(math.hypot(*at.displacement_px))
+        return transfer.motion_error(*at.displacement_px)
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur:
         """Shared with the lens; where there are objects, :mod:`blurnoise.light.objects` moves all, and where each

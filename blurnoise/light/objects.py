@@ -36,13 +36,13 @@ class Objects(LightEffect):
         """What one motion for all, the background's, would change.
 
         The mean over the exposure of a product of waves f (of the matte or its light) and g (of what is behind)
-        is sinc(f . d_F + g . d_B), so that a difference D of the motions changes it by at most 1.3703 |f . D|; over
-        the band f along D has the RMS 1 / sqrt(12), and black and white differ by 1. All in the object's window.
+        is sinc(f . d_F + g . d_B), so that a difference D of the motions changes it by at most 1.3703 |f . D|; f is
+        at most 1 / sqrt(2), a checkerboard's, and black and white differ by 1. All in the object's window.
         """
         squares = 0.0
         for each in cast(tuple[Passing, ...], at.objects):
             apart = math.dist(each.displacement_px, cast(tuple[float, float], at.displacement_px))
-            squares += min(1.0, 1.3703 / math.sqrt(12) * apart) ** 2 * each.share
+            squares += min(1.0, 1.3703 / math.sqrt(2) * apart) ** 2 * each.share
         return min(1.0, math.sqrt(squares))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:

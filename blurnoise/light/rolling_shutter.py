@@ -33,7 +33,7 @@ class RollingShutter(LightEffect):
     figures = ("row_time_s",)
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """Of the largest displacement, pi d / sqrt(12) RMS as of a lens's, and of the light that rows gain."""
+        """Of the largest displacement, pi d / sqrt(2) RMS as of a lens's, and of the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
         readout = readout_of(at, at.camera.field.size)
@@ -48,7 +48,7 @@ class RollingShutter(LightEffect):
             x, y = at.trajectory.origin_px(at.exposure_s)
             knots, _ = at.trajectory.window(*readout.span_s)
             farthest += float(np.hypot(knots[0] - x, knots[1] - y).max())
-        return min(1.0, math.pi * farthest / math.sqrt(12)) + float(readout.light.max()) - 1
+        return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
         """None that is shared, unless rows are exposed together, or :mod:`blurnoise.light.objects` exposes them."""

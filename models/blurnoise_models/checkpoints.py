@@ -6,6 +6,7 @@ the pictures follows from the seed and the number of steps. It appears whole or 
 
 from __future__ import annotations
 
+import io
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -13,6 +14,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import torch
+
+from blurnoise._core.files import write_whole
 
 
 class Part(Protocol):
@@ -65,8 +68,8 @@ class Checkpoint:
         if self.path is None:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = self.path.with_name(f"{self.path.name}.part")
         states = {name: part.state_dict() for name, part in self.parts.items()}
+        content = io.BytesIO()
         torch.save(
             {
                 "recipe": dict(self.recipe),
@@ -74,6 +77,6 @@ class Checkpoint:
                 "generator": torch.get_rng_state(),
                 "losses": self.losses,
             },
-            unfinished,
+            content,
         )
-        unfinished.replace(self.path)
+        write_whole(self.path, content.getvalue())

@@ -14,6 +14,7 @@ import onnx
 import torch
 from onnx import helper
 
+from blurnoise._core.files import write_whole
 from blurnoise_models.network import Decoded, SignNet
 
 OPSET = 18
@@ -65,9 +66,7 @@ def write_onnx(
         properties["blurnoise.training"] = json.dumps(facts)
     helper.set_model_props(model, properties)
     onnx.checker.check_model(model)
-    partial = path.with_suffix(".onnx.part")
-    partial.write_bytes(model.SerializeToString())
-    partial.replace(path)
+    write_whole(path, model.SerializeToString())
     return path
 
 

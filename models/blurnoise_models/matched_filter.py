@@ -21,6 +21,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from blurnoise._core.files import write_whole
 from blurnoise.charts import stop_sign
 from blurnoise.encoding import srgb_from_linear
 
@@ -75,7 +76,7 @@ def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px
     helper.set_model_props(model, {"blurnoise.contract": json.dumps(contract)})
     onnx.checker.check_model(model)
     path = Path(path)
-    path.write_bytes(model.SerializeToString())
+    write_whole(path, model.SerializeToString())
     return path
 
 

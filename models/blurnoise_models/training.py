@@ -37,6 +37,7 @@ POOL_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
 BATCH = 16
 FEWEST_PICTURES = 20 * BATCH
+MOST_PICTURES = 10**9
 """In fewer, the learning rate has no time to rise and fall."""
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
@@ -177,11 +178,11 @@ def train(
 
 
 def check(pictures: int, seed: int) -> None:
-    """Raise ``ValueError`` for a training of fewer than 320 pictures, or with a seed outside [0, 2^63)."""
+    """Raise ``ValueError`` for fewer than 320 pictures, more than 1e9, or a seed outside [0, 2^63)."""
     if not 0 <= seed < 2**63:
         raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
-    if pictures < FEWEST_PICTURES:
-        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES}")
+    if not FEWEST_PICTURES <= pictures <= MOST_PICTURES:
+        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= {MOST_PICTURES}")
 
 
 def _train(

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise.augment import ExposureRanges, RandomExposure
+from blurnoise.exposure_table import ExposureTable
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 TWO = ("imx250", "ar0237")
@@ -117,6 +118,18 @@ def test_what_is_no_number_is_no_range(name: Any, value: Any) -> None:
         ExposureRanges(**{name: value})
 
 
+@pytest.mark.parametrize(
+    ("exposure_s", "meant"), [((1, 60), r"\(1, 60\).*\(0.001, 0.06\)"), (33, r"\(33\).*\(0.033\)")]
+)
+def test_milliseconds_in_place_of_seconds_are_warned_about(exposure_s: Any, meant: str) -> None:
+    with pytest.warns(UserWarning, match=f"exposure_s = {meant} if milliseconds are meant") as told:
+        RandomExposure(exposure_s=exposure_s)
+    assert len(told) == 1
+    with pytest.warns(UserWarning, match="milliseconds"):
+        ExposureTable.of_grid("imx250", exposure_s=[5, 33], illuminance_lux=[50.0])
+
+
+@pytest.mark.filterwarnings("ignore:exposure_s")
 def test_a_drive_too_far_is_told_by_speed_and_time() -> None:
     with pytest.raises(ValueError, match=r"^ego_kmh, exposure_s = 50, 60 at most: [^\[]*$"):
         ExposureRanges(ego_kmh=50, exposure_s=60.0)

@@ -109,6 +109,7 @@ def test_ranges_that_nothing_gives_are_refused(given: dict[str, Any], message: s
         ExposureRanges(**given)
 
 
+@pytest.mark.filterwarnings("ignore:exposure_s")
 def test_a_longest_blur_does_not_bound_the_speeds_that_it_replaces() -> None:
     assert ExposureRanges(exposure_s=(1.0, 100.0), blur_px=3.0).draws == ExposureRanges().draws
 
@@ -161,6 +162,30 @@ def test_a_single_condition_stays_as_it_is() -> None:
         assert torch.equal(params[name], torch.full((7,), getattr(one, name))), name
     assert not params["moves_index"].any()
     assert not params["camera_index"].any()
+
+
+def test_a_run_draws_what_its_camera_would_use(tmp_path: Path) -> None:
+    """At 50 lux 3 ms is recommended; at 1000 lux 1 ms is, and no answer may ask for 10 ms, which saturate."""
+    met = [
+        {"exposure_s": t, "illuminance_lux": lux, "gain_db": 0.0, "saturated": share, "recommended": chosen}
+        for lux, of in {
+            50.0: ((0.001, 0.0, False), (0.003, 0.0, True), (0.01, 0.0, False)),
+            1000.0: ((0.001, 0.0, True), (0.003, 0.05, False), (0.01, 0.6, True)),
+            5000.0: ((0.001, 0.3, False), (0.003, 0.7, False), (0.01, 1.0, False)),
+        }.items()
+        for t, share, chosen in of
+    ]
+    table = ExposureTable.of_run(run(tmp_path, conditions=met))
+    assert [row[:2] for row in table.rows] == [(0.003, 50.0), (0.001, 1000.0), (0.001, 5000.0)]
+    params = drawn(table, 4000)
+    light = params["exposure_s"] * params["illuminance_lux"]
+    dim = params["illuminance_lux"] < math.sqrt(1000 * 5000)
+    assert float(light[dim].max()) <= 3.0 * (1 + 1e-5)  # 3 ms at 1000 lux, the most that did not saturate
+    assert float(light.max()) <= 5.0 * (1 + 1e-5)
+    assert float(params["exposure_s"].min()) >= 0.001 * (1 - 1e-5)
+    for row in met:
+        del row["saturated"], row["recommended"]
+    assert len(ExposureTable.of_run(run(tmp_path, conditions=met)).rows) == 9
 
 
 def test_a_runs_rows_keep_what_belongs_together(tmp_path: Path) -> None:

@@ -205,3 +205,16 @@ def test_black_beyond_the_border_begins_alike_on_all_sides(
     assert float((seen - seen.flip(-1, -2)).abs().max()) < 1e-6
     exact = motion_blur(torch.ones(1, 1, 9, 12, dtype=kind), along, method="transfer", border="constant")
     assert float((seen - exact).abs().max()) < 0.08
+
+
+@pytest.mark.parametrize("length_px", [0.2, 0.5, 0.7, 1.5])
+def test_it_is_no_worse_than_no_blur(length_px: float) -> None:
+    """Of a picture whose power falls with the frequency as a photograph's, f^-2, against the transfer function."""
+    f = torch.fft.fftfreq(128, dtype=torch.float64)
+    noise = torch.fft.fft2(torch.randn(128, 128, generator=torch.Generator().manual_seed(3)).double())
+    image = torch.fft.ifft2(noise / torch.hypot(f[:, None], f).clamp_min(1 / 128)).real
+    image = ((image - image.min()) / (image.max() - image.min())).float()[None, None]
+    flow = torch.tensor([length_px, 0.0])[:, None, None].expand(2, 128, 128)
+    truth = motion_blur(image, (length_px, 0.0), border="circular", method="transfer")
+    off = float((flow_blur(image, flow, border="circular") - truth).square().mean())
+    assert off <= float((image - truth).square().mean())

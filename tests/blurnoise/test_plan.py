@@ -95,6 +95,39 @@ def test_what_a_dark_or_still_scene_does_not_need() -> None:
     assert night.noisy  # read noise
 
 
+@pytest.mark.parametrize("angle_deg", [0.0, 45.0])
+@pytest.mark.parametrize("radius_px", [0.0, 0.03])
+def test_a_checkerboard_is_within_the_tolerance(angle_deg: float, radius_px: float) -> None:
+    """All its contrast lies at the corner of the band, where blur takes most."""
+    board = (torch.arange(32)[:, None].add(torch.arange(34)) % 2).double()[None, None]
+    camera = replace(BUSY, defocus_radius_px=radius_px)
+    for length_px in (0.003, 0.01, 0.02, 0.04, 0.06):
+        along = math.radians(angle_deg)
+        common = {
+            "exposure_s": 0.01,
+            "illuminance_lux": 50.0,
+            "velocity_px_s": (100 * length_px * math.cos(along), 100 * length_px * math.sin(along)),
+            "encoding": "linear",
+            "border": "circular",
+            "noise": False,
+            "quantised": False,
+        }
+        full = simulate(board, camera, fidelity="full", **common)  # type: ignore[arg-type]
+        auto = simulate(board, camera, tolerance_dn=0.5, **common)  # type: ignore[arg-type]
+        assert float((full - auto).square().mean().sqrt()) <= 0.5
+
+
+def test_without_dither_what_contributes_nothing_is_left_out() -> None:
+    """0.002 DN of read noise before 8 bits: it stays, for rounding, and what is not there goes."""
+    camera = replace(EIGHT_BIT, read_noise_e=2.0)
+    chosen = plan(camera, exposure_s=0.01, illuminance_lux=100.0)
+    kept = {stage.name for stage in chosen.stages if stage.kept}
+    assert kept == {"spectral integration", "shot noise", "read noise", "quantisation"} - {
+        stage.name for stage in chosen.stages if stage.contribution_dn == 0
+    }
+    assert not chosen.moves
+
+
 def test_a_larger_tolerance_keeps_less() -> None:
     settings_ = {"exposure_s": 0.01, "illuminance_lux": 50.0, "displacement_px": (3.0, 1.0)}
     kept = [

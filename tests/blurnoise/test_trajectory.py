@@ -262,21 +262,21 @@ def test_velocity_adds() -> None:
 
 
 def test_error_bounds_what_it_changes() -> None:
-    """Of the band of a sampled picture, RMS of 1 - H over 2; of short straight motion as the closed form has it."""
-    for scale in (0.05, 0.3, 1.0, 10.0):
+    """The most that 1 - H is over the band of a sampled picture, over 2; of short paths that is in its corner."""
+    for scale in (0.01, 0.3, 1.0, 10.0):
         knots, durations = random_path()
         path = Trajectory.of(
             np.concatenate([[0.0], np.cumsum(durations)]) - durations.sum() / 2, knots * scale
         )
         seen = path.seen(float(durations.sum()))
-        f = (np.arange(64) + 0.5) / 64 - 0.5
+        f = np.linspace(-0.5, 0.5, 65)
         response = polyline_grid(f, f, seen.knots, np.array(seen.shares))
-        lost = float(np.sqrt((np.abs(1 - response) ** 2).mean())) / 2
-        assert lost <= seen.error
+        lost = float(np.abs(1 - response).max()) / 2
+        assert lost <= seen.error * (1 + 1e-9)
         if scale < 0.1:
             assert seen.error == pytest.approx(lost, rel=0.1)
     diagonal = Trajectory.straight((30.0, 30.0), 0.01).seen(0.01)
-    assert diagonal.error == pytest.approx(transfer.motion_error(math.hypot(0.3, 0.3)), rel=1e-3)
+    assert diagonal.error == pytest.approx(transfer.motion_error(0.3, 0.3), rel=1e-3)
 
 
 def test_no_time_sees_one_place() -> None:

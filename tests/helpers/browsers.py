@@ -161,10 +161,17 @@ class Browser:
 
 
 @contextmanager
-def browser() -> Iterator[Browser]:
+def browser(*flags: str) -> Iterator[Browser]:
     """A Chromium for as long as it is used."""
     folder = Path(tempfile.mkdtemp(prefix="blurnoise-browser-"))
-    words = [str(CHROMIUM), *_FLAGS, "--remote-debugging-port=0", f"--user-data-dir={folder}", "about:blank"]
+    words = [
+        str(CHROMIUM),
+        *_FLAGS,
+        *flags,
+        "--remote-debugging-port=0",
+        f"--user-data-dir={folder}",
+        "about:blank",
+    ]
     process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         said = folder / "DevToolsActivePort"

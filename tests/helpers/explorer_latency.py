@@ -86,7 +86,7 @@ def main() -> None:
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
             try:
                 assert process.stdout is not None
-                address = re.search(r"http://\S+/", process.stdout.readline())
+                address = re.search(r"http://\S+", process.stdout.readline())
                 assert address, "the explorer does not start"
                 tab = browser.tab()
                 tab.open(address[0])

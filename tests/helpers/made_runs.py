@@ -9,9 +9,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.matching import failure_point
+from blurnoise_eval.scoring.recommendation import averages, curves, recommendations
+from blurnoise_eval.scoring.surfaces import Surface
 from numpy.typing import NDArray
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
@@ -54,6 +57,7 @@ def made_run(
     found: dict[str, list[dict[str, Any]]] = {
         name: [] for name in ("models", "scores", "groups", "answers", "endurances", "examples")
     }
+    found |= {"recommendations": [], "averages": []}
     for k, model in enumerate(models):
         best_of = {group: best * (1 - k / 5) for group, best in groups.items()}
         found["scores"] += [_score(model, kind, at, best_of) for at in conditions]
@@ -79,10 +83,50 @@ def made_run(
                     for setting, t, v in product(settings, exposures_s, speeds)
                     if len(values) > 1 and setting[axis] == values[0]
                 ]
+        if best_of:
+            of = averages(
+                [
+                    _surface(model, group, setting, exposures_s, speeds, best, interval)
+                    for group, best in best_of.items()
+                    for setting in settings
+                ],
+                THRESHOLD,
+            )
+            found["recommendations"] += recommendations(of)
+            found["averages"] += curves(of)
         for index in range(n_examples):
             at = conditions[(index * 7) % len(conditions)]
             found["examples"].append(_example(folder, index, model, kind, at, best_of))
     return RunData(_manifest(models, kind, len(conditions)), skipped=[], **found)
+
+
+def _surface(
+    model: str,
+    group: str,
+    setting: dict[str, float],
+    exposures_s: tuple[float, ...],
+    speeds: tuple[float, ...],
+    best: float,
+    interval: bool,
+) -> Surface:
+    """24 pictures that differ by up to 5 %, or 5 of them."""
+    mean = np.array([[confidence(t, setting, v, best) for v in speeds] for t in exposures_s])
+    each = np.linspace(0.95, 1.05, 24 if interval else 5)[:, None, None]
+    shape = mean.shape
+    return Surface(
+        model,
+        group,
+        tuple(setting[name] for name in SETTING),
+        exposures_s,
+        tuple((v, 0.0) for v in speeds),
+        tuple(f"picture {place}" for place in range(len(each))),
+        each * mean,
+        np.ones((len(each), *shape)),
+        np.full(shape, 0.01),
+        12,
+        np.full(shape, 0.4),
+        best,
+    )
 
 
 def _settings(

@@ -19,6 +19,8 @@ from torch import Tensor
 _ACROSS_PX, _ALONG_PX = 6, 24
 _CERTAIN = 4.0
 """Standard errors of a correlation that is no accident: one in 3 000 edges with white noise at the lags looked at."""
+_ALTERNATES = 5.0
+"""The same of neighbours alone, by which they must alternate."""
 _FADED = 1.5
 """Standard errors below which a correlation has ended."""
 _LENGTHS_PER_BLOCK, _REACHES_PER_BLOCK = 4, 2
@@ -29,12 +31,14 @@ _FEWEST_BLOCKS = 7
 class Correlation:
     """power_at_0: NPS(0) over the variance, (B,), 1 where noise is white. block: rows that are drawn together, (B,).
 
-    too_long: (B,) bool, there are fewer than seven such blocks.
+    too_long: (B,) bool, there are fewer than seven such blocks. alternates: (B,) bool, neighbours certainly differ
+    more than white noise does, as sharpening leaves them.
     """
 
     power_at_0: Tensor
     block: Tensor
     too_long: Tensor
+    alternates: Tensor
 
 
 def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
@@ -49,13 +53,15 @@ def correlation_of(sides: Sequence[tuple[Tensor, Tensor]]) -> Correlation:
     noise = [(off / power.clamp_min(1e-15)).float() for (off, _), power in zip(sides, powers, strict=True)]
     there = [where.float() for _, where in sides]
     along = _at_lags([each.mT for each in noise], [each.mT for each in there], min(_ALONG_PX, height // 3))
-    (length_x, _), (length_y, alive) = _length(*_at_lags(noise, there, _ACROSS_PX)), _length(*along)
+    across = _at_lags(noise, there, _ACROSS_PX)
+    (length_x, _), (length_y, alive) = _length(*across), _length(*along)
+    next_to = (across[0][:, 0] / across[1][:, 0] + along[0][:, 0] / along[1][:, 0]) / math.sqrt(2)
     wanted = torch.where(
         length_y > 1, (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive), 1.0
     )
     block = wanted.ceil().long()
     most = max(height // _FEWEST_BLOCKS, 1)
-    return Correlation(length_x * length_y, block.clamp(1, most), wanted > most)
+    return Correlation(length_x * length_y, block.clamp(1, most), wanted > most, next_to < -_ALTERNATES)
 
 
 def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tuple[Tensor, Tensor]:

@@ -18,11 +18,13 @@ class Flag(Enum):
     TOO_FEW_PHASES = "the rows cut the edge at too few positions within a pixel"
     NEVER_REACHES_50 = "the response stays above 50 % up to 1 cycle/px"
     NOISE_DOMINATED = "noise moves MTF50 by more than 10 % (one standard deviation)"
-    SHARPENED = "the edge overshoots its sides, which no lens does: sharpening"
+    SHARPENED = "the edge overshoots its sides, or noise alternates, which no lens does: sharpening"
     TWO_HUMPS = "the line spread has two humps: two edges side by side, or motion that lingers"
     TOO_ABRUPT = "the edge is sharper than its pixels allow: clipped, or sharpened and cut"
     DISPLACED = "rows are displaced against each other: jitter, which lowers the response"
-    SMOOTHED = "the edge is noisier than both its sides: denoised, compressed, or after a tone curve"
+    SMOOTHED = (
+        "the edge is noisier than its sides allow: denoised, compressed, clipped, or after a tone curve"
+    )
     NOISE_CORRELATED = "noise is correlated over too many rows for its intervals: columns, or a strong filter"
     WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
     NON_LINEAR_SUSPECTED = (

@@ -59,7 +59,8 @@ class SlantedEdge:
     level; cnr: their difference over the root of their mean noise variance, edge_snr_db: 20 log10 of it.
     noise_power_at_0: of the noise power spectrum at frequency 0, over the variance; 1 where noise is white.
     intervals: 95 % of each scalar by its name, by bootstrap over rows, or over blocks of them whose noise belongs
-    together; inf where 50 % may never be reached.
+    together; inf where 50 % may never be reached. Those of mtf50 and mtf50p reach further down, to what clips, tone
+    curves and sharpening that cannot be told from this edge would have raised.
     frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less what noise
     adds to it: right on the average, hence below 0 where only noise is left; sfr is its root, at least 0.
     distance_px, esf, lsf: (K,), the edge's shape along its normal, bright at positive distances, lsf per px.
@@ -187,7 +188,7 @@ def _told(
         response = iso_response(facing_right, sides.variance.mean(1), weights)
     scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
     scattered = scatter(response, scalars["mtf50"])
-    against = suspicions(shape, mode, values.shape[2], scalars["mtf50"], scattered)
+    against, other = suspicions(shape, mode, values.shape[2], scalars["mtf50"], scattered)
     flags = _named(against | doubts(scalars["mtf50"], scattered), len(values))
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
     levels, noises = sides.level.gather(1, ends).tolist(), sides.variance.gather(1, ends).tolist()
@@ -200,6 +201,10 @@ def _told(
         names | _by_interval(each, middle)
         for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
     ]
+    hidden = zip(other.likely.tolist(), other.largest.tolist(), strict=True)
+    for index, (likely, largest) in enumerate(hidden):
+        for name in ranges[index].keys() & {"mtf50", "mtf50p"}:
+            ranges[index][name] = _with_hidden(ranges[index][name], read[name][index], likely, largest)
     esf, lsf = _profiles(shape.spline, rising, sides)
     edges = []
     for index, names in enumerate(flags):
@@ -248,6 +253,16 @@ def _by_interval(ranges: Mapping[str, tuple[float, float]], mtf50: float) -> fro
     low, high = ranges.get("mtf50", (mtf50, mtf50))
     wide = math.isfinite(mtf50) and not high - low <= 4 * NOISY * mtf50
     return frozenset({Flag.NOISE_DOMINATED}) if wide else frozenset()
+
+
+def _with_hidden(
+    ends: tuple[float, float], middle: float, likely: float, largest: float
+) -> tuple[float, float]:
+    """The interval with faults that may have raised the number by the share ``likely``, at most by ``largest``."""
+    low, high = ends
+    if not math.isfinite(middle):
+        return ends
+    return middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely)), high
 
 
 def _reached(frequency: float) -> float:

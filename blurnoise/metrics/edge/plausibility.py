@@ -36,8 +36,12 @@ DIP = 0.5
 """Share of its lower neighbour by which the line spread may dip between two humps."""
 DISPLACED = 0.02
 """Share of MTF50 that displaced rows may cost."""
-UNEVEN_NOISE = 12.0
-"""Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5 to 10."""
+UNEVEN_NOISE, UNEVEN_SMOOTH = 12.0, 2.5
+"""Variance of the noise upon the edge over that of its sides: compression at quality 90 leaves 5 to 10, with noise of
+a power at 0 of 3 to 7 variances; after a Gaussian of 1 px it is 13.
+"""
+SMOOTH_NOISE = 7.5
+"""Power at frequency 0, over the variance, of noise that a filter has smoothed."""
 SHARPER = 1.03
 """MTF50 over that of bare pixels."""
 _BARE = 0.6034
@@ -241,20 +245,23 @@ def displaced(spline: Spline, noise: Tensor, mtf50: Tensor) -> Tensor:
 
 
 def smoothed(spline: Spline, noise: Tensor, sides: Sides) -> Tensor:
-    """Whether the sides have certainly less noise than the edge between them, (B,): denoised, compressed, curved.
+    """Whether the sides have certainly less noise than the edge between them, (B,): denoised, clipped, curved.
 
     Of light, noise in between lies between theirs. The median over pixels, for a hot one changes nothing.
     """
     off, _ = spline.off
     share = spline.pixels.value - off
     core = ((share > 0.1) & (share < 0.9)).nonzero()[:, 0]
-    ratio = off[core] ** 2 / noise[core].clamp_min(1e-18)
     count = torch.bincount(spline.pixels.region[core], minlength=spline.pixels.batch)
-    median = torch.stack(
-        [each.median() if len(each) else ratio.new_zeros(()) for each in torch.split(ratio, count.tolist())]
-    )
-    certain = 1 + 5 * _MEDIAN_ERROR * (2 / count.clamp_min(1)).sqrt()
-    found = (count >= 20) & (median / _CHI_SQUARE_MEDIAN > certain.clamp_min(UNEVEN_NOISE))
+    squares, usual = (torch.split(each[core], count.tolist()) for each in (off**2, noise.clamp_min(1e-18)))
+    found = torch.zeros(len(count), dtype=torch.bool)
+    limit = torch.where(sides.power_at_0 > SMOOTH_NOISE, UNEVEN_SMOOTH, UNEVEN_NOISE).tolist()
+    for index, (square, expected) in enumerate(zip(squares, usual, strict=True)):
+        if len(square) < 20:
+            continue
+        error = math.sqrt(2 / len(square))
+        ratio = float((square / expected).median()) / _CHI_SQUARE_MEDIAN
+        found[index] = ratio > max(1 + 5 * _MEDIAN_ERROR * error, limit[index])
     noisy = sides.variance.amax(1) > NOISELESS * sides.step**2
     return found & noisy
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from blurnoise.metrics.edge.alternatives import Alternatives, alternatives
 from blurnoise.metrics.edge.flags import Flag
 from blurnoise.metrics.edge.geometry import Upright, find_line, largest_phase_gap_px, smooth, straighten
 from blurnoise.metrics.edge.plausibility import (
@@ -57,19 +58,20 @@ class Located:
     """The edge of every region, before its shape is known.
 
     upright: the regions about their edges. position_px: first lines, (B, H). reach_px: (B,), how far the blur
-    reaches. sides: levels and noise beside it.
+    reaches. rise: of the light to both sides, per px, (B, 2). sides: levels and noise beside it.
     """
 
     upright: Upright
     position_px: Tensor
     reach_px: Tensor
+    rise: Tensor
     sides: Sides
 
     def only(self, kept: Sequence[int]) -> Located:
         """Those regions alone."""
         upright = Upright(*(value[kept] for value in vars(self.upright).values()))
         sides = Sides(*(value[kept] for value in vars(self.sides).values()))
-        return Located(upright, self.position_px[kept], self.reach_px[kept], sides)
+        return Located(upright, self.position_px[kept], self.reach_px[kept], self.rise[kept], sides)
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def locate(values: Tensor) -> tuple[Located, Flags]:
         Flag.EDGE_LEAVES_REGION: edge & line.leaves,
         Flag.REGION_TOO_SMALL: whole & ~line.structured & (reach.too_small | sides.too_small),
     }
-    return Located(beside, line.position_px, reach.px, sides), flags
+    return Located(beside, line.position_px, reach.px, reach.rise, sides), flags
 
 
 def shape_of(found: Located, block: int = 1) -> Shape:
@@ -110,7 +112,12 @@ def shape_of(found: Located, block: int = 1) -> Shape:
     """
     sides = found.sides
     zone = found.upright.within(int(found.reach_px.max().ceil()) + 2)
-    left, right = (level[..., None] for level in sides.level_by_row().unbind(2))
+    left, right = (
+        level[..., None] + rise[:, None, None] * (zone.distance_px(found.position_px) - place[:, None, None])
+        for level, rise, place in zip(
+            sides.level_by_row().unbind(2), found.rise.unbind(1), sides.place_px.unbind(1), strict=True
+        )
+    )
     scaled = (zone.values - left) / (right - left)
     columns = scaled.shape[2]
     place = torch.arange(columns) - columns // 2
@@ -122,8 +129,10 @@ def shape_of(found: Located, block: int = 1) -> Shape:
     return Shape(sides, spline.by_blocks(block) if block > 1 else spline, line, found.reach_px)
 
 
-def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor) -> Flags:
-    """What the shape itself says against the numbers that were taken from it.
+def suspicions(
+    shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor
+) -> tuple[Flags, Alternatives]:
+    """What the shape itself says against the numbers that were taken from it, and what it may hide.
 
     mtf50: (B,), inf where it stays above 50 %; scattered: its standard deviation as a share of it, (B,).
     """
@@ -131,17 +140,18 @@ def suspicions(shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered:
     blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
     profile = Profile.of(shape.spline, shape.position_px, int(shape.sides.block.max()))
     noise = noise_expected(shape.spline, shape.sides)
+    other = alternatives(profile, mtf50)
     return {
         Flag.TOO_FEW_PHASES: few,
-        Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | (lopsided(profile) & ~few),
-        Flag.SHARPENED: overshoots(profile) & ~few,
+        Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | ((lopsided(profile) | other.unequal) & ~few),
+        Flag.SHARPENED: ((overshoots(profile) | other.sharpened) & ~few) | shape.sides.alternates,
         Flag.TWO_HUMPS: two_humps(profile, shape.reach_px) & ~few,
         Flag.TOO_ABRUPT: (too_abrupt(profile, mtf50, scattered) | negative(profile)) & ~few,
         Flag.DISPLACED: displaced(shape.spline, noise, mtf50),
         Flag.SMOOTHED: smoothed(shape.spline, noise, shape.sides),
         Flag.NOISE_CORRELATED: shape.sides.correlated,
         Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
-    }
+    }, other
 
 
 def not_alone(shape: Shape) -> Tensor:

@@ -20,20 +20,27 @@ REACH_FACTOR, REACH_PX = 1.35, 1.0
 """Beyond that place: a Gaussian within 0.5 % at 2.6 sigma is within 0.02 % at 3.5 sigma."""
 STRIP_PX = 10.0
 """Least width of the strips in which levels and noise are measured."""
-SLOPING = 0.1
-"""Share of the step by which a side may rise over its length before it is no side at all."""
+SLOPING, LIT = 0.1, 0.35
+"""Share of the step by which a side may rise over its length before it is no side at all; by light that grows."""
+_RISING = 4.0
+"""Standard errors of a rise that is no accident."""
 STRUCTURE = 0.1
 """Share of the step by which anything beside the edge may stand out."""
 NOISELESS = 1e-8
 """Noise variance, as a share of the step squared, below which there is no noise."""
 _BLOCK_PX = 8
+_WHOLE = 0.98
+"""Share of the rows that a whole column has."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """px: how far to both sides the edge is looked at, (B,). too_small, structured: (B,) bool."""
+    """px: how far to both sides the edge is looked at, (B,). rise: of the sides from left to right, per px, (B, 2), 0
+    where there is none for certain. too_small, structured: (B,) bool.
+    """
 
     px: Tensor
+    rise: Tensor
     too_small: Tensor
     structured: Tensor
 
@@ -45,11 +52,12 @@ class Sides:
     count, total, square: sums over the strips' pixels in every row, (B, H, 2), of 1, of the values, and of the
     squared deviation from that plane: what a bootstrap over rows needs. too_small: (B,) bool. power_at_0: NPS(0) over
     the variance, 1 where noise is white; block: rows to draw together; correlated: whether that is too few of them
-    for an interval, (B,) each.
+    for an interval, and alternates: whether neighbours' noise does so, (B,) each.
     """
 
     level: Tensor
     variance: Tensor
+    place_px: Tensor
     count: Tensor
     total: Tensor
     square: Tensor
@@ -57,6 +65,7 @@ class Sides:
     power_at_0: Tensor
     block: Tensor
     correlated: Tensor
+    alternates: Tensor
 
     @property
     def step(self) -> Tensor:
@@ -98,21 +107,28 @@ def reach_of(upright: Upright) -> Reach:
     start = length / 2
     for _ in range(2):  # once the reach is known, all that lies beyond it tells the lines
         outer = valid & (place >= start[..., None])
+        whole = outer & (
+            count >= _WHOLE * height
+        )  # of some rows alone, light that grows along the edge shows
+        outer = torch.where(whole.sum(2, keepdim=True) >= _BLOCK_PX, whole, outer)
         noise = (scatter.clamp_min(0) * outer).sum(2) / outer.sum(2).clamp_min(1)
-        rise, level, middle, error = _line(place, profile, noise[..., None], count, outer)
+        rise, level, middle, error, error_of_rise = _line(place, profile, noise[..., None], count, outer)
         step = (level[:, 1] - level[:, 0]).abs()[:, None, None]
         off = (profile - level[..., None] - rise[..., None] * (place - middle[..., None])).abs()
         flat = (off <= torch.maximum(FLAT * step, 3 * error)) & valid
         three = flat[..., :-2] & flat[..., 1:-1] & flat[..., 2:]
         blur = three.to(torch.uint8).argmax(2).amax(1).to(torch.float64)
         start = torch.minimum(REACH_FACTOR * blur[:, None] + REACH_PX, length / 2)
-    too_small = (~three.any(2)).any(1) | ((rise * length).abs() > SLOPING * step[..., 0]).any(1)
+    sure = _RISING * error_of_rise
+    sloping = (rise * length).abs() > SLOPING * step[..., 0]
+    too_small = (~three.any(2)).any(1) | (sloping.any(1) & ~_lit(rise, level, length, step[:, 0, 0], sure))
+    rise = torch.where(rise.abs() > sure, rise, 0.0) * torch.tensor([-1.0, 1.0], dtype=torch.float64)
     px = REACH_FACTOR * blur + REACH_PX
     beyond = (place > px[:, None, None]) & valid
     structured = (beyond & (off > torch.maximum(STRUCTURE * step, 6 * error))).any(2).any(1)
     structured |= _shelf(profile, level, error[..., 0].amax(1))
     structured |= _patchy(*patches, px, step[:, 0], noise.amax(1).sqrt())
-    return Reach(px, too_small, structured)
+    return Reach(px, rise, too_small, structured)
 
 
 def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Sides:
@@ -120,13 +136,14 @@ def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Si
     end = reach_px + reach_px.clamp_min(STRIP_PX)
     middle = upright.values.shape[2] // 2
     distance = upright.distance_px(position_px)
-    counts, totals, levels, left = [], [], [], []
+    counts, totals, levels, places, left = [], [], [], [], []
     for side, outward in ((slice(None, middle + 1), -1), (slice(middle, None), 1)):
         away, values = outward * distance[..., side], upright.values[..., side]
         strip = upright.inside[..., side] * ((away > reach_px[:, None, None]) & (away <= end[:, None, None]))
         counts.append(strip.sum(2))
         totals.append((values * strip).sum(2))
         levels.append(totals[-1].sum(1) / counts[-1].sum(1).clamp_min(1))
+        places.append((distance[..., side] * strip).sum((1, 2)) / counts[-1].sum(1).clamp_min(1))
         left.append((_about_plane(values, strip, levels[-1]), strip))
     squares = [(off**2).sum(2) for off, _ in left]
     count, total, square = (torch.stack(each, dim=-1) for each in (counts, totals, squares))
@@ -137,7 +154,22 @@ def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Si
     noise = correlation_of(left)
     noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
     power_at_0, block = torch.where(noisy, noise.power_at_0, 1.0), torch.where(noisy, noise.block, 1)
-    return Sides(level, variance, count, total, square, too_small, power_at_0, block, noisy & noise.too_long)
+    place = torch.stack(places, dim=-1)
+    correlated, alternates = noisy & noise.too_long, noisy & noise.alternates
+    found = level, variance, place, count, total, square, too_small, power_at_0, block, correlated, alternates
+    return Sides(*found)
+
+
+def _lit(rise: Tensor, level: Tensor, length: Tensor, step: Tensor, sure: Tensor) -> Tensor:
+    """Whether the sides rise as light does that grows across the region, (B,): in proportion to their levels.
+
+    Of a blur that fills the region the two sides rise alike, whatever their levels. rise, sure: outward, per px.
+    """
+    rises, levels = rise * length, level.clamp_min(0)
+    bright = levels.amax(1)
+    apart = (rises[:, 0] * levels[:, 1] + rises[:, 1] * levels[:, 0]).abs() / bright
+    noise = (sure * length).amax(1)
+    return (apart < (0.03 * step).maximum(noise)) & (rises.abs().amax(1) < LIT * step)
 
 
 def _outward(columns: Tensor) -> Tensor:
@@ -147,16 +179,21 @@ def _outward(columns: Tensor) -> Tensor:
 
 def _line(
     place: Tensor, profile: Tensor, noise: Tensor, count: Tensor, used: Tensor
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Slope, mean and mean place of the profile (B, 2, n) where ``used``; its error about that line, (B, 2, n)."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Slope, mean and mean place of the profile (B, 2, n) where ``used``; its error about that line, (B, 2, n).
+
+    The last one is the slope's error, (B, 2).
+    """
     number = used.sum(-1, keepdim=True).clamp_min(1)
     share = used / number
     middle, mean = (share * place).sum(-1), (share * profile).sum(-1)
     about = place - middle[..., None]
     spread = (share * about**2).sum(-1).clamp_min(1e-12)
     rise = (share * about * profile).sum(-1) / spread
-    of_line = (1 + about**2 / spread[..., None]) / (count * used).sum(-1, keepdim=True).clamp_min(1)
-    return rise, mean, middle, torch.sqrt(noise * (1 / count.clamp_min(1) + of_line))
+    pixels = (count * used).sum(-1, keepdim=True).clamp_min(1)
+    of_line = (1 + about**2 / spread[..., None]) / pixels
+    of_rise = torch.sqrt(noise / pixels)[..., 0] / spread.sqrt()
+    return rise, mean, middle, torch.sqrt(noise * (1 / count.clamp_min(1) + of_line)), of_rise
 
 
 def _shelf(profile: Tensor, level: Tensor, error: Tensor) -> Tensor:

@@ -109,4 +109,4 @@ def _result(cell: Cell, rng: np.random.Generator) -> CellResult:
     targets = tuple({"target_id": place, **_TARGET} for place in range(_TARGETS))
     frame = Frame(cell, np.empty((0, 0, 3), np.uint8), 1.0, saturated=0.0, snr_db=30.0, brightness=0.5)
     row = cell_result(frame, "made up", CAMERA, Sight(detections, targets, 1.0, None, 0), None, None)
-    return replace(row, picture=("made up", "0" * 64, 640, 480))
+    return replace(row, picture=("made up", "0" * 64, 640, 480, ""))

@@ -35,6 +35,9 @@ def camera_of(
             sources[figure] = f"measured: {found.method} of {found.frames}, {interval(told)}"
     if linear := found.estimates.get("linearity_error"):
         sources["system_gain_dn_per_e"] += f"; linearity error {100 * linear.value:.2g} %"
+    for doubt in found.doubts:
+        for figure in {*doubt.figures} & {*sources}:
+            sources[figure] += f"; doubtful: {doubt.text}"
     width, height = found.size_px
     values |= {"bit_depth": found.bit_depth, "width_px": width, "height_px": height}
     sources |= dict.fromkeys(("width_px", "height_px"), "measured: size of the frames")

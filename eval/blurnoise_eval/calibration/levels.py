@@ -26,11 +26,12 @@ Floats = NDArray[np.float64]
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
-    pixels: of a frame. lamp_spread: largest less least of the frames' means, over the signal (0 in the dark).
-    row_share: part of the temporal variance that whole rows have in common. correlation: of the temporal noise of
-    neighbours, along rows or columns, whichever is more. highest_dn: the largest number, share_highest: of the
-    pixels that hold it, share_below: of those one step lower; share_zero: of those at 0. step_dn: what all numbers
-    are multiples of. counts (65536,): how many pixels hold each number.
+    pixels: of a frame. drift_dn: mean of the last frame less that of the first. lamp_spread: largest less least of
+    the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that
+    whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
+    more. highest_dn: the largest number, share_highest: of the pixels that hold it, share_below: of those one step
+    lower; share_zero: of those at 0. step_dn: what all numbers are multiples of. counts (65536,): how many pixels
+    hold each number.
     """
 
     kind: Kind
@@ -42,6 +43,7 @@ class Level:
     mean_error_dn: float
     variance_dn2: float
     variance_error_dn2: float
+    drift_dn: float
     lamp_spread: float
     row_share: float
     correlation: float
@@ -67,6 +69,7 @@ class Level:
             self,
             mean_dn=self.mean_dn / step_dn,
             mean_error_dn=self.mean_error_dn / step_dn,
+            drift_dn=self.drift_dn / step_dn,
             variance_dn2=self.variance_dn2 / step_dn**2,
             variance_error_dn2=self.variance_error_dn2 / step_dn**2,
             counts=counts,
@@ -130,6 +133,7 @@ def level_of(
         mean_error_dn=math.sqrt(variance / (frames * pixels)),
         variance_dn2=variance,
         variance_error_dn2=float(each.std()) / math.sqrt(pixels),
+        drift_dn=means[-1] - means[0],
         lamp_spread=(max(means) - min(means)) / signal if kind == "flat" and signal > 0 else 0.0,
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,

@@ -7,6 +7,7 @@ without it the files' names do: ``dark_10ms_0.png``, ``flat_2.5ms_1.tif``, ``fla
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +15,9 @@ from pathlib import Path
 from typing import Literal
 
 from blurnoise._core.checks import in_range, known, shown
+from blurnoise._core.files import read_text
 from blurnoise._core.limits import limited
+from blurnoise_eval.system.files import inside
 
 Kind = Literal["dark", "flat"]
 LIST = "frames.csv"
@@ -70,8 +73,9 @@ def _named(folder: Path) -> list[Frame]:
 
 
 def _listed(path: Path) -> list[Frame]:
+    text = read_text(path)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with io.StringIO(text) as file:
             rows = csv.DictReader(file, skipinitialspace=True)
             columns = [name.strip() for name in rows.fieldnames or ()]
             rows.fieldnames = columns
@@ -96,7 +100,9 @@ def _of_row(folder: Path, row: dict[str, str | None]) -> Frame:
         raise ValueError("file: must not be empty")
     photons = texts.get("photons_per_px", "")
     light = None if not photons else in_range("photons_per_px", _number("photons_per_px", photons), 0.0, 1e12)
-    return _frame(folder / texts["file"], texts["kind"], _number("exposure_s", texts["exposure_s"]), light)
+    return _frame(
+        folder / inside(texts["file"]), texts["kind"], _number("exposure_s", texts["exposure_s"]), light
+    )
 
 
 def _frame(path: Path, kind: str, exposure_s: float, photons_per_px: float | None) -> Frame:

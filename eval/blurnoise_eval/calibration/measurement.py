@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import emva, soundness, transfer
+from blurnoise_eval.calibration import doubts, emva, soundness, transfer
+from blurnoise_eval.calibration.doubts import Doubt
 from blurnoise_eval.calibration.levels import Level, common_step, level_of
 from blurnoise_eval.calibration.listing import Frame, frames_of, grouped
 from blurnoise_eval.calibration.planes import Plane, read_plane
@@ -21,7 +22,6 @@ from blurnoise_eval.calibration.transfer import Line, Transfer, Z, root
 
 Floats = NDArray[np.float64]
 _DEPTHS = (8, 10, 12, 14, 16)
-_SURELY = 5.0  # standard deviations
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
 
 
@@ -32,6 +32,7 @@ class Measurement:
     dark, flat: levels in steps of the converter; used: places of the flat ones that were fitted. method: how gain,
     read noise and dark current were found. clip_dn: where flat frames clip, None if nowhere. size_px: (width,
     height). bits_stated: whether the user said the bit depth. notes: what has to be known beside the figures.
+    doubts: what makes some of them wrong.
     """
 
     estimates: dict[str, Estimate]
@@ -46,6 +47,7 @@ class Measurement:
     bits_stated: bool
     clip_dn: float | None
     notes: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
 
     @property
     def frames(self) -> str:
@@ -68,6 +70,13 @@ class _Folder:
         """Statistics of these frames, and their mean."""
         first = frames[0]
         return level_of(first.kind, first.exposure_s, first.photons_per_px, self._planes(frames), dark_dn)
+
+    def mean(self, frames: Sequence[Frame]) -> Floats:
+        """The mean of these frames."""
+        total = np.zeros(())
+        for plane in self._planes(frames):
+            total = total + plane
+        return total / len(frames)
 
     def _planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
         for frame in frames:
@@ -103,7 +112,7 @@ def measure(
         dark.append(level)
         total = total + mean - level.mean_dn
     line = transfer.dark_line(dark, np.array([level.mean_dn for level in dark]))
-    flat = [files.level(frames, _at(line, frames[0].exposure_s))[0] for frames in files.flat]
+    flat = [files.level(frames, line.at(frames[0].exposure_s))[0] for frames in files.flat]
     step = common_step([*dark, *flat])
     dark, flat = ([level.in_steps(step) for level in levels] for levels in (dark, flat))
     bits = _depth(max(level.highest_dn for level in [*dark, *flat]), bit_depth)
@@ -117,7 +126,7 @@ def measure(
     hidden, hidden_error = 0.0, 0.0
     for _ in range(3):  # the gain hardly depends on it
         found, error = transfer.hidden_charge(dark, fit)
-        if hidden == 0 and found < _SURELY * error:
+        if hidden == 0 and found < transfer.SURELY * error:
             break
         hidden, hidden_error = found, error
         fit = transfer.fit(_without(dark, hidden), _without(used, hidden), pattern)
@@ -126,13 +135,16 @@ def measure(
     top_dn = (
         max(level.mean_dn for level in used) if clipped.clip_dn is None else clipped.clip_dn
     ) - fit.dark.offset
-    linear = soundness.linearity(flat, [_at(fit.dark, level.exposure_s) for level in flat], top_dn)
+    linear = soundness.linearity(flat, [fit.dark.at(level.exposure_s) for level in flat], top_dn)
     estimates = _estimates(fit, dark[0].pixels)
     chosen = sorted(clipped.usable, key=lambda place: flat[place].mean_dn)[-_MOST_FOR_PATTERN:]
-    means = [files.level(files.flat[place], _at(line, flat[place].exposure_s))[1] for place in chosen]
-    light = (sum(means) / len(means) - total / len(dark)) / step
+    means = [files.level(files.flat[place], line.at(flat[place].exposure_s))[1] for place in chosen]
     bright = [flat[place] for place in chosen]
-    estimates["prnu"] = _prnu(light, fit.dark, bright, dark)
+    light = np.sum(means, 0) / len(means) / step
+    estimates["prnu"] = _prnu(light - total / len(dark) / step, fit.dark, bright, dark)
+    varies = doubts.drift(dark, fit) or doubts.tone_curve(dark, used, fit)
+    stray = None if varies else _stray_light(files, light, bright, dark, step, fit)
+    doubted = tuple(each for each in (varies, doubts.hot_pixels(pattern, fit), stray) if each)
     notes = _notes(fit, step, dark, len(flat) - len(used))
     if hidden:
         estimates["dark_current_e_s"] = _with_hidden(estimates["dark_current_e_s"], fit, hidden, hidden_error)
@@ -159,7 +171,7 @@ def measure(
         if linear.by_photons:
             estimates["quantum_efficiency"] = _over_gain(linear.slope, linear.slope_error, gain)
     return Measurement(
-        estimates=estimates,
+        estimates=doubts.widened(estimates, doubted),
         method=method,
         dark=tuple(dark),
         flat=tuple(flat),
@@ -171,6 +183,7 @@ def measure(
         bits_stated=bit_depth is not None,
         clip_dn=clipped.clip_dn,
         notes=tuple(notes),
+        doubts=doubted,
     )
 
 
@@ -236,12 +249,34 @@ def _prnu(light: Floats, black: Line, flat: Sequence[Level], dark: Sequence[Leve
     """light: mean of the flat levels' mean frames less that of the dark ones'."""
     noise = transfer.noise_of_mean(flat) + transfer.noise_of_mean(dark)
     pattern = transfer.response_pattern(light, noise)
-    signal = float(np.mean([level.mean_dn - _at(black, level.exposure_s) for level in flat]))
+    signal = float(np.mean([level.mean_dn - black.at(level.exposure_s) for level in flat]))
     return root((pattern.variance_dn2 - noise) / signal**2, pattern.error_dn2 / signal**2)
 
 
-def _at(line: Line, exposure_s: float) -> float:
-    return line.offset + (0.0 if math.isnan(line.slope) else line.slope * exposure_s)
+def _stray_light(
+    files: _Folder, light: Floats, bright: Sequence[Level], dark: Sequence[Level], step: int, fit: Transfer
+) -> Doubt | None:
+    """light: mean of the flat levels ``bright``. The growth of the dark is of every other frame, the dark that is
+    taken off the light of those between, so that no noise is in both."""
+    exposure = np.array([level.exposure_s for level in dark])
+    away = exposure - exposure.mean()
+    if not away.any():
+        return None
+    slope = away / (away @ away)
+    at_light = 1 / len(dark) + slope * (np.mean([level.exposure_s for level in bright]) - exposure.mean())
+    growth, again, black = np.zeros_like(light), np.zeros_like(light), np.zeros_like(light)
+    for frames, by, beneath in zip(files.dark, slope, at_light, strict=True):
+        growth += files.mean(frames[::2]) * (by / step)
+        rest = files.mean(frames[1::2])
+        again += rest * (by / step)
+        black += rest * (beneath / step)
+    signal = float((light - black).mean())
+    noise = transfer.noise_of_mean(bright)
+    noise += sum(
+        level.variance_dn2 / (level.frames // 2) * by**2 for level, by in zip(dark, at_light, strict=True)
+    )
+    response = (light - black) / signal
+    return doubts.stray_light(growth, again, response, noise / signal**2, fit.dark, fit.gain)
 
 
 def _depth(highest_dn: float, stated: int | None) -> int:

@@ -25,6 +25,8 @@ from blurnoise_eval.calibration.rounding import PLAIN_DN2, rounded, spatial_vari
 Floats = NDArray[np.float64]
 Z = 1.959964
 """Of a normal number, two-sided 95 %."""
+SURELY = 5.0
+"""Standard deviations from which on something is there."""
 SUSPICIOUS = 0.01
 """Probability of the scatter about a line below which its errors are widened to what is seen."""
 _SMOOTH_PX = (
@@ -32,23 +34,40 @@ _SMOOTH_PX = (
 )
 
 
+_OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
+
+
 @dataclass(frozen=True)
 class Pattern:
-    """Variance over pixels of a mean frame, DN^2, of which temporal noise is ``noise_dn2``; error: one deviation."""
+    """Variance over pixels of a mean frame, DN^2, of which temporal noise is ``noise_dn2``; error: one deviation.
+
+    outliers: pixels beyond ``_OUTLYING`` deviations, which do not count; with them the variance is outlying_dn2 more.
+    """
 
     variance_dn2: float
     error_dn2: float
     noise_dn2: float
+    pixels: int
+    outliers: int
+    outlying_dn2: float
 
 
 @dataclass(frozen=True)
 class Line:
-    """offset + slope x, with standard deviations and their covariance; slope NaN where there is one x only."""
+    """offset + slope x, with standard deviations; slope NaN where there is one x only.
+
+    change: of the slope over all levels, about the slope, where that was fitted.
+    """
 
     offset: float
     slope: float
     offset_error: float
     slope_error: float
+    change: float = 0.0
+
+    def at(self, x: float) -> float:
+        """Its value; the offset where there is no slope."""
+        return self.offset + (0.0 if math.isnan(self.slope) else self.slope) * x
 
 
 @dataclass(frozen=True)
@@ -85,7 +104,7 @@ def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Trans
     line = dark_line(dark, data.mean[: data.dark])
     lowest = float(data.seen[: data.dark].min())
     rounding = lowest - 1 / 12 < PLAIN_DN2
-    rough = _straight(data.mean - line.offset, data.seen, data.error)
+    rough = straight(data.mean - line.offset, data.seen, data.error)
     gain = max(rough.slope, 1e-6 * float(data.seen.max() / data.mean.max()))
     fixed = max(pattern.variance_dn2 - pattern.noise_dn2, 1e-4)
     start = np.array([gain, max(lowest - 1 / 12, 1e-3), fixed])
@@ -187,7 +206,7 @@ def hidden_charge(dark: Sequence[Level], fit: Transfer) -> tuple[float, float]:
     exposure, seen, error = np.array(
         [(level.exposure_s, level.variance_dn2, level.variance_error_dn2) for level in dark]
     ).T
-    line = _straight(exposure, seen, np.maximum(error, 1e-9))
+    line = straight(exposure, seen, np.maximum(error, 1e-9))
     return line.slope - fit.gain * fit.dark.slope, line.slope_error
 
 
@@ -199,17 +218,43 @@ def widened(chi_square: float, freedom: int) -> float:
 
 
 def dark_line(dark: Sequence[Level], mean_dn: Floats) -> Line:
-    """The dark mean over the exposure in seconds, from ``mean_dn`` of the levels."""
+    """The dark mean over the exposure in seconds, from ``mean_dn`` of the levels, which are by rising exposure.
+
+    Where the levels drift, dark current is taken to change evenly from one level to the next.
+    """
     exposure = np.array([level.exposure_s for level in dark])
     error = np.array([level.mean_error_dn for level in dark])
     # a mean of whole numbers that hardly vary is known no better than one pixel tells
     error = np.hypot(error, 1e-6 + 1 / np.array([level.frames * level.pixels for level in dark]))
-    return _straight(exposure, mean_dn, error)
+    rate, rate_error = drift(dark)
+    if abs(rate) < SURELY * rate_error or len(np.unique(exposure)) < 4:
+        return straight(exposure, mean_dn, error)
+    place = np.arange(len(dark)) - (len(dark) - 1) / 2
+    design = np.stack([np.ones(len(dark)), exposure, exposure * place], 1) / error[:, None]
+    (offset, slope, change), *_ = np.linalg.lstsq(design, mean_dn / error, rcond=None)
+    chi_square = float(((design @ (offset, slope, change) - mean_dn / error) ** 2).sum())
+    covariance = np.linalg.inv(design.T @ design) * widened(chi_square, len(dark) - 3)
+    offset_error, slope_error, _ = np.sqrt(np.diag(covariance)).tolist()
+    return Line(float(offset), float(slope), offset_error, slope_error, float(change) * len(dark))
+
+
+def drift(dark: Sequence[Level]) -> tuple[float, float]:
+    """How dark current changes within a level, DN/s from its first frame to its last, and its standard deviation."""
+    exposure, change, error = np.array(
+        [
+            (level.exposure_s, level.drift_dn, math.sqrt(2 * level.variance_dn2 / level.pixels + 1e-12))
+            for level in dark
+        ]
+    ).T
+    weight = exposure / error**2
+    rate = float(weight @ change / (weight @ exposure))
+    scatter = float((((change - rate * exposure) / error) ** 2).sum())
+    return rate, math.sqrt(widened(scatter, len(dark) - 1) / float(weight @ exposure))
 
 
 def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
     """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
-    return _pattern([plane - plane.mean() for plane in _planes(mean)], noise_of_mean(levels), 1.0)
+    return _pattern([plane - np.median(plane) for plane in _planes(mean)], noise_of_mean(levels), 1.0)
 
 
 def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
@@ -217,12 +262,24 @@ def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
 
     The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure.
     """
+    return _pattern([without_shading(mean)], noise_dn2, 1 - 1 / _SMOOTH_PX**2)
+
+
+def without_shading(mean: Floats) -> Floats:
+    """The values (N,) of the four planes of ``mean`` (H, W), less the mean of the 7 x 7 around each."""
     edge = _SMOOTH_PX // 2
     inner = [
-        (plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect"))[edge:-edge, edge:-edge]
+        (plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect"))[edge:-edge, edge:-edge].ravel()
         for plane in _planes(mean)
     ]
-    return _pattern(inner, noise_dn2, 1 - 1 / _SMOOTH_PX**2)
+    return np.concatenate(inner)
+
+
+def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
+    """Which values about 0 lie beyond ``_OUTLYING`` deviations, as the median tells them, and beyond ``least``."""
+    deviation = 1.4826 * float(np.median(np.abs(values)))
+    found: NDArray[np.bool_] = np.abs(values) > max(_OUTLYING * deviation, least)
+    return found
 
 
 def _planes(mean: Floats) -> list[Floats]:
@@ -230,9 +287,20 @@ def _planes(mean: Floats) -> list[Floats]:
 
 
 def _pattern(planes: Sequence[Floats], noise_dn2: float, kept: float) -> Pattern:
-    squares = np.concatenate([plane.ravel() for plane in planes]) ** 2 / kept
+    out = [
+        outlying(plane.ravel(), 1.0) for plane in planes
+    ]  # of whole numbers one that is one off may be none
+    inside = [plane.ravel()[~far] for plane, far in zip(planes, out, strict=True)]
+    if kept == 1:
+        inside = [values - values.mean() for values in inside]
+    squares = np.concatenate(inside) ** 2 / kept
+    every = sum(float((plane**2).sum()) for plane in planes) / sum(plane.size for plane in planes) / kept
     freedom = squares.size - (len(planes) if kept == 1 else 0)
-    return Pattern(float(squares.sum()) / freedom, float(squares.std()) / math.sqrt(freedom), noise_dn2)
+    variance, outliers = float(squares.sum()) / freedom, int(sum(far.sum() for far in out))
+    return Pattern(
+        variance, float(squares.std()) / math.sqrt(freedom), noise_dn2, squares.size + outliers, outliers,
+        max(0.0, every - variance),
+    )  # fmt: skip
 
 
 def noise_of_mean(levels: Sequence[Level]) -> float:
@@ -276,8 +344,8 @@ def _model(values: Floats, data: _Data, line: Line) -> tuple[Floats, float, Floa
     return told.variance_dn2, spatial_variance(told.pixel_dn[: data.dark]), told.mean_dn[: data.dark]
 
 
-def _straight(x: Floats, y: Floats, error: Floats) -> Line:
-    """Weighted straight line; errors widened where the scatter is beyond chance."""
+def straight(x: Floats, y: Floats, error: Floats) -> Line:
+    """Weighted straight line through (x, y); errors widened where the scatter is beyond chance."""
     weight = 1 / error**2
     centre = float((weight * x).sum() / weight.sum())
     spread = float((weight * (x - centre) ** 2).sum())

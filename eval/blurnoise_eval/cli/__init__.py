@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import typer
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
-    words = _with_ocr_method(_named(sys.argv[1:] if arguments is None else arguments))
+    words = _with_usual_values(_named(sys.argv[1:] if arguments is None else arguments))
     _complete_two_words()
     accept_all_text()
     ProgressBar.command_begins()
@@ -100,9 +101,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         first = described(_QUESTION + _FIRST + _NEXT, width() or PROSE)
         say(*[usage(error)] if words else first, error=True)
         raise SystemExit(2) from None
+    except BrokenPipeError:  # whoever read the output has gone
+        _forget_output()
+        return 1
     except (ValueError, TypeError, OSError) as error:
-        own = app.commands[words[0]]
-        say(in_a_line(error, [option for each in own.params for option in each.opts]), error=True)
+        own = [each for word in words if word in app.commands for each in app.commands[word].params]
+        say(in_a_line(error, [option for each in own for option in each.opts]), error=True)
+        if isinstance(error, OSError):
+            _forget_output()
         return 2
     except (MemoryError, RuntimeError) as error:
         if not is_out_of_memory(error):
@@ -112,6 +118,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if code == 130:
         say("blurnoise: interrupted; what was finished is kept", error=True)
     return code or 0
+
+
+def _forget_output() -> None:
+    """Drop what cannot be written to standard output, which Python would try again when it ends."""
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stdout.flush()
+        return
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _program(arguments: Sequence[str]) -> Any:
@@ -157,11 +172,15 @@ def _complete_two_words() -> None:
         os.environ["COMP_CWORD"] = str(place - 1)
 
 
-def _with_ocr_method(arguments: Sequence[str]) -> list[str]:
-    """Say "crop" where ``--ocr`` stands alone: an option here has a value, or never has."""
+def _with_usual_values(arguments: Sequence[str]) -> list[str]:
+    """Say "crop" where ``--ocr`` stands alone, and an empty name where ``--save-contract`` does: an option here has
+    a value, or never has."""
+    followed = zip(arguments, (*arguments[1:], ""), strict=False)  # of no arguments nothing
     return [
         "--ocr=crop"
-        if argument == "--ocr" and (*arguments, "")[place + 1] not in ("crop", "find")
+        if argument == "--ocr" and following not in ("crop", "find")
+        else "--save-contract="
+        if argument == "--save-contract" and not following.endswith((".json", ".yaml", ".yml"))
         else argument
-        for place, argument in enumerate(arguments)
+        for argument, following in followed
     ]

@@ -19,7 +19,7 @@ Grid = dict[str, tuple[float, ...]]
 """Values by the name of their axis, in its column's unit."""
 
 # Named here, too, so that completion need not import PyTorch; a test holds them to what there is.
-CAMERAS = ("imx250", "imx250c", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
+CAMERAS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 FAMILIES = (
     "yolov5", "yolov6", "yolov6e2e", "yolov7", "yolov8", "yolov10", "yolox", "rtdetr", "detr", "rfdetr", "ppyoloe",
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "yolofastestv2", "anchors", "torchvision", "tfod", "ppocr",
@@ -98,6 +98,11 @@ def bounds(text: str | Range) -> Range:
         raise ValueError(f"{text!r}: must be low:high or a number") from None
 
 
+def range_or_list(text: str) -> Range | tuple[float, ...]:
+    """Parse "low:high" as :func:`bounds`, else as :func:`numbers`. Raises ``ValueError``."""
+    return bounds(text) if text.count(":") == 1 else numbers(text)
+
+
 def spread(text: str) -> tuple[float, ...]:
     """Parse "low:high" as its ends and what 1, 3, 10, 30 ... lies between, from two decades below the high end where
     the low one is 0; else as :func:`numbers`. Raises ``ValueError``."""
@@ -137,8 +142,11 @@ def classes(context: Context, incomplete: str) -> list[str]:
     from blurnoise_eval.detectors.class_names import COCO80
 
     try:
-        stated = Path(str(context.params.get("coco")))
-        told = json.loads(stated.read_text()) if stated.stat().st_size <= _QUICKLY_READ else {}
+        path = Path(str(context.params.get("coco")))
+        if not path.is_file():  # a pipe would never end
+            raise OSError
+        with path.open("rb") as file:
+            told = json.loads(file.read(_QUICKLY_READ))  # cut, it is no JSON
         known = [str(each["name"]) for each in told["categories"]]
     except (OSError, ValueError, LookupError, TypeError):
         known = list(COCO80)
@@ -153,10 +161,10 @@ def speeds(context: Context, incomplete: str) -> list[str]:
 
 
 CameraName = Annotated[
-    str,
+    str | None,
     Option(
         metavar="NAME|FILE",
-        help="a preset or a YAML or JSON file; see 'blurnoise cameras'",
+        help="a preset or a file; see 'blurnoise cameras' (default: of the pictures)",
         autocompletion=one_of(CAMERAS),
     ),
 ]

@@ -50,7 +50,9 @@ def bench(
     ] = None,
     contract: Annotated[
         str | None,
-        Option(metavar="FILE|PRESET", help="how to read it", autocompletion=one_of(FAMILIES)),
+        Option(
+            metavar="FILE|PRESET[,FIELD=VALUE...]", help="how to read it", autocompletion=one_of(FAMILIES)
+        ),
     ] = None,
     heavy: Annotated[
         bool,

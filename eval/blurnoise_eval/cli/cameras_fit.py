@@ -91,6 +91,8 @@ def cameras_fit(
         say_json(_facts(found, camera))
         return
     _print(found)
+    for doubt in found.doubts:
+        say(f"warning: {doubt.text}")
     for note in found.notes:
         say(note)
     say(output, plot)
@@ -161,5 +163,6 @@ def _facts(found: Measurement, camera: Camera) -> dict[str, Any]:
         name: {"value": told.value, "low": told.low, "high": told.high}
         for name, told in found.estimates.items()
     }
-    about = {"method": found.method, "notes": found.notes}
+    warnings = [doubt.text for doubt in found.doubts]
+    about = {"method": found.method, "warnings": warnings, "notes": found.notes}
     return {"camera": camera.to_dict(), **about, "figures": figures, "levels": levels}

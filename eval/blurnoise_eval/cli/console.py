@@ -5,51 +5,36 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.layout import paragraph, table
+from blurnoise_eval.system.layout import PROSE, cell_len, paragraph, table
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
 
 if TYPE_CHECKING:
+    from blurnoise.camera import Camera
     from blurnoise.error_budget import Plan
     from blurnoise_eval.report.data import RunData
+    from blurnoise_eval.report.opening import Opening
 
-MOST_ROWS = 9  # of those that decide; answers.csv has all
 
-
-def print_opening(data: RunData) -> None:
-    """What a run answers: the sentence, the four questions, and the rows that decide; in ASCII where it can be."""
-    from blurnoise_eval.report import tables, words
-    from blurnoise_eval.report.opening import opening
+def print_opening(data: RunData) -> Opening:
+    """What a run answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
+    from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
     told = opening(data)
     for sentence in told.sentences:
         _say(sentence)
-    for question, text in told.questions:
-        _say(f"{question:17s}{text}", hanging=17)
-    rows = tables.deciding(data, told.rows, MOST_ROWS)
-    if not rows:
-        return
-    asked = told.rows[0].shown["criterion"]
-    heads = ["", "works up to", "use", "gain", "keeps" if " of its " in asked else asked.rpartition(" ")[0]]
-    for row in rows:
-        row["to"] = row["to"] or ("none works" if row["verdict"] == words.NONE_WORKS else row["verdict"])
-    cells = [
-        [_in_ascii(row[name] or "") for name in ("setting", "to", "use", "gain", "value")] for row in rows
-    ]
-    top, *bodies = table(heads, cells, (False, True, True, True, False), _within(2))
-    say("", *(f"  {line}" for line in top))
-    group = None
-    for row, body in zip(rows, bodies, strict=True):
-        if row["group"] != group:
-            group = row["group"]
-            _say(f"{f'{told.model}, ' if len(data.models) > 1 else ''}{group}, {row['pictures']}", hanging=4)
-        say(*(f"  {line}" for line in body))
-        for note in row["notes"]:
-            _say(note, indent=6, hanging=8)
-    if len(data.answers) == 1:
-        return
-    hidden = f"{len(told.rows) - len(rows)} more rows, and " if len(told.rows) > len(rows) else ""
-    say("")
-    _say(f"In answers.csv: {hidden}every {told.every} by itself.")
+    if told.rows:
+        for speeds in range(MAX_SPEEDS, -1, -1):  # as many as fit
+            heads, rows, hidden = table_rows(told, MAX_ROWS, speeds)
+            wide = sum(max(map(cell_len, column)) + 2 for column in zip(heads, *rows, strict=True))
+            if wide <= (width() or PROSE):
+                break
+        lines = table(heads, rows, (False,) * len(heads), _within(2))
+        name = [f"{told.model}:"] if len(data.models) > 1 else []
+        say("", *name, *(f"  {_in_ascii(line)}" for part in lines for line in part))
+        _say(told.legend + (f"; {hidden} more cells: recommendations.csv" if hidden else ""), 2, 2)
+    for title, text in told.notes:
+        _say(f"{title}: {text}", hanging=len(title) + 2)
+    return told
 
 
 def _say(text: str, indent: int = 0, hanging: int = 0) -> None:
@@ -65,35 +50,6 @@ def _in_ascii(line: str) -> str:
     for sign, letters in (("≤", "<="), ("≥", ">="), ("–", "-")):
         line = line.replace(sign, letters)
     return line
-
-
-def print_models(rows: list[dict[str, Any]]) -> None:
-    """One row per model: how well it does when all is clean, how much of that it keeps, how long it takes."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    on = sorted({f"{row['latency_threads']}" for row in rows if row["latency_threads"] is not None})
-    threads = f", threads: {' or '.join(on)}" if on else ""
-    table = Table(
-        title="P: AP, or share of texts read right, in untouched pictures; mPC: its mean over all other "
-        "conditions; uniform: over light x time and motion, whatever the grid; AUC: the area under the curves; "
-        f"ms: per picture, median (95 %){threads}",
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        padding=(0, 1, 0, 0),
-    )
-    table.add_column("model", overflow="fold")
-    for head in ("P", "mPC", "uniform", "rPC", "AUC\nexposure", "AUC\nblur", "ms"):
-        table.add_column(head, justify="right", no_wrap=True)
-    for row in rows:
-        values = ("-" if row[name] is None else f"{row[name]:.3f}" for name in _MODEL_NUMBERS)
-        took = "-" if row["latency_ms"] is None else f"{row['latency_ms']:.1f} ({row['latency_p95_ms']:.1f})"
-        table.add_row(row["model"], *values, took)
-    show(table)
-
-
-_MODEL_NUMBERS = ("p", "mpc", "mpc_uniform", "rpc", "auc_exposure", "auc_blur")
 
 
 def print_assumptions(contract: Any, model: Path | None) -> None:
@@ -114,12 +70,12 @@ def print_assumptions(contract: Any, model: Path | None) -> None:
     )
 
 
-def print_assumed(contract: Any, model: Path | None) -> None:
-    """The same in one line: which fields."""
-    sources = contract.to_dict()["sources"]
-    assumed = [name.replace("_", " ") for name, source in sources.items() if source.startswith("assumed")]
-    if assumed and model is not None:
-        say_wrapped(f"{model.name}: assumed {', '.join(assumed)}; see blurnoise inspect", error=True)
+def print_camera(camera: Camera, *, colour: bool) -> None:
+    """Which camera pictures in colour or grey meet, if nobody named one, or if it has three sensors."""
+    from blurnoise_eval.sweep.default_camera import camera_text
+
+    if told := camera_text(camera, colour=colour):
+        say_wrapped(told, hanging=2, error=True)
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:

@@ -19,17 +19,16 @@ from blurnoise_eval.cli._options import (
     RunWritten,
     StatedPath,
     Workers,
-    bounds,
     left_out,
     one_of,
     options_of,
     or_auto,
+    range_or_list,
     spread,
 )
-from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Score, Threshold, tell
 from blurnoise_eval.cli.sweep import sweep
-from blurnoise_eval.grid.axes import EGO
+from blurnoise_eval.grid.axes import EGO, EXPOSURE
 
 _asked = partial(Option, rich_help_panel="What is asked; LIST is 1,5,10 or start:stop:step, RANGE low:high")
 _stops = partial(Option, rich_help_panel="When it is enough")
@@ -46,8 +45,9 @@ def decide(
     context: Context,
     shared: dict[str, Any],
     exposure_ms: Annotated[
-        Range, _asked("--exposure-ms", parser=bounds, metavar="RANGE", help="exposure times, ms")
-    ] = "1:90",  # type: ignore[assignment]  # as it is typed
+        object,
+        _asked("--exposure-ms", parser=range_or_list, metavar="RANGE|LIST", help="exposure times, ms"),
+    ] = "1:90",
     lux: Annotated[
         object, _asked("--lux", parser=spread, metavar="RANGE|LIST", help="light on the scene, lux")
     ] = "1:1000",
@@ -103,7 +103,7 @@ def decide(
     seed: Annotated[int, Option(metavar="N", help="of the noise, and of the pictures' order")] = 0,
     grey_anchor: GreyAnchor = None,
     trajectory: StatedPath = None,
-    camera: CameraName = "imx250",
+    camera: CameraName = None,
     engine: Annotated[
         str,
         Option(
@@ -127,12 +127,12 @@ def decide(
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, about 40 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over exposure,
     light and speed. Where the plane does not hold (dark current, several directions, a trajectory, a camera that
-    drives) it is that grid, and the answer says why. A range stands for its ends and 1, 3, 10, 30 ... between them.
+    drives), or where the grid has fewer conditions, it is that grid, and the answer says why. A range
+    stands for its ends and 1, 3, 10, 30 ... between them.
     Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
     there.
     """
     given.cache(cache_gb)
-    seen_by = given.camera(camera)
     from blurnoise_eval.deciding.deciding import Precision, decided
     from blurnoise_eval.deciding.question import Question
     from blurnoise_eval.system.working_folder import written_run
@@ -150,11 +150,17 @@ def decide(
     ego = given.vehicle(drives=ego_kmh is not None, **{name: shared.pop(name) for name in _VEHICLE})
     values: dict[str, Any] = {"illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     values |= {name: (value,) for name, value in further.items() if value is not None}
-    question = Question((exposure_ms.low / 1e3, exposure_ms.high / 1e3), values)
+    exposures: Any = exposure_ms
+    tested = () if isinstance(exposures, Range) else tuple(map(EXPOSURE.of_option, sorted(set(exposures))))
+    ends = (
+        (exposures.low / 1e3, exposures.high / 1e3)
+        if isinstance(exposures, Range)
+        else (tested[0], tested[-1])
+    )
+    question = Question(ends, values, tested)
     workers = threads if address else given.threads(threads)
     models, pictures = given.subject(**shared)
-    for each in models if shared["model"] or shared["ocr"] else ():
-        print_assumed(each.contract, each.path)
+    seen_by, of_camera = given.camera_of_run(camera, models, pictures)
     with written_run(output) as folder:
         done = decided(
             models,
@@ -178,4 +184,4 @@ def decide(
             progress=True,
             command=given.command(),
         )
-        tell(done, as_json=as_json, first=done.how())
+        tell(done, as_json=as_json, first=done.how(), last=of_camera)

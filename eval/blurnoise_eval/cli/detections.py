@@ -36,10 +36,12 @@ def detections(
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
+    from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     target = run / "coco" if output is None else output
     with read_run(run) as read, Store(read.path) as store, output_folder(target) as folder:
+        path_within(read.path, "coco")
         steps = store.count_different(*CONDITIONS, "model", "repeat")
         with ProgressBar("write", steps) as advance:
             written = write_detections(store, folder.path, advance)

@@ -44,7 +44,7 @@ def explore(
             help="a detector or text recogniser (default: the built-in detector, or the run's first)",
         ),
     ] = None,
-    camera: CameraName = "",
+    camera: CameraName = None,
     figure: Annotated[
         list[str] | None,
         Option(metavar="NAME=NUMBER", help="of the camera, in place of its own: read_noise_e=12"),
@@ -106,7 +106,7 @@ def _asked(
     picture: str | None,
     images: Path | None,
     model: str | None,
-    camera: str,
+    camera: str | None,
     figures: list[str],
     grid: Grid,
     seed: int,
@@ -139,10 +139,11 @@ def _asked(
     )
     shown: dict[str, Any] = {"picture": "given-picture" if where else f"sign-{1 if sign is None else sign}"}
     shown["model"] = "given-model" if opened else model or BUILT_IN
-    shown["camera"] = camera or "imx250"
     if run is not None:
         shown |= {"picture": f"{OF_RUN}/{picture or run.pictures[0]}", "camera": camera or OF_RUN}
         shown |= {} if model else {"model": f"{OF_RUN}/{run.models[0]}"}
+    else:
+        shown["camera"] = camera or _default(shelf, State(picture=shown["picture"]), shown["model"])
     if camera and camera not in PRESETS:
         shown["camera"] = shelf.place_camera(Path(camera))
     values = {name: values[0] for name, values in grid.items()}
@@ -154,6 +155,16 @@ def _asked(
     shelf.camera(state)
     shelf.subject(state)
     return shelf, state
+
+
+def _default(shelf: Shelf, state: State, model: str) -> str:
+    """The name of the camera that a sweep would take."""
+    from blurnoise_eval.explorer.state import BUILT_IN
+    from blurnoise_eval.sweep.default_camera import default_camera, is_grey
+
+    built_in = model == BUILT_IN
+    colour = built_in or not is_grey(shelf.subject(state).scene.image8)
+    return default_camera(colour=colour, built_in=built_in).name
 
 
 def _first_cell(shelf: Shelf, state: State) -> State:
@@ -175,7 +186,10 @@ def _write(shelf: Shelf, state: State, output: Path, as_json: bool) -> None:
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.explorer.looking import seen
 
-    found = seen(state, shelf.subject(state), shelf.camera(state), shelf.model(state))
+    model = shelf.model(state)
+    found = seen(
+        state, shelf.subject(state), shelf.camera(state), model, criterion=shelf.criterion(state, model)
+    )
     write_picture(output, found.image)
     facts: dict[str, Any] = {"output": str(output), "camera": found.camera.name}
     facts |= {each.name: each.value for each in found.numbers}

@@ -27,15 +27,18 @@ if TYPE_CHECKING:
     from blurnoise_eval.system.storage import Location
 
 
-def camera(name: str, f_number: float | None = None, cfa: Cfa | None = None) -> Camera:
+def camera(
+    name: str | None, f_number: float | None = None, cfa: Cfa | None = None, *, colour: bool = True
+) -> Camera:
     """The camera of a preset's name or a file, with the lens's f-number (light and diffraction) and the colour
-    filters if these are given."""
+    filters if these are given; without a name the default for pictures in colour or grey."""
     from dataclasses import replace
 
     from blurnoise_eval.drawing.photon_transfer import find
     from blurnoise_eval.grid.conditions import with_lens
+    from blurnoise_eval.sweep.default_camera import default_camera
 
-    camera = find(name)
+    camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     stated = "given on the command line"
     if cfa is not None:
         camera = replace(camera, cfa=cfa, sources={**camera.sources, "cfa": stated})
@@ -43,6 +46,16 @@ def camera(name: str, f_number: float | None = None, cfa: Cfa | None = None) -> 
         sources = {**camera.sources, "f_number": stated}
         camera = replace(with_lens(camera, f_number=f_number), sources=sources)
     return camera
+
+
+def camera_of_run(
+    name: str | None, models: Sequence[Model], pictures: PictureSet, cfa: Cfa | None = None
+) -> tuple[Camera, str | None]:
+    """The camera that is named, or the default of these models and pictures; and what the terminal says of it."""
+    from blurnoise_eval.sweep.default_camera import camera_text, default_for, in_colour
+
+    chosen = default_for(models, pictures, cfa) if name is None else camera(name, cfa=cfa)
+    return chosen, camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
 
 
 def illuminant(name: str) -> str | Curve:

@@ -45,3 +45,4 @@ def merge(
         done = joined(folders, whole.path, command, advance)
     held = f", {done.repeated} more than once" if done.repeated else ""
     say(f"{done.cells} rows of cells of {done.pictures} pictures{held}", f"blurnoise report {output}")
+    say("ends of windows: the sweep's command without --part, with -o this folder, refines them")

@@ -153,12 +153,16 @@ def _draw_map(
     values: Path | None = None,
 ) -> None:
     """Draw the map, write its values, and say what it answers."""
+    from blurnoise._core.files import check_writable
     from blurnoise._core.limits import limited
     from blurnoise.ego_motion import Mount, View
     from blurnoise_eval.drawing import motion_map
     from blurnoise_eval.drawing.photon_transfer import plot_suffix
 
     plot_suffix(path)  # before anything is computed
+    for each in (path, values):
+        if each is not None:
+            check_writable(each)
     limited("max_blur_px", max_blur_px, "blur_px")
     if exposure_s is not None:
         limited("exposure_s", exposure_s)

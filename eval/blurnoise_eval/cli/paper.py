@@ -30,7 +30,8 @@ def paper(
         Option(metavar="M.onnx", help="the detector that finds the signs (default: the built-in one)"),
     ] = None,
     contract: Annotated[
-        str | None, Option(metavar="FILE|PRESET", help="how pictures enter it and what its classes are")
+        str | None,
+        Option(metavar="FILE|PRESET[,FIELD=VALUE...]", help="how pictures enter it and what its classes are"),
     ] = None,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     threads: Threads = None,

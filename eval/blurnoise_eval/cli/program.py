@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -80,6 +82,15 @@ def program(
     line_time_us: Annotated[
         float, _limit(metavar="US", help="exposures are whole lines of the sensor")
     ] = 0.0,
+    least_exposure_us: Annotated[
+        float | None,
+        _limit(
+            metavar="US", help="the sensor's shortest exposure (default: its line time; global shutters 20)"
+        ),
+    ] = None,
+    mode_name: Annotated[
+        Literal["normal", "short", "long", "custom"], Option(help="of libcamera's exposure mode")
+    ] = "custom",
     stages: Annotated[
         int | None, Option(metavar="N", help="how many, 1 to 7 (default: as few as lose less than 0.002)")
     ] = None,
@@ -96,16 +107,18 @@ def program(
 
     Gains are those of the camera's own metering, for the mean light of the run's pictures; exposures never become
     longer in more light. Beside it stands what the best fixed time, a stock program and whole periods of the mains
-    would keep. What the run has not tested is refused.
+    would keep. Lights and speeds that the run has not tested are refused; exposures shorter than tested, for more
+    light, are marked as extrapolated.
 
     Writes DIR/program.csv (a row per light), program.json, libcamera.json (an exposure mode for a Raspberry Pi tuning
-    file), ae_route.json (time in us, gain 1024 for 1, at most 16 nodes) and program.png.
+    file), ae_route.json (time in us, gain 1024 for 1, at most 16 nodes), v4l2.csv (times in 100 us and in
+    lines, codes of analogue gain) and program.png.
     """
     from blurnoise_eval.program import export, figure, reading, text
-    from blurnoise_eval.program.limits import Limits
+    from blurnoise_eval.program.limits import PREGIUS_LEAST_S, Limits, least_exposure_s
     from blurnoise_eval.program.making import make
     from blurnoise_eval.program.response import Response
-    from blurnoise_eval.program.scenario import Scenario, chosen_targets, half_stops
+    from blurnoise_eval.program.scenario import Scenario, chosen_targets, half_stops, scaled_note
     from blurnoise_eval.program.stages import MOST
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.run_surfaces import criterion_of
@@ -123,12 +136,15 @@ def program(
         led=led,
         most_gain_db=120.0 if most_gain_db is None else most_gain_db,
         line_time_s=line_time_us / 1e6,
+        least_exposure_s=PREGIUS_LEAST_S if least_exposure_us is None else least_exposure_us / 1e6,
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
         criterion = criterion_of(store, threshold, keep, score)
         found = reading.read(store, criterion, cluster, model)
         camera = found.metering.camera
+        if least_exposure_us is None:
+            limits = replace(limits, least_exposure_s=least_exposure_s(camera))
         scenario = Scenario(
             lights_lux=half_stops(*(lux or found.lights_lux)),
             speeds_px_s=_speeds(
@@ -141,8 +157,9 @@ def program(
         advance(1)
         advance.note("tries exposures at every light")
         response = Response(scenario, found.planes, found.exposures_s)
-        made = make(response, found.metering, limits, stages)
+        made = make(response, found.metering, limits, stages, found.recommended_for(scenario))
         advance(1)
+    notes = [*found.notes, *scaled_note("speeds", speeds), *scaled_note("targets", targets)]
     about: dict[str, Any] = {
         "run": str(run),
         "model": found.model,
@@ -158,12 +175,20 @@ def program(
             "objective": text.scenario_text(scenario).rpartition("; ")[2],
         },
         "limits": limits.words,
-        "notes": list(found.notes),
+        "notes": notes,
     }
     title = f"{found.model}, {camera.name}: {criterion.title}"
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
-        written = export.write(made, scenario.lights_lux, about, folder.path)
+        written = export.write(
+            made,
+            scenario.lights_lux,
+            about,
+            folder.path,
+            limits=limits,
+            metering=found.metering,
+            mode=mode_name,
+        )
         written.append(
             figure.write(made, scenario, limits, found.metering, title, folder.path / "program.png")
         )
@@ -172,8 +197,19 @@ def program(
         say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
         return
     say(*text.lines(made, scenario, limits, found.metering, criterion, found.model, width()))
-    say(*found.notes, error=True)
+    say(*notes, error=True)
+    say(
+        "", *(line for kind, lines in export.how_to_use(mode_name).items() for line in _numbered(kind, lines))
+    )
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")
+
+
+def _numbered(kind: str, lines: list[str]) -> Iterator[str]:
+    """'libcamera 1: ...', folded."""
+    from blurnoise_eval.system.layout import paragraph
+
+    for number, line in enumerate(lines, start=1):
+        yield from paragraph(f"{kind} {number}: {line}", width())
 
 
 def _speeds(
@@ -186,7 +222,7 @@ def _speeds(
     camera: Camera,
 ) -> dict[float, float]:
     """Shares by px/s."""
-    from blurnoise_eval.program.scenario import named_shares
+    from blurnoise_eval.program.scenario import add_share, named_shares
 
     if unit == "px_s":
         for name, value in (("distance_m", distance_m), ("focal_mm", focal_mm), ("hfov_deg", hfov_deg)):
@@ -204,7 +240,7 @@ def _speeds(
             raise ValueError(f"speeds = {stated!r}: must be as 0:0.3,200:0.7, or without shares") from None
         if unit == "kmh":
             speed = _px_s(speed, distance_m or 0.0, focal_mm, hfov_deg, camera)
-        shares[speed] = shares.get(speed, 0.0) + share
+        add_share(shares, "speeds", speed, share)
     return shares
 
 

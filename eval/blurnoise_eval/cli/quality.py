@@ -24,7 +24,7 @@ def quality(
     grid: Grid,
     repeats: Annotated[int, Option(metavar="N", help="noise fields per chart")] = 2,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
-    camera: CameraName = "imx250",
+    camera: CameraName = None,
     threads: Annotated[
         int | None, Option(metavar="N", help="conditions at a time (default: every core)")
     ] = None,
@@ -41,7 +41,7 @@ def quality(
     DIR/figures: every metric against exposure, a line per speed, and against blur, a line per exposure. Where a
     number cannot be told (saturated, lost in noise, blurred beyond its chart) there is none, and the flags say why.
     """
-    exposed_by = given.camera(camera)
+    exposed_by = given.camera(camera, colour=False)
     workers = given.threads(threads)
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.quality import figures as quality_figures

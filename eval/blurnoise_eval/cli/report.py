@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
 from blurnoise_eval.cli._options import SCORES, Json, RunRead, one_of
-from blurnoise_eval.cli.console import print_models, print_opening
+from blurnoise_eval.cli.console import print_opening
 from blurnoise_eval.system.storage import Location, location
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
     from blurnoise_eval.sweep.evaluation import Evaluation
 
+_MOST_LABELS = 8
 _enough = partial(Option, rich_help_panel="What is enough")
 Keep = Annotated[
     float | None,
@@ -91,10 +93,18 @@ def report(
         tell(done, as_json=as_json, first=done.how(), parquet=parquet)
 
 
-def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet: bool = False) -> None:
+def tell(
+    done: Evaluation,
+    *,
+    as_json: bool,
+    first: Sequence[str] = (),
+    last: str | None = None,
+    parquet: bool = False,
+) -> None:
     """Write a run's tables, figures and page, with ``parquet`` its rows as that, too; the answer in the terminal,
-    after what is to be said ``first``."""
-    from blurnoise_eval.report.findings import invented, missing_text
+    with the lines ``first`` after it and ``last`` before the page's path."""
+    from blurnoise_eval.report.findings import alarms
+    from blurnoise_eval.report.words import counted
 
     if parquet:
         done.parquet()
@@ -104,22 +114,27 @@ def tell(done: Evaluation, *, as_json: bool, first: Sequence[str] = (), parquet:
     if as_json:
         say_json(done.summary)
         return
+    for alarm in alarms(done.data):
+        say_wrapped(f"Warning: {alarm}")
+    for name, labels in done.summary["targets_found"].items():
+        say_wrapped(f"{name}: {_found_text(labels)}", hanging=2)
     print_opening(done.data)
     for line in first:
         say_wrapped(line)
     for each in done.summary["withheld"]:
         say_wrapped(
-            f"withheld: {each['model']}, {each['group']}: next to nothing is known in the untouched pictures"
+            f"No answer for {each['model']}, {each['group']}: almost nothing of it is found in the originals"
         )
-    print_models(done.models)
-    took = f" computed in {done.outcome.wall_s:.1f} s" if done.outcome is not None else ""
-    say(f"{done.summary['cells']} cells{took}, pictures skipped: {len(done.skipped)}")
-    if done.data.manifest["json_left_out"]:
-        say("results.json is left out of a run of this size; results.csv has its rows")
-    if missing := missing_text(done.summary["missing_cells"]):
-        say(missing)
-    if behind := invented(done.data):
-        say_wrapped(behind)
-    if meant := done.summary["reflectance"]:
-        say_wrapped(f"lux: {meant}")
-    say(f"open {done.summary['report']}")
+    took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
+    skipped = f", {counted(len(done.skipped), 'picture')} skipped" if done.skipped else ""
+    if last:
+        say_wrapped(last, hanging=2)
+    say(f"{done.summary['cells']} cells{took}{skipped}. Details: {done.summary['report']}")
+
+
+def _found_text(labels: Mapping[str, int]) -> str:
+    """What is taken for targets where nothing is labelled: "63 targets: sports ball 61, person 2"."""
+    named = [f"{label} {count}" for label, count in islice(labels.items(), _MOST_LABELS)]
+    more = len(labels) - len(named)
+    named += [f"{more} more classes"] if more else []
+    return f"{sum(labels.values())} targets, as found in the original pictures: {', '.join(named)}"

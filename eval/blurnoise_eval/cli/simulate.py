@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import CameraName, Cfa, FNumber, FrameRate, GreyAnchor, Json, Mains, or_auto
-from blurnoise_eval.cli.console import print_facts, print_stages
+from blurnoise_eval.cli.console import print_camera, print_facts, print_stages
 from blurnoise_eval.grid.axes import AUTOMATIC
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def simulate(
         Option(metavar="PLATE.png", help="the scene without it (default: invented from around it)"),
     ] = None,
     grey_anchor: GreyAnchor = None,
-    camera: CameraName = "imx250",
+    camera: CameraName = None,
     cfa: Cfa = None,
     f_number: FNumber = None,
     as_json: Json = False,
@@ -180,7 +180,6 @@ def simulate(
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
     """
-    taker = given.rolling(line_time_us, given.camera(camera, f_number, cfa))
     from dataclasses import asdict
 
     import torch
@@ -198,6 +197,7 @@ def simulate(
     from blurnoise.radiometry import filter_electrons, photoelectrons
     from blurnoise.sensor.mosaic import outside_share
     from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.sweep.default_camera import is_grey_light
 
     integer("seed", seed, 0, LAST_SEED)
     for name, px_s in (("dx", dx), ("dy", dy), ("object_dx", object_dx), ("object_dy", object_dy)):
@@ -205,6 +205,8 @@ def simulate(
     lit_by = given.illuminant(illuminant)
     auto = AutoExposure(frame_rate_hz=frame_rate, mains_hz=float(mains))
     scene = given.light(image, encoding, grey_anchor, emitters)
+    colour = not is_grey_light(scene)
+    taker = given.rolling(line_time_us, given.camera(camera, f_number, cfa, colour=colour))
     moving = _object(cut, plate, scene, (object_dx, object_dy), encoding, grey_anchor or emitters)
     crossing = {"away_m": object_m, "width_m": object_width_m}
     if object_kmh is not None:
@@ -326,6 +328,7 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in needs.stages]
     print_facts(facts, as_json)
+    print_camera(taker, colour=colour)
     if explain and not as_json:
         print_stages(needs, fidelity)
 

@@ -34,10 +34,10 @@ from blurnoise_eval.cli._options import (
     classes,
     one_of,
 )
-from blurnoise_eval.cli.console import print_assumed
 from blurnoise_eval.cli.report import Cluster, Keep, Parquet, Score, Threshold, tell
 from blurnoise_eval.grid.axes import EGO
 from blurnoise_eval.system.storage import Location, location
+from blurnoise_eval.system.terminal import say
 
 _EGO = "With --ego-kmh: the camera on the vehicle"
 _what = partial(Option, rich_help_panel="What to run")
@@ -58,10 +58,10 @@ def sweep(
     contract: Annotated[
         list[str] | None,
         _what(
-            metavar="FILE|PRESET",
-            help="how pictures enter the model and what its classes are: a JSON or YAML file, or a preset; see "
-            "'blurnoise inspect --help' (default: MODEL.contract.json beside the model, then its metadata, then "
-            "its shape); one for all models, or one for each in their order",
+            metavar="FILE|PRESET[,FIELD=VALUE...]",
+            help="how pictures enter the model and what its classes are: a JSON or YAML file, or a preset, and what "
+            "differs; see 'blurnoise inspect --help' (default: MODEL.contract.json beside the model, then its "
+            "metadata, then its shape); one for all models, or one for each in their order",
             autocompletion=one_of(FAMILIES),
         ),
     ] = None,
@@ -146,7 +146,7 @@ def sweep(
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     grey_anchor: GreyAnchor = None,
     trajectory: StatedPath = None,
-    camera: CameraName = "imx250",
+    camera: CameraName = None,
     cfa: Cfa = None,
     keep: Keep = None,
     threshold: Threshold = None,
@@ -170,6 +170,14 @@ def sweep(
             help="only the Kth of N parts of the pictures, by their names; 'blurnoise merge' joins the runs",
         ),
     ] = None,
+    refine: Annotated[
+        bool,
+        Option(
+            "--refine/--no-refine",
+            help="compute more exposures where a window ends between two tested ones, to a quarter of a stop; a part "
+            "refines nothing",
+        ),
+    ] = True,
     parquet: Parquet = False,
     cache_gb: CacheGb = None,
     output: RunWritten,
@@ -189,7 +197,6 @@ def sweep(
     goes on where it was when the same command is given again.
     """
     given.cache(cache_gb)
-    exposed_by = given.camera(camera, cfa=cfa)
     from blurnoise import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.grid.parts import Part
@@ -243,8 +250,7 @@ def sweep(
         yaw_deg_s=yaw_deg_s,
     )
     plan = SweepPlan(grid, **stated, auto_exposure=auto, objects=objects)
-    for each in models if model or ocr else ():
-        print_assumed(each.contract, each.path)
+    exposed_by, of_camera = given.camera_of_run(camera, models, pictures, cfa)
     with written_run(output) as folder:
         done = evaluate(
             models,
@@ -260,7 +266,13 @@ def sweep(
             threads=workers,
             address=address,
             part=part,
+            refine=refine,
             progress=True,
             command=given.command(),
         )
-        tell(done, as_json=as_json, parquet=parquet)
+        tell(done, as_json=as_json, parquet=parquet, last=of_camera)
+    if refine and part is not None:
+        say(
+            "ends of windows are not refined in a part: merge the parts, then sweep on in the merged run",
+            error=True,
+        )

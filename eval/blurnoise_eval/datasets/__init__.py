@@ -6,7 +6,13 @@ strictly: what cannot be meant is a ``ValueError`` of one line that names the fi
 
 from blurnoise_eval.datasets.bdd100k import bdd
 from blurnoise_eval.datasets.coco_instances import coco
-from blurnoise_eval.datasets.cut_outs import CutOut, check_cut, cut_out
+from blurnoise_eval.datasets.cut_outs import (
+    CutOut,
+    check_cut,
+    cut_out,
+    source_content,
+    source_identity,
+)
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
     MAX_MEGAPIXELS,
@@ -54,6 +60,8 @@ __all__ = [
     "sample",
     "size_group",
     "size_px",
+    "source_content",
+    "source_identity",
     "texts",
     "write_picture",
     "yolo",

@@ -7,11 +7,12 @@ from functools import partial
 from typing import Any
 
 from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.fields import each, faults_of, inside, number, read_json, text
+from blurnoise_eval.datasets.fields import each, faults_of, number, read_json, text
 from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Location
 
 _CORNERS = ("x1", "y1", "x2", "y2")

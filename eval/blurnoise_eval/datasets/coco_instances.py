@@ -14,7 +14,6 @@ from blurnoise_eval.datasets.fields import (
     as_number,
     each,
     faults_of,
-    inside,
     number,
     read_json,
     text,
@@ -24,6 +23,7 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.records import PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Location
 
 _KIND = "a COCO instances file"

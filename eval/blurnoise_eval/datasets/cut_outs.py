@@ -22,10 +22,11 @@ from blurnoise import mattes
 from blurnoise.exposure import ExposedScene
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut, Matte
-from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, read_picture
-from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture
+from blurnoise_eval.datasets.folder import from_file
+from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_picture
+from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.system.storage import Finder, Location, location
+from blurnoise_eval.system.storage import Finder, Location, Url, location
 
 _NAMED = 5  # pictures with broken segmentations
 
@@ -86,6 +87,23 @@ def _check_segmentations(pictures: PictureSet) -> None:
             f"mattes = 'segmentation': {broken.total()} targets of {len(broken)} pictures have broken ones: {names}; "
             "must be auto, grabcut or box"
         )
+
+
+def source_identity(picture: Picture, objects: Objects) -> str:
+    """The picture's identity with that of its plate, if there is one: of every file that reaches its pixels."""
+    if objects.plates is None or picture.cut is not None:
+        return picture.identity
+    folder = location(objects.plates)
+    stamp = (folder / picture.name).stamped().stamp if isinstance(folder, Url) else None
+    return f"{picture.identity}, plate {from_file(folder, picture.name, None, 0, stamp=stamp).identity}"
+
+
+def source_content(picture: Picture, image: Image, objects: Objects) -> str:
+    """What tells the picture and its plate from any other. Raises ``UnreadablePicture`` for a plate that is none."""
+    own = content(image)
+    if objects.plates is None or picture.cut is not None:
+        return own
+    return f"{own} {content(read_picture(location(objects.plates) / picture.name, MOST_MEGAPIXELS))}"
 
 
 def cut_out(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path
 from typing import Any, TypeVar
 
 from blurnoise._core.checks import shown
@@ -119,29 +119,6 @@ def text(entry: dict[str, Any], key: str) -> str:
     if not isinstance(value, str) or not is_unicode(value):
         raise ValueError(f"{key} = {shown(value)}: must be text")
     return value
-
-
-def inside(name: str) -> str:
-    """A file's name as sub/picture.png, whatever detours it takes.
-
-    Raises ``ValueError`` for one that leaves the folder it is meant for, on any system: through '..', as an
-    absolute path, with a drive letter or a backslash.
-    """
-    parts: list[str] = []
-    windows = PureWindowsPath(name)
-    leaves = bool(windows.drive or windows.root) or "\\" in name or "\0" in name
-    for part in PurePosixPath(name).parts:
-        if part == "..":
-            leaves |= not parts
-            parts = parts[:-1]
-        else:
-            parts.append(part)
-    if leaves or not parts:
-        raise ValueError(
-            f"file name {name[:200]!r} leaves the folder; must lead into it, as sub/picture.png "
-            "(no root, drive or backslash)"
-        )
-    return "/".join(parts)
 
 
 def is_unicode(characters: str) -> bool:

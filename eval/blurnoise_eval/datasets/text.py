@@ -15,7 +15,6 @@ from blurnoise_eval.datasets.fields import (
     each,
     each_line,
     faults_of,
-    inside,
     read_text,
     text,
 )
@@ -23,6 +22,7 @@ from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Finder, Location
 
 LABEL = "text"

@@ -15,7 +15,6 @@ from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.fields import (
     each_line,
     faults_of,
-    inside,
     is_unicode,
     read_text,
     read_yaml,
@@ -24,6 +23,7 @@ from blurnoise_eval.datasets.folder import from_files, picture_names
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Finder, Location, Url
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
@@ -114,15 +114,29 @@ def _sources(root: Location, described: Mapping[Any, Any], split: str | None) ->
         raise ValueError(
             f"split {split!r} = {shown(described.get(split))}: must name folders or lists (.txt)"
         )
-    return [_existing(root / base, entry) for entry in entries]
+    return [_existing(root, base, entry) for entry in entries]
 
 
-def _existing(base: Location, entry: str) -> Location:
-    """The folder or list; Roboflow's exports write '../' where they mean './'."""
-    for name in (entry, entry.removeprefix("../")):
-        if (base / name).exists():
-            return base / name
-    raise ValueError(f"{str(base / entry)!r}: no such folder or list of pictures")
+def _existing(root: Location, base: str, entry: str) -> Location:
+    """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
+    named = [root / base / name for name in dict.fromkeys((entry, entry.removeprefix("../")))]
+    own = [found for place in named if (found := _below(root, place)) is not None]
+    if not own:
+        raise ValueError(
+            f"{str(named[0])!r} leaves the folder {str(root)!r}; name that of the pictures (--images)"
+        )
+    for found in own:
+        if found.exists():
+            return found
+    raise ValueError(f"{str(own[0])!r}: no such folder or list of pictures")
+
+
+def _below(root: Location, place: Location) -> Location | None:
+    """The place without detours; None outside of ``root``."""
+    if isinstance(place, Url):
+        return place if place.parts[: len(root.parts)] == root.parts else None
+    below = Path(os.path.relpath(str(place), str(root)))
+    return None if below.parts[:1] == (os.pardir,) else root / str(below)
 
 
 def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:

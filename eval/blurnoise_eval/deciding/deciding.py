@@ -23,12 +23,13 @@ from blurnoise.camera import Camera
 from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.datasets import PictureSet, check_cut
-from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, Decision, answers_of
+from blurnoise_eval.deciding.decision import BECAUSE, CHEAPER, QUESTION, Decision, answers_of
+from blurnoise_eval.deciding.nodes import lattice
 from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.realised import conditions_at
-from blurnoise_eval.deciding.search import MOST_NODES, Search
+from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import EGO
@@ -43,10 +44,14 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.contract_choice import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_of, staying
-from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, note_models, progress_bar, tell_of
+from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, progress_bar, tell_of
+from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
+from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 FIRST_PICTURES = 20
@@ -143,13 +148,19 @@ def decided(
     path = None if trajectory is None else StatedTrajectory.parse(trajectory)
     drives = bool(question.further.get(EGO.name)) or ego is not None
     because = what_breaks(camera, question.exposures_s, question.lines, temperature, path, drives)
-    if because:
+    cheaper = [] if because or precision.stated else _cheaper(folder, question, precision)
+    if progress and not because:
+        most = _most_nodes(question, precision)
+        told = f"a search of at most {most} conditions; the grid has {question.grid_conditions}"
+        say(f"decide: {cheaper[0] if cheaper else told}", error=True)
+    if because or cheaper:
         evaluate(
             list(models), pictures, camera, SweepPlan(question.grid, **shared, trajectory=path, ego=ego), folder,
             **enough, engine=engine, threads=threads, address=address, progress=progress, command=command,
         )  # fmt: skip
         with Store(folder.path) as store:
             store.set_about(BECAUSE, because)
+            store.set_about(CHEAPER, cheaper)
             store.set_about(QUESTION, question.to_dict())
         return Decision(folder, **enough, progress=progress)
     direction = next((line.direction for line in question.lines if line.direction), _AT_REST)
@@ -164,14 +175,33 @@ def decided(
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
+        models, comparisons = contracts_chosen(models, pictures, say=progress)
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
         drawn = _drawn(pictures, seed, cluster)
         computing = _Computing(store, folder, models, camera, drawn, plan, engine_kept, progress)
         _search(computing, question, criterion, cluster, precision)
-        note_models(store, models, pictures)
+        note_models(store, models, pictures, comparisons)
     return Decision(folder, **enough, outcome=computing.outcome, progress=progress)
+
+
+def _most_nodes(question: Question, precision: Precision) -> int:
+    """How many conditions a search asks for at most, where the surface is smooth."""
+    return min(len(lattice(question.lines, question.exposures_s)), precision.most_nodes + CHECKED)
+
+
+def _cheaper(folder: WorkingFolder, question: Question, precision: Precision) -> list[str]:
+    """Why the grid is computed, where it has fewer conditions than a search may ask for; a search that has begun in
+    the folder goes on."""
+    most, grid = _most_nodes(question, precision), question.grid_conditions
+    if grid >= most:
+        return []
+    if (folder.path / RUN_FILE).is_file():
+        with Store(folder.path) as store:
+            if any(batch.places for batch in asked(store)):
+                return []
+    return [f"it has {grid} conditions, a search would ask for up to {most}"]
 
 
 @dataclass(frozen=True)
@@ -198,9 +228,9 @@ class _Computing:
             minded = self.folder.minded(advance, self.store.copy_to)
             done = sweep.run(
                 self.models, self.camera, some, plan, self.store,
-                engine=self.engine, progress=minded, died=tell_of(advance),
+                engine=self.engine, progress=minded, resumed=advance.already, died=tell_of(advance),
             )  # fmt: skip
-        _add(self.outcome, done)
+        self.outcome.add(done)
         skipped = self.store.skipped()
         if len(skipped) == len(some):
             raise ValueError(f"images: none could be read (first: {skipped[0]['reason']})")
@@ -272,14 +302,6 @@ def _stages(count: int, precision: Precision, before: Sequence[Batch]) -> Iterat
         yield some
         some *= 2
     yield count
-
-
-def _add(outcome: Outcome, more: Outcome) -> None:
-    """What another batch did; cells are resumed once."""
-    outcome.computed += more.computed
-    outcome.wall_s += more.wall_s
-    outcome.skipped |= more.skipped
-    outcome.non_finite_values += more.non_finite_values
 
 
 def _edge_widths(answer: dict[str, Any]) -> Iterator[float]:

@@ -25,8 +25,8 @@ from blurnoise_eval.sweep.evaluation import Evaluation
 from blurnoise_eval.sweep.run_folder import Grouped
 from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
-QUESTION, BECAUSE = "question", "not the plane because"
-"""Under which a run's store keeps what was asked last, and why the plane does not hold."""
+QUESTION, BECAUSE, CHEAPER = "question", "not the plane because", "the grid is cheaper"
+"""Under which a run's store keeps what was asked last, why the plane does not hold, and why the grid costs less."""
 _GRID_EXPOSURES = 10  # of the grid that a search is compared with
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
@@ -35,7 +35,7 @@ _PREDICTED = "Answers and curves are predicted from these; what that leaves open
 def on_lines(store: Store, measured: Grouped) -> Grouped:
     """Surfaces that answer the run's question, by those that were measured; of a full grid these themselves."""
     asked_for = store.about(QUESTION)
-    if asked_for is None or store.about(BECAUSE):
+    if asked_for is None or store.about(BECAUSE) or store.about(CHEAPER):
         yield from measured
         return
     question = Question.from_dict(asked_for)
@@ -48,7 +48,8 @@ def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[
     """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
     every = on_lines(store, grouped_surfaces(store, criterion, cluster))
     told = [surface for alike in every for surface in alike if not too_little(surface)]
-    return [answer.row() for surface in told for answer in answers(surface, criterion)]
+    monotone = store.about("manifest").get("trajectory") is None
+    return [answer.row() for each in told for answer in answers(each, criterion, monotone=monotone)]
 
 
 class Decision(Evaluation):
@@ -68,7 +69,7 @@ class Decision(Evaluation):
                 return None
             question, batches = Question.from_dict(store.about(QUESTION)), asked(store)
             repeats = store.about("identity")["plan"]["repeats"]
-            because = store.about(BECAUSE)
+            because = store.about(BECAUSE) or store.about(CHEAPER) or []
             n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
         n_nodes = sum(len(batch.conditions) for batch in batches)
         if because:

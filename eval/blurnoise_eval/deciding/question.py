@@ -5,6 +5,7 @@ Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`; light above 0.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,12 +23,14 @@ _GRID_PER_STOP = 2  # exposures of the grid where the plane does not hold
 class Question:
     """Every exposure between two, s, with every combination of the values on the other axes.
 
-    values: by the axis's name, as :class:`SweepPlan` takes them; a further axis has one. Raises ``ValueError`` for
+    values: by the axis's name, as :class:`SweepPlan` takes them; a further axis has one. tested_s: the exposures of
+    the grid, if it is computed, by default half a stop apart. Raises ``ValueError`` for
     exposures that are no range, darkness, several values on a further axis, and what is not allowed on an axis.
     """
 
     exposures_s: tuple[float, float]
     values: Mapping[str, tuple[float, ...]]
+    tested_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.exposures_s
@@ -64,16 +67,23 @@ class Question:
 
     @property
     def grid(self) -> dict[str, tuple[float, ...]]:
-        """The same as a grid of conditions, exposures half a stop apart."""
-        exposures = exposures_on(self.exposures_s, _GRID_PER_STOP).tolist()
+        """The same as a grid of conditions."""
+        exposures = self.tested_s or exposures_on(self.exposures_s, _GRID_PER_STOP).tolist()
         return {**self.values, EXPOSURE.name: tuple(exposures)}
+
+    @property
+    def grid_conditions(self) -> int:
+        """How many conditions the grid has."""
+        return math.prod(map(len, self.grid.values()))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; :meth:`from_dict` reads them."""
-        return {"exposures_s": self.exposures_s, "values": dict(self.values)}
+        tested = {"tested_s": self.tested_s} if self.tested_s else {}
+        return {"exposures_s": self.exposures_s, "values": dict(self.values), **tested}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Question:
         """The question of :meth:`to_dict`."""
         low, high = values["exposures_s"]
-        return cls((low, high), {name: tuple(each) for name, each in values["values"].items()})
+        tested = tuple(values.get("tested_s", ()))
+        return cls((low, high), {name: tuple(each) for name, each in values["values"].items()}, tested)

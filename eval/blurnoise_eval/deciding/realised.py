@@ -58,7 +58,7 @@ def _nearest(place: tuple[float, float], line: Line, low: float, high: float) ->
     if line.speed_px_s > 0:
         by_motion = place[1] - math.log2(line.speed_px_s)
         logs += [(by_light + by_motion) / 2, FLOOR - math.log2(line.speed_px_s)]
-    return [float(np.clip(2.0**each, low, high)) for each in logs]
+    return [float(np.clip(2.0 ** min(each, math.log2(high)), low, high)) for each in logs]
 
 
 def _rounded(value: float) -> float:

@@ -33,6 +33,17 @@ EXAMPLE = (
 )
 
 
+SHORT_NAMES = {
+    "base": "family", "color": "colour", "range": "value_range", "pad": "pad_value", "size": "input_size_px",
+    "iou": "nms_iou",
+}  # fmt: skip
+"""Other names of fields, in a contract's file and on the command line."""
+
+TYPED = (
+    "yolox,colour=rgb,value_range=0-1,mean=0.485/0.456/0.406,std=0.229/0.224/0.225,resize=stretch,pad_value=0"
+)
+
+
 class ModelError(ValueError):
     """A model or its contract cannot be used; the message says what it is and what to do."""
 
@@ -160,6 +171,16 @@ FIELDS = tuple(f.name for f in fields(Contract) if f.name != "sources")
 _IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # mean and std of RGB, 0-1
 _IMAGENET_255 = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 _NANODET = (103.53, 116.28, 123.675), (57.375, 57.12, 58.395)  # BGR
+INPUT_VALUES: dict[
+    str, tuple[Literal["0-1", "0-255"], tuple[float, float, float] | None, tuple[float, float, float] | None]
+] = {
+    "0-1": ("0-1", None, None),
+    "0-255": ("0-255", None, None),
+    "0-1 with ImageNet's mean and std": ("0-1", *_IMAGENET),
+    "0-255 less ImageNet's mean": ("0-255", _IMAGENET_255[0], None),
+    "-1 to 1": ("0-1", (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
+}
+"""What detectors are fed with: value range, mean and std, the latter in the order of red, green, blue."""
 
 
 def _stretched(family: str, classes: tuple[str, ...], side_px: int, **changes: Any) -> Contract:
@@ -213,9 +234,19 @@ def preset(name: str) -> Contract:
 def parse_contract(stated: object, source: str) -> Contract:
     """Return the contract a mapping states; fields it leaves out follow the preset of its family.
 
-    ``family`` and ``classes`` (names by id, or "coco80") are required. ``source`` names the mapping in
-    messages and in ``sources``. Raises :class:`ModelError` for an unknown or missing key or a bad value.
+    ``family`` and ``classes`` (names by id, or "coco80") are required; ``base``, a family's name in place of
+    ``family``, takes its classes, too. Other names of fields are those of ``SHORT_NAMES``. ``source`` names the
+    mapping in messages and in ``sources``. Raises :class:`ModelError` for an unknown, missing or doubled key or a bad
+    value.
     """
+    if isinstance(stated, Mapping):
+        named = [SHORT_NAMES.get(name, name) for name in stated]
+        if twice := [name for name in stated if named.count(SHORT_NAMES.get(name, name)) > 1]:
+            raise ModelError(f"{source}: {' and '.join(map(repr, twice))} are one field; state it once")
+        based = "base" in stated
+        stated = dict(zip(named, stated.values(), strict=True))
+        if based:
+            stated = {"classes": preset(stated["family"]).classes, **stated}
     values = stated_values(stated, FIELDS, source, EXAMPLE)
     if missing := [repr(name) for name in ("family", "classes") if name not in values]:
         raise ModelError(f"{source}: missing key {', '.join(missing)}; for example {EXAMPLE}")
@@ -246,16 +277,78 @@ def completed(base: Stated, values: Mapping[str, Any], source: str) -> Stated:
 def load_contract(name_or_path: str | Path) -> Contract:
     """Return the contract of a preset's name or of a JSON or YAML file, on this machine or at a URL.
 
+    Either may be followed by fields that differ: "yolox,colour=rgb,range=0-1,mean=0.485/0.456/0.406".
     Raises :class:`ModelError` if it is neither, cannot be parsed, or states a bad contract.
     """
     if str(name_or_path) in PRESETS:
         return preset(str(name_or_path))
     path = _here(name_or_path)
     if not path.is_file():
+        base, *fields = str(name_or_path).split(",")
+        if fields and all("=" in each for each in fields):
+            stated = dict(each.split("=", 1) for each in fields)
+            return _varied(load_contract(base), stated, f"--contract {base},...")
         raise ModelError(
             f"contract {str(name_or_path)!r}: neither a file nor a preset ({', '.join(map(repr, PRESETS))})"
         )
     return parse_contract(read_mapping(path), f"file {path.name}")
+
+
+def _varied(base: Contract, stated: Mapping[str, str], source: str) -> Contract:
+    """The contract with fields as they are typed."""
+    values: dict[str, Any] = {}
+    for short, text in stated.items():
+        name = SHORT_NAMES.get(short.strip(), short.strip())
+        try:
+            values[name] = _typed(name, text.strip())
+        except ValueError:
+            raise ModelError(
+                f"{source}: {name} = {text!r}: must be typed as in {TYPED}; none where there is none"
+            ) from None
+    return completed(base, stated_values(values, FIELDS, source, TYPED), source)
+
+
+def _typed(name: str, text: str) -> object:
+    if text == "none":
+        return None
+    if name in ("mean", "std"):
+        return tuple(float(part) for part in text.split("/"))
+    if name == "input_size_px":
+        sides = tuple(int(part) for part in text.split("x"))
+        return sides if len(sides) > 1 else sides * 2
+    if name == "classes" and text not in ("coco80", "coco91"):
+        return tuple(text.split("/"))
+    return int(text) if name == "pad_value" else float(text) if name == "nms_iou" else text
+
+
+def contract_option(contract: Contract) -> str | None:
+    """The contract as ``--contract`` takes it: its family, and what differs from that preset.
+
+    None for one that only a file can hold, because of its names of classes or of a head with anchors.
+    """
+    base = PRESETS[contract.family]
+    parts = []
+    for name in FIELDS:
+        value = getattr(contract, name)
+        if value == getattr(base, name):
+            continue
+        if isinstance(value, tuple):
+            text = ("x" if name == "input_size_px" else "/").join(map(str, value))
+        else:
+            text = "none" if value is None else str(value)
+        parts.append(f"{name}={text}")
+    typed = ",".join([contract.family, *parts])
+    try:
+        return typed if load_contract(typed) == contract else None
+    except ModelError:
+        return None
+
+
+def contract_document(contract: Contract) -> dict[str, Any]:
+    """What a contract's file holds: every field but the sources, COCO's classes by their short name."""
+    known = {COCO80: "coco80", COCO91: "coco91"}
+    values = {name: value for name, value in contract.to_dict().items() if name != "sources"}
+    return values | {"classes": known.get(contract.classes, list(contract.classes))}
 
 
 def _here(stated: str | Path) -> Path:

@@ -82,6 +82,15 @@ class Detector:
     def __reduce__(self) -> tuple[Any, ...]:
         return self._opened_again, (), {"name": self.name}
 
+    def with_contract(self, contract: Contract) -> Detector:
+        """The same session read by another contract of the same family and input size."""
+        other = object.__new__(Detector)
+        other.__dict__.update(self.__dict__)
+        other.contract = contract
+        other._opened_again = partial(self._opened_again, contract=contract)
+        other._non_finite, other._buffers = NonFinite(self.path.name), threading.local()
+        return other
+
     @property
     def non_finite_values(self) -> int:
         """NaN and infinite output values seen so far."""

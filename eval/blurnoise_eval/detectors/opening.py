@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import count
 
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import fetched, named_as
@@ -52,8 +53,11 @@ def open_models(
 
 
 def _tell_apart(models: Sequence[Opened]) -> None:
-    names: dict[str, int] = {}
+    taken = {model.name for model in models}
+    named: set[str] = set()
     for model in models:
-        names[model.name] = names.get(model.name, 0) + 1
-        if names[model.name] > 1:
-            model.name = f"{model.name}-{names[model.name]}"
+        if model.name in named:
+            numbered = (f"{model.name}-{number}" for number in count(2))
+            model.name = next(name for name in numbered if name not in taken)
+            taken.add(model.name)
+        named.add(model.name)

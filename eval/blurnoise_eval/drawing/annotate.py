@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.scoring.matching import MATCH_IOU, iou
+from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.terminal import plain
 
 OTHER_SCORE = 0.3  # detections that belong to no target are drawn from this score on
@@ -35,6 +36,7 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     than ``MOST_BOXES`` targets the largest are drawn.
     """
     try:
+        check_regular(Path(example["path"]))
         encoded = np.frombuffer(Path(example["path"]).read_bytes(), np.uint8)
         bgr = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
     except (OSError, cv2.error):

@@ -13,7 +13,8 @@ from socketio.exceptions import TimeoutError as Unanswered  # type: ignore[impor
 
 from blurnoise_eval.explorer import drawn, words
 from blurnoise_eval.explorer.controls import STEPS, Control
-from blurnoise_eval.explorer.looking import Seen, Subject, works
+from blurnoise_eval.explorer.judging import works
+from blurnoise_eval.explorer.looking import Seen, Subject
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.visit import Curve
 from blurnoise_eval.grid.axes import AUTOMATIC
@@ -137,12 +138,13 @@ class Answers:
     def seen(self, seen: Seen) -> None:
         """What is told of the picture."""
         self.last = seen
-        size, threshold = (seen.image.shape[0], seen.image.shape[1]), seen.state.threshold
+        size = seen.image.shape[0], seen.image.shape[1]
+        found_from = seen.standard.found_from if seen.standard else 0.0
         query = json.dumps(f"?{seen.state.query()}" if seen.state.query() else "")
         self.js(f"history.replaceState(null, '', location.pathname + {query})")
         self.js("document.body.classList.remove('busy')")
-        self._over.set_content(drawn.boxes(seen.sight, size, threshold, seen.classes))
-        self._over_clean.set_content(drawn.boxes(seen.clean, size, threshold, seen.classes))
+        self._over.set_content(drawn.boxes(seen.sight, size, found_from, seen.classes))
+        self._over_clean.set_content(drawn.boxes(seen.clean, size, found_from, seen.classes))
         self._verdict.set_content(words.verdict(seen))
         self._conditions.set_text(words.conditions(seen))
         self._numbers.set_content(
@@ -166,12 +168,15 @@ class Answers:
         at = along.read(state, self.last.camera) if self.last else AUTOMATIC
         if at == AUTOMATIC and exposure is not None:
             at = {"exposure_s": 1e3 * exposure.exposure_s, "gain_db": exposure.gain_db}.get(along.name, at)
-        kept = works(curve, state.threshold, at) if finished else None
+        standard = self.last.standard if self.last else None
+        if standard is None:
+            return
+        kept = works(curve, standard.enough, at) if finished else None
         unit = f", {along.unit}" if along.unit else ""
-        self._strip_title.set_text(f"Mean confidence along {along.title.lower()}{unit}")
-        self._strip.set_content(drawn.strip(curve, along, at, state.threshold, kept))
+        self._strip_title.set_text(f"{standard.title} along {along.title.lower()}{unit}")
+        self._strip.set_content(drawn.strip(curve, along, at, standard.enough, kept))
         if finished:
-            self._window.set_text(words.window(curve, along, at, state.threshold))
+            self._window.set_text(words.window(curve, along, at, standard))
 
     def fails(self, told: str) -> None:
         """A line on what cannot be done; what was seen before stays."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from blurnoise.error_budget import Plan
 from blurnoise_eval.drawing.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.explorer.controls import Control
-from blurnoise_eval.explorer.looking import Stop
+from blurnoise_eval.explorer.judging import Stop
 from blurnoise_eval.explorer.runs import HeatMap
 from blurnoise_eval.grid.axes import Axis
 from blurnoise_eval.scoring.matching import MATCH_IOU, iou
@@ -92,9 +92,9 @@ def histogram(shares: NDArray[np.float64], clipped: tuple[float, float]) -> str:
     )
 
 
-def strip(curve: Curve, along: Control, at: float, threshold: float, kept: tuple[float, float] | None) -> str:
-    """Confidence along a control, with the threshold, where it holds, and where the slider stands; clicked, it goes
-    there."""
+def strip(curve: Curve, along: Control, at: float, enough: float, kept: tuple[float, float] | None) -> str:
+    """Scores along a control, with what is enough, where that is reached, and where the slider stands; clicked, it
+    goes there."""
     wide, high = _WIDE - _LEFT - _RIGHT, _HIGH - _TOP - _BOTTOM
 
     def x(value: float) -> float:
@@ -129,11 +129,11 @@ def strip(curve: Curve, along: Control, at: float, threshold: float, kept: tuple
             f'<rect class="kept" x="{left - 3:.1f}" y="{_TOP}" width="{right - left + 6:.1f}" height="{high}"/>'
         )
     parts.append(
-        f'<line class="threshold" x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y(threshold):.1f}" y2="{y(threshold):.1f}"/>'
+        f'<line class="threshold" x1="{_LEFT}" x2="{_LEFT + wide}" y1="{y(enough):.1f}" y2="{y(enough):.1f}"/>'
     )
-    for target in zip(*(stop.confidences for stop in curve if stop.confidences), strict=False):
-        values = [stop.value for stop in curve if stop.confidences]
-        if not along.choices and len(curve[0].confidences) > 1:
+    for target in zip(*(stop.scores for stop in curve if stop.scores), strict=False):
+        values = [stop.value for stop in curve if stop.scores]
+        if not along.choices and len(curve[0].scores) > 1:
             line = " ".join(
                 f"{x(value):.1f},{y(held):.1f}" for value, held in zip(values, target, strict=True)
             )
@@ -143,7 +143,7 @@ def strip(curve: Curve, along: Control, at: float, threshold: float, kept: tuple
         line = " ".join(f"{x(value):.1f},{y(held):.1f}" for value, held in told)
         parts.append(f'<polyline class="curve" points="{line}"/>')
     for value, held in told:
-        kind = "dot" if held >= threshold else "dot under"
+        kind = "dot" if held >= enough else "dot under"
         title = f"<title>{escape(along.text(value))}: {held:.2f}</title>"
         parts.append(
             f'<circle class="{kind}" cx="{x(value):.1f}" cy="{y(held):.1f}" r="3.4">{title}</circle>'

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Sequence
+from bisect import insort
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -28,10 +28,12 @@ from blurnoise.picture.mosaics import magnification
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.explorer.controls import Control
+from blurnoise_eval.explorer.judging import Standard, Stop, finer
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import State
-from blurnoise_eval.grid.axes import AXES, VELOCITY
+from blurnoise_eval.grid.axes import AXES, EXPOSURE, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.scoring.criterion import KEPT, Criterion
 from blurnoise_eval.scoring.on_picture import Model, Sight, View, view
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
@@ -40,6 +42,9 @@ PREVIEW_PX = 120_000
 """A picture of more pixels is seen smaller first, while a slider moves."""
 GREY = 0.18
 BINS = 64
+OWN = Criterion(KEPT, kept=True)
+"""What is enough of a picture that is of no run."""
+_MORE = 12  # exposures at most, beyond those of a strip
 
 
 class Subject:
@@ -108,8 +113,8 @@ class Number:
 
 @dataclass(frozen=True)
 class Seen:
-    """A state, looked at. sight, clean: what the model finds in it and in the untouched picture, None without
-    a model.
+    """A state, looked at. sight, clean: what the model finds in it and in the original picture, with the targets
+    that count by ``standard``; None without a model.
     histogram: (3, BINS) shares of the values of red, green and blue; clipped: shares of values at 0 and at the top.
     classes: names of what the model finds."""
 
@@ -120,6 +125,7 @@ class Seen:
     plan: Plan
     sight: Sight | None = None
     clean: Sight | None = None
+    standard: Standard | None = None
     histogram: NDArray[np.float64] | None = None
     clipped: tuple[float, float] = (0.0, 0.0)
 
@@ -137,16 +143,25 @@ class Seen:
 
 
 def seen(
-    state: State, subject: Subject, camera: Camera, model: Model | None = None, frame: Frame | None = None
+    state: State,
+    subject: Subject,
+    camera: Camera,
+    model: Model | None = None,
+    frame: Frame | None = None,
+    criterion: Criterion = OWN,
 ) -> Seen:
     """Look at a picture through ``camera``, which is that of the state with the state's figures. frame: the
-    picture, where it is there already.
+    picture, where it is there already. criterion: what is enough.
 
     Raises ``ValueError`` for what does not go together.
     """
     frame = frame or subject.frame(state, camera)
     before = subject.view(model) if model else None
-    sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes) if before else None
+    sight, clean, standard = None, None, None
+    if before is not None:
+        standard = Standard.of(criterion, before.clean)
+        clean = standard.sight(before.clean)
+        sight = standard.sight(before.look(frame.image, frame.move_boxes, frame.sweep_boxes))
     taken = _taken(frame)
     shares, clipped = histogram(frame.image)
     return Seen(
@@ -156,7 +171,8 @@ def seen(
         numbers(frame, subject.size),
         plan_of(taken, subject.size),
         sight,
-        before.clean if before else None,
+        clean,
+        standard,
         shares,
         clipped,
         tuple(getattr(model.contract, "classes", ())) if model else (),
@@ -175,33 +191,40 @@ def preview(state: State, subject: Subject, camera: Camera) -> Picture8:
     return frame.image
 
 
-class Stop(NamedTuple):
-    """A place of a strip: the control's value, in its unit, and the confidence in every target; none where the value
-    does not go with the rest."""
-
-    value: float
-    confidences: tuple[float, ...] = ()
-
-    @property
-    def mean(self) -> float | None:
-        """Over the targets."""
-        return sum(self.confidences) / len(self.confidences) if self.confidences else None
-
-
 def strip(
-    state: State, subject: Subject, camera: Camera, model: Model, along: Control, count: int = 15
+    state: State,
+    subject: Subject,
+    camera: Camera,
+    model: Model,
+    along: Control,
+    criterion: Criterion,
+    count: int = 15,
 ) -> Iterator[Stop]:
-    """Confidences along a control, from end to end. camera: without the state's figures."""
+    """Scores of the targets along a control, from end to end, then, of the exposure, more where the model keeps most.
+    camera: without the state's figures."""
     before = subject.view(model)
-    for value in along.stops(count):
+    standard = Standard.of(criterion, before.clean)
+
+    def stop(value: float) -> Stop:
         at = along.put(state, value)
         try:
             frame = subject.frame(at, at.camera_of(camera))
         except ValueError:  # beyond what goes together
-            yield Stop(value)
-            continue
+            return Stop(value)
         sight = before.look(frame.image, frame.move_boxes, frame.sweep_boxes)
-        yield Stop(value, tuple(float(row["confidence"]) for row in sight.targets))
+        return Stop(value, standard.scores(sight), frame.saturated or 0.0)
+
+    curve: list[Stop] = []
+    for value in along.stops(count):
+        curve.append(stop(value))
+        yield curve[-1]
+    for _ in range(_MORE if along.name == EXPOSURE.name else 0):
+        further = finer(curve, standard)
+        if further is None:
+            return
+        point = stop(further)
+        insort(curve, point)
+        yield point
 
 
 def confidence(sight: Sight | None) -> float | None:
@@ -210,23 +233,9 @@ def confidence(sight: Sight | None) -> float | None:
     return sum(float(row["confidence"]) for row in rows) / len(rows) if rows else None
 
 
-def found(sight: Sight, threshold: float) -> tuple[int, int]:
+def found(sight: Sight, found_from: float) -> tuple[int, int]:
     """How many targets are found, and of how many."""
-    return sum(row["confidence"] >= threshold for row in sight.targets), len(sight.targets)
-
-
-def works(curve: Sequence[Stop], threshold: float, at: float) -> tuple[float, float] | None:
-    """From where to where along a strip the mean confidence holds, around ``at`` or else the widest; None:
-    nowhere."""
-    runs: list[list[float]] = [[]]
-    for stop in curve:
-        if stop.mean is not None and stop.mean >= threshold:
-            runs[-1].append(stop.value)
-        elif runs[-1]:
-            runs.append([])
-    kept = [(run[0], run[-1]) for run in runs if run]
-    around = [run for run in kept if run[0] <= at <= run[1]]
-    return next(iter(around or sorted(kept, key=lambda run: run[0] - run[1])), None)
+    return sum(row["confidence"] >= found_from for row in sight.targets), len(sight.targets)
 
 
 def _taken(frame: Frame) -> Exposure:

@@ -17,8 +17,9 @@ from nicegui import events, ui
 from blurnoise_eval.explorer import told
 from blurnoise_eval.explorer.answers import Answers
 from blurnoise_eval.explorer.controls import STEPS, Control
+from blurnoise_eval.explorer.gate import UPLOADS
 from blurnoise_eval.explorer.heat import Heat
-from blurnoise_eval.explorer.shelf import CONTRACT_SUFFIXES, Shelf, cell_state
+from blurnoise_eval.explorer.shelf import Shelf, cell_state
 from blurnoise_eval.explorer.side import KEYS, Side
 from blurnoise_eval.explorer.state import OF_RUN, State
 from blurnoise_eval.explorer.visit import Visit
@@ -35,7 +36,6 @@ _HELP = (
     ("r", "back to the start"),
 )
 _KEY_STEP = 5  # positions of a slider
-_MOST_REFUSED_BYTES = 256 << 20  # of a model that waits for its contract
 
 
 def _finite(text: str) -> float:
@@ -49,9 +49,6 @@ class Page:
 
     def __init__(self, shelf: Shelf, state: State, usual: State, note: str = "") -> None:
         self.shelf, self._usual = shelf, usual
-        self._uploading = asyncio.Lock()
-        self._contract: tuple[str, bytes] | None = None
-        self._refused: tuple[str, bytes] | None = None
         self._dark = ui.dark_mode(None)
         self._answers = Answers(lambda file: f"/pictures/{self.visit.token}/{file}", self._put)
         self.visit = Visit(shelf, state, self._answers)
@@ -64,7 +61,7 @@ class Page:
                 self._heat = Heat(shelf.run, state, self._condition) if shelf.run else None
                 self._answers.build_main()
             with ui.element("aside").classes("side"):
-                self._side = Side(shelf, self)
+                self._side = Side(shelf, self, f"{UPLOADS}{self.visit.token}/")
         with ui.dialog() as self._keys, ui.card():
             rows = "".join(f"<kbd>{key}</kbd><span>{what}</span>" for key, what in _HELP)
             ui.html(f'<div class="keys">{rows}</div>', sanitize=False)
@@ -177,43 +174,18 @@ class Page:
             state = replace(self.state, **{kind: name}, cell="")  # type: ignore[arg-type]
             self._try(lambda: state.put(MOVES.name, None) if kind == "picture" else state)
 
-    def threshold(self, share: float) -> None:
-        """Another confidence to count as found."""
-        self._try(lambda: replace(self.state, threshold=share))
-
-    async def uploaded(self, kind: str, event: events.UploadEventArguments) -> None:
-        """A file has arrived: it is taken, or it is said why not. A model and its contract come in any order."""
-        async with self._uploading:
-            try:
-                name, content = event.file.name, await event.file.read()
-                if kind == "model" and name.lower().endswith(CONTRACT_SUFFIXES):
-                    self._contract = (name, content)
-                    if self._refused is None:
-                        self.fails(f"{name}: is taken for the contract of a model; now upload that")
-                        return
-                    name, content = self._refused
-                contract = self._contract if kind == "model" else None
-                taken = await asyncio.get_running_loop().run_in_executor(
-                    None, self.shelf.take, kind, name, content, contract
-                )
-            except (ValueError, OSError, MemoryError) as error:
-                self.fails(self._refuses(name, content, str(error)) if kind == "model" else str(error))
-                return
-            if kind == "model":
-                self._contract = self._refused = None
+    async def uploaded(self, kind: str, name: str, content: bytes) -> None:
+        """A file has arrived: take it, or say why not."""
+        try:
+            taken = await asyncio.get_running_loop().run_in_executor(
+                None, self.shelf.take, kind, name, content
+            )
+        except (ValueError, OSError, MemoryError) as error:
+            self.fails(str(error))
+            return
         self._side.fill()
         self._answers.goes_on()
         self.selected(kind, taken)
-
-    def _refuses(self, name: str, content: bytes, told: str) -> str:
-        """Of a model: kept, where its contract may yet come; a contract that it is refused for is not."""
-        if self._contract is not None and ("contract" in told or self._contract[0] in told):
-            self._contract = None
-        kept = len(content) <= _MOST_REFUSED_BYTES
-        self._refused = (name, content) if kept else None
-        told = told if name in told else f"{name}: {told}"
-        wanting = "contract" in told and kept
-        return f"{told}; or upload that file ({', '.join(CONTRACT_SUFFIXES)}) here" if wanting else told
 
     # -- a run, keys, and what is copied ---------------------------------------------------------------------
 

@@ -84,13 +84,3 @@ class Row:
             place = round(self.control.position(value))
             if self._slider.value is None or abs(self._slider.value - place) >= 1:
                 self._slider.set_value(place)
-
-
-def share_row(title: str) -> tuple[ui.slider, ui.label]:
-    """A slider of percents, and its label."""
-    with ui.element("div").classes("control").style("margin-top: 12px"):
-        with ui.element("div").classes("line"):
-            ui.label(title).classes("name")
-            text = ui.label("").style("font-weight: 600")
-        slider = ui.slider(min=0, max=100, step=1, value=0).props(f'aria-label="{title}"')
-    return slider.classes("threshold-slider"), text

@@ -21,7 +21,8 @@ from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.detectors.detector import model_sha256
+from blurnoise_eval.detectors.contract import parse_contract
+from blurnoise_eval.detectors.detector import Detector, model_sha256
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, CORE, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -32,6 +33,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
+from blurnoise_eval.sweep.run_surfaces import criterion_of
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 Key = tuple[float | None, ...]
@@ -65,6 +67,7 @@ class Run:
             plan = store.about("identity")["plan"]
             self._held = store.pictures()
             self._batches = asked(store)
+            self.criterion = criterion_of(store)
         self.camera = Camera.from_dict(self.manifest["camera"])
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))
@@ -217,7 +220,7 @@ class Run:
             if name not in every:
                 raise ValueError(f"picture = {name!r}: is not in {self._opened.source}")
             picture = every[name]
-        if datasets.content(picture.load()) != content:
+        if datasets.source_content(picture, picture.load(), self.objects) != content:
             raise ValueError(f"picture = {name!r}: is not what it was when the run was computed")
         return picture
 
@@ -252,7 +255,11 @@ class Run:
             path = STOP_SIGN
         if not path.is_file():
             raise ValueError(f"model = {told['file']!r}: the run's model is no longer there")
-        (opened,) = open_models([path])
+        opened: Model = (
+            Detector(path, contract=parse_contract(told["contract"], "the run's contract"))
+            if told.get("kind") == "detector"
+            else open_models([path])[0]
+        )
         if opened.sha256 != told["sha256"]:
             raise ValueError(f"model = {told['file']!r}: is not what it was when the run was computed")
         return opened

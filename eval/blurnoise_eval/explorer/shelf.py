@@ -1,77 +1,96 @@
 """The shelf of the explorer: what pictures, cameras and models there are, by the names that states have for them.
 
-A visitor names only what stands here, never a file: what was given on the command line, what is built in, and what
-was uploaded, which is held to limits and looked at before it is taken. Uploads are named by their content, so that a
-URL goes on as long as they are held.
+A visitor names only what stands here, never a file: what was given on the command line, what is built in, and the
+pictures and cameras that this visitor has uploaded, which are checked before they are taken. Uploads are named by
+visitor and content, so that a URL goes on as long as they are held.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import shutil
-import signal
-import subprocess
-import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from contextlib import contextmanager, suppress
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import gettempdir, mkdtemp
 from typing import Any, TypeVar
 
 import PIL.Image
 
 from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
-from blurnoise_eval.detectors.detector import model_sha256
+from blurnoise_eval.detectors.detector import Detector, model_sha256
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.controls import control
-from blurnoise_eval.explorer.looking import Subject
+from blurnoise_eval.explorer.looking import OWN, Subject
 from blurnoise_eval.explorer.run_answer import answer_of
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State
 from blurnoise_eval.explorer.told import Files, is_sign
 from blurnoise_eval.grid.axes import MOVES
+from blurnoise_eval.scoring.criterion import MATCHES, Criterion
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.system.files import write_whole
 
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
-MOST_UPLOADED_MB = {"picture": 128, "camera": 1, "model": 1024}
-CONTRACT_SUFFIXES = (".json", ".yaml", ".yml")
-_HELD = {"picture": 12, "camera": 12, "model": 4}
+MOST_UPLOADED_MB = {"picture": 128, "camera": 1}
+_HELD = 12
+"""Uploads of a kind, of all visitors together; then the oldest goes."""
 _SUBJECTS = 2
-_TRIAL_CPU_S, _TRIAL_S = 30, 240.0
+_FOLDER = "blurnoise-explore-"
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A file on the shelf. title: as menus show it; typed: as a command names it; visitor: who has uploaded it, ""
+    for what was given at the start, which everybody sees."""
+
+    path: Path
+    title: str
+    typed: str
+    visitor: str = ""
 
 
 class Shelf:
     """run: what is explored, or image; models, camera: files that were named at the start. built_in: the model
-    that is there without any."""
+    that is there without any. visitor: whose uploads it shows."""
+
+    visitor = ""
 
     def __init__(
         self, built_in: Path, *, image: Path | None = None, run: Run | None = None, model: Path | None = None
     ) -> None:
         self.run = run
         self._built_in = built_in
-        self._folder: Path | None = None
+        self._folders: list[Path] = []  # of uploads: none, or one
         self._lock = threading.RLock()
         self._signs = rendered_signs()
-        self._files: dict[str, OrderedDict[str, Path]] = {kind: OrderedDict() for kind in _HELD}
-        self._names: dict[str, str] = {}
+        self._items: dict[str, OrderedDict[str, _Item]] = {
+            kind: OrderedDict() for kind in ("picture", "camera", "model")
+        }
         self._opened: OrderedDict[tuple[str, str], Any] = OrderedDict()
         self._making: dict[tuple[str, str], threading.Lock] = {}
-        self._kept: set[str] = set()
         if image is not None:
             picture_of_file(image).load()
-            self.image = self._place("picture", image, image.name, str(image))
+            self._place("picture", "given-picture", _Item(image, image.name, str(image)))
         if model is not None:
             open_models([model])
-            self.model_given = self._place("model", model, model.stem, str(model))
+            self._place("model", "given-model", _Item(model, model.stem, str(model)))
+
+    def of(self, visitor: str) -> Shelf:
+        """The shelf as a visitor sees it: with the uploads of this visitor alone. All else is shared."""
+        own = copy(self)
+        own.visitor = visitor
+        return own
 
     # -- what there is ---------------------------------------------------------------------------------------
 
@@ -92,8 +111,13 @@ class Shelf:
         return own | self._titles("model") | {BUILT_IN: "built-in stop-sign detector", NO_MODEL: "no model"}
 
     def _titles(self, kind: str) -> dict[str, str]:
+        return {name: item.title for name, item in self._seen(kind).items()}
+
+    def _seen(self, kind: str) -> dict[str, _Item]:
+        """What this visitor sees of a kind."""
         with self._lock:
-            return {name: self._names[name] for name in self._files[kind]}
+            items = self._items[kind].items()
+            return {name: item for name, item in items if item.visitor in ("", self.visitor)}
 
     def answer(self) -> tuple[str, str]:
         """The run's own, as :func:`~blurnoise_eval.explorer.run_answer.answer_of` has it. Raises ``ValueError``."""
@@ -105,7 +129,7 @@ class Shelf:
 
     def subject(self, state: State) -> Subject:
         """The state's picture, prepared. Raises ``ValueError`` for one that is not here."""
-        return self._once(("picture", state.picture), partial(self._subject, state.picture), _SUBJECTS)
+        return self._once(("picture", state.picture), self._picture(state.picture), _SUBJECTS)
 
     def camera(self, state: State) -> Camera:
         """The state's camera, with its figures. Raises ``ValueError``."""
@@ -117,7 +141,7 @@ class Shelf:
             return self.run.camera
         if name in PRESETS:
             return PRESETS[name]
-        return self._once(("camera", name), partial(Camera.load, self._path("camera", name)), 32)
+        return self._once(("camera", name), partial(Camera.load, self._item("camera", name).path), 32)
 
     def model(self, state: State) -> Model | None:
         """The state's model. Raises ``ValueError`` for one that is not here."""
@@ -128,8 +152,14 @@ class Shelf:
             of_run, own = self.run, name.removeprefix(f"{OF_RUN}/")
             if own in of_run.models:
                 return self._once(("model", name), partial(of_run.model, own), 6)
-        path = self._built_in if name == BUILT_IN else self._path("model", name)
+        path = self._built_in if name == BUILT_IN else self._item("model", name).path
         return self._once(("model", name), lambda: open_models([path])[0], 6)
+
+    def criterion(self, state: State, model: Model | None) -> Criterion:
+        """What is enough of a picture: the run's own, or a share of what the model reaches in the original."""
+        if self.run and state.picture.startswith(f"{OF_RUN}/"):
+            return self.run.criterion
+        return OWN if model is None or isinstance(model, Detector) else replace(OWN, score=MATCHES)
 
     def files(self, state: State) -> Files:
         """What the state's names stand for on disk; an upload is the file that it was."""
@@ -167,25 +197,30 @@ class Shelf:
         return any(each["name"] == name and each["sha256"] == content for each in self.run.manifest["models"])
 
     def _typed(self, kind: str, name: str) -> str:
-        with self._lock:
-            return self._names.get(f"typed {name}") or self._names.get(name, name)
+        item = self._seen(kind).get(name)
+        return item.typed if item else name
 
-    def _subject(self, name: str) -> Subject:
-        if name.startswith(f"{OF_RUN}/") and self.run:
-            return Subject(self.run.picture(name.removeprefix(f"{OF_RUN}/")), self.run)
+    def _picture(self, name: str) -> Callable[[], Subject]:
+        """What opens a picture. Raises ``ValueError`` for one that is not here, whoever may have opened it."""
+        run = self.run
+        if name.startswith(f"{OF_RUN}/") and run:
+            return lambda: Subject(run.picture(name.removeprefix(f"{OF_RUN}/")), run)
         if is_sign(name):
             number = int(name.removeprefix("sign-"))
             if not 1 <= number <= len(self._signs):
                 raise ValueError(f"picture = {name!r}: signs are sign-1 to sign-{len(self._signs)}")
-            return Subject(self._signs.pictures[number - 1])
-        return Subject(picture_of_file(self._path("picture", name), self._names.get(name, "")))
+            return lambda: Subject(self._signs.pictures[number - 1])
+        item = self._item("picture", name)
+        return lambda: Subject(picture_of_file(item.path, item.title))
 
-    def _path(self, kind: str, name: str) -> Path:
+    def _item(self, kind: str, name: str) -> _Item:
         with self._lock:
-            if name not in self._files[kind]:
-                raise ValueError(f"{kind} = {name[:60]!r}: is not held here (any more); upload it again")
-            self._files[kind].move_to_end(name)
-            return self._files[kind][name]
+            item = self._seen(kind).get(name)
+            if item is None:
+                upload = "" if kind == "model" else "; upload it again"
+                raise ValueError(f"{kind} = {name[:60]!r}: is not held here (any more){upload}")
+            self._items[kind].move_to_end(name)
+            return item
 
     def _once(self, key: tuple[str, str], make: Callable[[], T], most: int) -> T:
         """What was made for a key, the last few of a kind kept. Visitors wait for each other's making, not
@@ -208,20 +243,14 @@ class Shelf:
 
     # -- uploads ---------------------------------------------------------------------------------------------
 
-    def take(
-        self, kind: str, file_name: str, content: bytes, contract: tuple[str, bytes] | None = None
-    ) -> str:
-        """Take an upload; returns its name here. contract: of a model, (file's name, content). Raises ``ValueError``
-        of one line, that names the file, for what is no picture, camera or model, is too large, or is broken."""
+    def take(self, kind: str, file_name: str, content: bytes) -> str:
+        """Take an upload; returns its name here. Raises ``ValueError`` of one line, that names the file, for what is
+        no picture or camera, or is broken."""
         name = Path(file_name.replace("\\", "/")).name[-80:] or "file"
-        if len(content) > MOST_UPLOADED_MB[kind] * 2**20:
-            raise ValueError(
-                f"{name}: {len(content) / 2**20:.0f} MB; must be at most {MOST_UPLOADED_MB[kind]} MB"
-            )
-        told = contract[1] if contract else b""
-        key = f"{kind}-{hashlib.blake2b(name.encode() + content + told, digest_size=6).hexdigest()}"
+        said = self.visitor.encode() + name.encode(errors="replace")
+        key = f"{kind}-{hashlib.blake2b(said + content, digest_size=6).hexdigest()}"
         with self._lock:
-            if key in self._files[kind]:
+            if key in self._items[kind]:
                 return key
         folder = self._uploads() / key
         folder.mkdir(parents=True, exist_ok=True)
@@ -229,49 +258,59 @@ class Shelf:
         path = folder / safe
         write_whole(path, content)
         try:
-            with ExitStack() as named:
-                named.enter_context(_named(path, name))
-                if contract:
-                    beside = path.with_name(f"{path.stem}.contract{Path(contract[0]).suffix.lower()}")
-                    write_whole(beside, contract[1])
-                    named.enter_context(_named(beside, contract[0]))
+            with _named(path, name):
                 _CHECKS[kind](path)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        return self._place(kind, path, name, name, key)
+        return self._place(kind, key, _Item(path, name, name, self.visitor))
 
-    def _place(self, kind: str, path: Path, title: str, typed: str, key: str = "") -> str:
+    def _place(self, kind: str, key: str, item: _Item) -> str:
         """Put a file on the shelf, and off it the oldest upload of its kind that is too many."""
-        given = not key
-        key = key or f"given-{kind}"
         with self._lock:
-            self._files[kind][key] = path
-            self._names |= {key: title, f"typed {key}": typed}
-            if given:
-                self._kept.add(key)
-            uploads = [each for each in self._files[kind] if each not in self._kept]
-            for oldest in uploads[: max(0, len(uploads) - _HELD[kind])]:
-                shutil.rmtree(self._files[kind].pop(oldest).parent, ignore_errors=True)
+            items = self._items[kind]
+            items[key] = item
+            uploads = [each for each in items if not each.startswith("given-")]
+            for oldest in uploads[: max(0, len(uploads) - _HELD)]:
+                shutil.rmtree(items.pop(oldest).path.parent, ignore_errors=True)
                 self._opened.pop((kind, oldest), None)
-                del self._names[oldest], self._names[f"typed {oldest}"]
         return key
 
     def place_camera(self, path: Path) -> str:
         """Put a camera's file on the shelf; returns its name there. Raises ``ValueError``."""
         Camera.load(path)
-        return self._place("camera", path, path.stem, str(path))
+        return self._place("camera", "given-camera", _Item(path, path.stem, str(path)))
 
     def _uploads(self) -> Path:
         with self._lock:
-            if self._folder is None:
-                self._folder = Path(mkdtemp(prefix="blurnoise-explore-"))
-            return self._folder
+            if not self._folders:
+                self._folders.append(Path(mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-")))
+            return self._folders[0]
 
     def close(self) -> None:
         """Remove what was uploaded."""
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+        for folder in self._folders:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def clear_stale_uploads() -> None:
+    """Remove this user's folders of uploads whose explorer was killed and could not."""
+    for folder in Path(gettempdir()).glob(f"{_FOLDER}*"):
+        process = folder.name.removeprefix(_FOLDER).partition("-")[0]
+        with suppress(OSError):
+            own = folder.lstat().st_uid == os.getuid() and folder.is_dir() and not folder.is_symlink()
+            if own and process.isdecimal() and not _runs(int(process)):
+                shutil.rmtree(folder)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        pass
+    return True
 
 
 def cell_state(shelf: Shelf, cell_id: str, state: State) -> State:
@@ -341,28 +380,9 @@ def _check_picture(path: Path) -> None:
         raise UnreadablePicture(f"{path}: is damaged or cut short ({error})") from None
 
 
-def _check_model(path: Path) -> None:
-    """It opens, and answers to a picture, in a process of its own: a hostile file ends that, not the explorer."""
-    words = [sys.executable, "-m", "blurnoise_eval.explorer.trial", str(path), str(_TRIAL_CPU_S)]
-    late = f"{path}: does not answer to a picture within {_TRIAL_CPU_S} s of computing"
-    try:
-        done = subprocess.run(
-            words, capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, check=False
-        )
-    except subprocess.TimeoutExpired:
-        raise ValueError(late) from None
-    if done.returncode:
-        lines = done.stdout.strip().splitlines()
-        ended = (
-            late if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL) else f"{path}: ends what opens it"
-        )
-        raise ValueError(lines[-1] if done.returncode == 2 and lines else ended)
-
-
 _CHECKS: Mapping[str, Callable[[Path], Any]] = {
     "picture": _check_picture,
     "camera": Camera.load,
-    "model": _check_model,
 }
 
 

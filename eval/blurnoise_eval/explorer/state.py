@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
-from blurnoise._core.checks import in_range, integer
+from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.camera import Camera
 from blurnoise_eval.grid import axes
@@ -45,9 +45,9 @@ class State:
     """What is looked at.
 
     picture, camera, model: by the names that the explorer knows them by. at: the conditions. figures: of the camera,
-    in place of its own, by the field's name. seed: of the noise. threshold: confidence from which on a target counts
-    as found. along: the control that the strip of confidences runs along. cell: that of a run which this is, picture,
-    camera, conditions and seed. Raises ``ValueError`` naming what is not allowed.
+    in place of its own, by the field's name. seed: of the noise. along: the control that the strip of scores runs
+    along. cell: that of a run which this is, picture, camera, conditions and seed. Raises ``ValueError`` naming what
+    is not allowed.
     """
 
     picture: str = SIGN
@@ -56,13 +56,11 @@ class State:
     at: Conditions = field(default_factory=start)
     figures: tuple[tuple[str, float], ...] = ()
     seed: int = 0
-    threshold: float = 0.6
     along: str = "exposure_s"
     cell: str = ""
 
     def __post_init__(self) -> None:
         integer("seed", self.seed, 0, LAST_SEED)
-        in_range("threshold", self.threshold, 0.0, 1.0)
         for each in axes.AXES:
             if (value := self.at[each.name]) is not None:
                 each.checked((value,))
@@ -112,7 +110,8 @@ class State:
         for name, told in parse_qsl(text):
             try:
                 if name in by_key:
-                    values[by_key[name].name] = None if told == "own" else of_text(by_key[name], told)
+                    own = told == "own" and by_key[name].name not in _STATED
+                    values[by_key[name].name] = None if own else of_text(by_key[name], told)
                 elif name == "figure":
                     figures |= dict([figure(told)])
                 elif name in _PLAIN:
@@ -133,6 +132,8 @@ class State:
         return made, tuple(wrong)
 
 
+_STATED = {name for name, usual in axes.CORE.items() if usual is None}
+"""Axes on which no camera has a value of its own."""
 _PLAIN: Mapping[str, Any] = {
     each.name: {"str": str, "int": int, "float": float}[str(each.type)]
     for each in fields(State)

@@ -8,6 +8,7 @@ the full one, then what is told of it, then the strip. Nothing here knows of the
 from __future__ import annotations
 
 import asyncio
+from bisect import insort
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +21,8 @@ import numpy as np
 
 from blurnoise.camera import Camera
 from blurnoise_eval.explorer.controls import Control, control
-from blurnoise_eval.explorer.looking import Picture8, Seen, Stop, Subject, preview, seen, strip
+from blurnoise_eval.explorer.judging import Stop
+from blurnoise_eval.explorer.looking import Picture8, Seen, Subject, preview, seen, strip
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.scoring.on_picture import Model
@@ -153,7 +155,8 @@ class Visit:
             model = await _apart(REST, self.shelf.model, state)
         except _TOLD as error:  # the picture can be told of without
             failed = error
-        found = await _apart(REST, seen, state, subject, camera, model, frame)
+        criterion = self.shelf.criterion(state, model)
+        found = await _apart(REST, seen, state, subject, camera, model, frame, criterion)
         if state is not self.state:
             return
         self._shown.seen(found)
@@ -167,14 +170,14 @@ class Visit:
     async def _strip(self, state: State, subject: Subject, model: Model) -> None:
         base = self.shelf.base_camera(state.camera)
         along = control(state.along, state.camera_of(base))
-        points = strip(state, subject, base, model, along)
+        points = strip(state, subject, base, model, along, self.shelf.criterion(state, model))
         curve: Curve = []
         while state is self.state:
             point = await _apart(REST, next, points, None)
             if point is None:
                 self._shown.strip(state, curve, along, True)
                 return
-            curve.append(point)
+            insort(curve, point)
             if len(curve) % 3 == 0:
                 self._shown.strip(state, curve, along, False)
 

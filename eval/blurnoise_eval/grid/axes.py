@@ -124,12 +124,13 @@ AXES: tuple[Axis, ...] = (
         1e-3, 0.0, 3600.0, own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True, automatic=True,
         text=lambda value: "automatic exposure" if value == AUTOMATIC else f"{milliseconds(value)} ms",
         slug=lambda value: "auto" if value == AUTOMATIC else f"{1e3 * value:g}ms",
-        default=tuple(ms / 1e3 for ms in (1, 2, 5, 10, 20, 30, 60, 90)),
+        default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
         own=lambda camera: math.nan, logarithmic=True,
-        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:g}lux", default=(0.5, 50.0, 5000.0),
+        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:g}lux",
+        default=(1.0, 30.0, 1000.0, 20_000.0),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",

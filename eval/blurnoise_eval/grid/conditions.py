@@ -189,6 +189,7 @@ class SweepPlan:
     trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
     picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, the usual one if none is stated.
+    only: conditions that are computed in place of the grid's, such as more exposures of some lights and speeds.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -200,6 +201,7 @@ class SweepPlan:
     objects: Objects = USUAL_OBJECTS
     trajectory: str | StatedTrajectory | None = None
     ego: Vehicle | None = None
+    only: tuple[Conditions, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.ego, Mapping):
@@ -275,7 +277,7 @@ class SweepPlan:
     def conditions(self) -> list[Conditions]:
         """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
         combined = product(*(self.values(name) for name in self.grid))
-        grid = [Conditions(**dict(zip(self.grid, values, strict=True))) for values in combined]
+        grid = self.only or [Conditions(**dict(zip(self.grid, values, strict=True))) for values in combined]
         return sorted(grid, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
 
     def example_conditions(self) -> set[Conditions]:
@@ -304,7 +306,8 @@ class SweepPlan:
         """Plain values for JSON; no grey anchor, trajectory or vehicle where there is none, as in runs from before
         there was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is
         its identity."""
-        values = {**asdict(self), "objects": self.objects.to_dict()}
+        values = {**asdict(replace(self, only=())), "objects": self.objects.to_dict()}
+        del values["only"]
         if not values["objects"]:
             del values["objects"]
         if not any(AUTOMATIC in self.values(name) for name in NAMES):

@@ -103,8 +103,8 @@ def scores_of(
             first = alike[0]
             if too_little(first):
                 withheld.append(
-                    f"{first.model}, {first.group}, {score}: {first.reference:.2g} in sum over the untouched "
-                    "targets, too little to say what is kept of it"
+                    f"{first.model}, {first.group}, {score}: its targets score {first.clean or 0.0:.2g} on "
+                    "average in the original pictures, too little to say what is kept of it"
                 )
                 continue
             every.append(at_nodes(alike, plane, enough, sizes_px.get((first.model, first.group), np.nan)))

@@ -1,4 +1,4 @@
-"""Exports of an exposure program: a table of lights, libcamera's exposure mode, an AE route, and all of it as JSON.
+"""Exports of an exposure program: a table of lights, libcamera's exposure mode, an AE route, V4L2, and all as JSON.
 
 Formats, as read at their sources:
 
@@ -18,20 +18,44 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from blurnoise_eval.program import v4l2
+from blurnoise_eval.program.limits import Limits
 from blurnoise_eval.program.making import Course, Program, Rival
+from blurnoise_eval.program.metering import Metering
 from blurnoise_eval.program.stages import Stages
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
+MODES = ("normal", "short", "long", "custom")
+"""Names by which libcamera's controls select an exposure mode (src/ipa/rpi/common/ipa_base.cpp)."""
 MOST_NODES = 16
 UNIT_GAIN = 1024
 
 
 def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
-    """One entry of "exposure_modes"."""
+    """One entry of "exposure_modes"; stages that us and four places cannot tell apart are one."""
+    rounded = [
+        (max(1, round(1e6 * time)), round(gain, 4))
+        for time, gain in zip(stages.times_s, stages.gains, strict=True)
+    ]
+    kept = [each for before, each in zip([None, *rounded], rounded, strict=False) if each != before]
+    kept = kept if len(kept) > 1 else rounded[:2]
+    return {"shutter": [shutter for shutter, _ in kept], "gain": [gain for _, gain in kept]}
+
+
+def how_to_use(mode: str) -> dict[str, list[str]]:
+    """Two lines for each kind of file."""
     return {
-        "shutter": [max(1, round(1e6 * time)) for time in stages.times_s],
-        "gain": [round(gain, 4) for gain in stages.gains],
+        "libcamera": [
+            f"copy {mode!r} of libcamera.json into exposure_modes of rpi.agc, in each channel, of a copy of "
+            "the sensor's tuning file",
+            f"rpicam-vid --tuning-file COPY --exposure {mode} (picamera2: AeExposureModeEnum.{mode.capitalize()})",
+        ],
+        "v4l2": [
+            "with automatic exposure off, multiply total_exposure_us by 0.18 / the picture's mean (linear, "
+            "white is 1) and take the nearest row of v4l2.csv",
+            "USB camera: exposure_time_absolute and gain; sensor driver: exposure (lines) and its analogue_gain",
+        ],
     }
 
 
@@ -46,7 +70,8 @@ def ae_route(stages: Stages) -> list[dict[str, int]]:
 
 
 def rows(program: Program, lights_lux: tuple[float, ...]) -> Iterator[dict[str, Any]]:
-    """A row per light: what the program takes there, and the best without stages."""
+    """A row per light: what the program takes there, whether that is shorter than was tested, and the best without
+    stages."""
     ours, best = program.course, program.best
     for place, light in enumerate(lights_lux):
         yield {
@@ -54,6 +79,7 @@ def rows(program: Program, lights_lux: tuple[float, ...]) -> Iterator[dict[str, 
             "exposure_s": ours.exposures_s[place],
             "gain_db": ours.gains_db[place],
             "gain_limited": int(ours.lacks_gain[place]),
+            "extrapolated": int(program.extrapolates(ours.exposures_s[place])),
             "value": ours.values[place],
             "best_exposure_s": best.exposures_s[place],
             "best_gain_db": best.gains_db[place],
@@ -73,24 +99,50 @@ def document(program: Program, lights_lux: tuple[float, ...], about: dict[str, A
         "worst_speed": program.course.worst_speed,
         "worst_light": program.course.worst_light,
         "stages": {"times_s": list(program.stages.times_s), "gains": list(program.stages.gains)},
+        "shortest_tested_s": program.tested_s,
         "nodes": list(rows(program, lights_lux)),
         "without_stages": program.best.value,
+        "best_fixed_s": program.best_fixed_s,
         "rivals": [_rival(rival) for rival in program.rivals],
     }
 
 
-def write(program: Program, lights_lux: tuple[float, ...], about: dict[str, Any], folder: Path) -> list[Path]:
-    """Write program.csv, program.json, libcamera.json and ae_route.json. Raises ``OSError``."""
+def write(
+    program: Program,
+    lights_lux: tuple[float, ...],
+    about: dict[str, Any],
+    folder: Path,
+    *,
+    limits: Limits,
+    metering: Metering,
+    mode: str = "custom",
+) -> list[Path]:
+    """Write program.csv, program.json, libcamera.json, ae_route.json and v4l2.csv. Raises ``OSError``.
+
+    mode: the name of libcamera's exposure mode, one of its :data:`MODES`.
+    """
+    how = how_to_use(mode)
     table = list(rows(program, lights_lux))
+    line_s = limits.line_time_s or metering.camera.row_time_s
+    controls = list(v4l2.rows(program.stages, program.tested_s, limits, metering, line_s))
     files = {
         "program.csv": "".join(csv_lines(list(table[0]), table)),
-        "program.json": _text(document(program, lights_lux, about)),
+        "program.json": _text({**document(program, lights_lux, about), "how_to_use": how}),
         "libcamera.json": _text(
-            {"rpi.agc": {"exposure_modes": {"blurnoise": libcamera_mode(program.stages)}}}
+            {
+                "how_to_use": how["libcamera"],
+                "extrapolated_below_us": 1e6 * program.tested_s,
+                "rpi.agc": {"exposure_modes": {mode: libcamera_mode(program.stages)}},
+            }
         ),
         "ae_route.json": _text(
-            {"total_num": len(ae_route(program.stages)), "route_node": ae_route(program.stages)}
+            {
+                "total_num": len(ae_route(program.stages)),
+                "route_node": ae_route(program.stages),
+                "extrapolated_below_us": 1e6 * program.tested_s,
+            }
         ),
+        "v4l2.csv": "".join(csv_lines(list(controls[0]), controls)),
     }
     for name, text in files.items():
         write_whole(folder / name, text.encode())

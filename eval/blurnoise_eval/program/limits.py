@@ -11,11 +11,21 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+from blurnoise._core.checks import in_range
 from blurnoise.auto_exposure import AutoExposure
+from blurnoise.camera import Camera
 
 LED_S = 1 / 90
+PREGIUS_LEAST_S = 20e-6
+"""Shortest exposure of Sony's first Pregius sensors: a line and 13.73 us, 18.8 to 20 us with an IMX250 (Teledyne
+DALSA, Genie Nano manual, M2450)."""
 STEPS_PER_STOP = 8
 _STEP = 1e-9
+
+
+def least_exposure_s(camera: Camera) -> float:
+    """A camera's shortest exposure: one line where lines follow each other, else :data:`PREGIUS_LEAST_S`."""
+    return camera.row_time_s or PREGIUS_LEAST_S
 
 
 @dataclass(frozen=True)
@@ -24,7 +34,8 @@ class Limits:
 
     fps, readout_s: at most 1 / fps - readout_s. mains_hz: 50 or 60: whole periods of its light; banding: below one
     period any exposure all the same. led: at least 1/90 s. most_gain_db: in place of the camera's own, if less.
-    line_time_s: exposures are whole lines. Raises ``ValueError`` naming the field, or the rules that leave nothing.
+    line_time_s: exposures are whole lines. least_exposure_s: the sensor's shortest.
+    Raises ``ValueError`` naming the field, or the rules that leave nothing.
     """
 
     fps: float = 30.0
@@ -34,10 +45,12 @@ class Limits:
     led: bool = False
     most_gain_db: float = 120.0
     line_time_s: float = 0.0
+    least_exposure_s: float = PREGIUS_LEAST_S
 
     def __post_init__(self) -> None:
         if self.banding and not self.mains_hz:
             raise ValueError("banding: says what --anti-flicker may do, and so must stand with it")
+        in_range("least_exposure_s", self.least_exposure_s, 1e-7, 1.0)
         longest_s = self.rule.limit_s  # which looks at the fields
         if self.shortest_s > longest_s * (1 + _STEP):
             raise ValueError(
@@ -61,7 +74,8 @@ class Limits:
     def shortest_s(self) -> float:
         """The shortest exposure that the rules allow; 0: any."""
         period_s = 1 / (2 * self.mains_hz) if self.mains_hz else 0.0
-        least = max(0.0 if self.banding else period_s, LED_S if self.led else 0.0, self.line_time_s)
+        least = max(0.0 if self.banding else period_s, LED_S if self.led else 0.0)
+        least = max(least, self.line_time_s, self.least_exposure_s)
         if period_s and least >= period_s:
             return math.ceil(least / period_s - _STEP) * period_s
         if self.line_time_s:
@@ -98,6 +112,8 @@ class Limits:
             said.append("LEDs: 1/90 s or more")
         if self.most_gain_db < 120:
             said.append(f"gain up to {self.most_gain_db:g} dB")
+        if self.least_exposure_s > self.line_time_s:
+            said.append(f"exposures from {1e6 * self.least_exposure_s:.4g} us on")
         if self.line_time_s:
             said.append(f"whole lines of {1e6 * self.line_time_s:g} us")
         return said
@@ -106,4 +122,6 @@ class Limits:
     def _why_long(self) -> str:
         if self.mains_hz and not self.banding:
             return f"anti-flicker {self.mains_hz:g} Hz" + (" and led" if self.led else "")
-        return "led" if self.led else "line time"
+        if self.led:
+            return "led"
+        return "line time" if self.line_time_s >= self.least_exposure_s else "least exposure"

@@ -21,11 +21,16 @@ from blurnoise_eval.program.response import Response
 from blurnoise_eval.program.solving import solve
 from blurnoise_eval.program.stages import STOCK, Staged, Stages, best_stages
 from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.recommendation import best_exposure
 
 Array = NDArray[np.float64]
 ENOUGH = 0.002
 """That few stages may lose against many."""
-SHORTEST_S = 10e-6
+GAIN_COSTS = ENOUGH / 6.0
+"""What a decibel of gain has to earn, so that of exposures that do alike the longer one, with less gain, is used."""
+EARLY_GAIN_DB = 36.0
+"""The most gain while a longer exposure is allowed: 16 of the sensor, the most in the modes that libcamera has for
+its cameras, times 4, the most that it adds digitally (``AgcChannel::prepare``)."""
 
 
 class Course(NamedTuple):
@@ -51,11 +56,13 @@ class Rival(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """Stages and their course over the scenario's lights; best: the course without stages. low, high: the 95 %
+    """Stages and their course over the scenario's lights; tested_s: the shortest exposure that was tested, below
+    which the first stage is extrapolated; best: the course without stages. low, high: the 95 %
     interval of its value; regret_95: what it loses at most at 95 % against any other exposures; None from few
     pictures."""
 
     stages: Stages
+    tested_s: float
     course: Course
     best: Course
     best_fixed_s: float | None
@@ -65,9 +72,22 @@ class Program:
     regret_95: float | None
     pictures: int
 
+    def extrapolates(self, exposure_s: float) -> bool:
+        """Whether an exposure is shorter than what was tested."""
+        return exposure_s < self.tested_s * (1 - 1e-9)
 
-def make(response: Response, metering: Metering, limits: Limits, stages: int | None = None) -> Program:
+
+def make(
+    response: Response,
+    metering: Metering,
+    limits: Limits,
+    stages: int | None = None,
+    fixed_s: float | None = None,
+) -> Program:
     """The program. stages: their number; None: as few as lose less than ``ENOUGH``.
+
+    fixed_s: the best fixed time; where it is None or not allowed, it is found by the rule of
+    :mod:`~blurnoise_eval.scoring.recommendation`.
 
     Raises ``ValueError`` that names the rule and the light, or the speed and what was tested, where nothing is left.
     """
@@ -84,18 +104,22 @@ def make(response: Response, metering: Metering, limits: Limits, stages: int | N
         )
     best = course(response, metering, [times[place] for place in chosen])
     tested_s = [time for time, column in zip(times, table.T, strict=True) if np.isfinite(column).any()]
-    found = _staged(response, metering, limits, (tested_s[0], tested_s[-1]), stages, best.value or 0.0)
+    tested = _staged(response, metering, limits, (tested_s[0], tested_s[-1]), stages, best.value or 0.0)
+    found = tested.starting_at(limits.shortest_s)
     taken = [_taken(found, metering, limits, light) for light in lights]
     ours = course(response, metering, taken)
+    _check_known(response, ours)
     low, high = _interval(response, ours)
-    fixed = np.mean(table, axis=0)
-    best_fixed_s = None if np.isnan(fixed).all() else times[int(np.nanargmax(fixed))]
+    if fixed_s is None or not np.isclose(limits.settled(fixed_s), fixed_s, rtol=1e-9):
+        place = best_exposure(times, np.mean(table, axis=0))
+        fixed_s = None if place is None else times[place]
     return Program(
         stages=found,
+        tested_s=tested.times_s[0],
         course=ours,
         best=best,
-        best_fixed_s=best_fixed_s,
-        rivals=tuple(_rivals(response, metering, limits, best_fixed_s)),
+        best_fixed_s=fixed_s,
+        rivals=tuple(_rivals(response, metering, limits, fixed_s)),
         low=low,
         high=high,
         regret_95=_regret(response, ours, times, table),
@@ -129,7 +153,7 @@ def course(response: Response, metering: Metering, exposures_s: Sequence[float])
 def _candidates(response: Response, limits: Limits) -> tuple[float, ...]:
     """Allowed exposures that were tested at some light. Raises ``ValueError`` where there is none."""
     low_s, high_s = response.exposures_s
-    times = limits.candidates(max(low_s, SHORTEST_S), high_s)
+    times = limits.candidates(low_s, high_s)
     if not times:
         raise ValueError(
             f"{', '.join(limits.words)}: leave no exposure at any light that was tested; "
@@ -184,6 +208,17 @@ def _check_left(
             )
 
 
+def _check_known(response: Response, ours: Course) -> None:
+    """Refuse lights so bright that the exposures for them are shorter than what the run knows about."""
+    known = [value is not None for value in ours.values]
+    if not all(known):
+        lights, place = response.scenario.lights_lux, known.index(False)
+        raise ValueError(
+            f"lux = {lights[place]:g}: the exposure there, {milliseconds(ours.exposures_s[place])} ms, is shorter "
+            f"than what was tested; the run tells of {response.range_text}"
+        )
+
+
 def _staged(
     response: Response,
     metering: Metering,
@@ -199,7 +234,10 @@ def _staged(
     worth = _table(response, metering, limits, [limits.settled(min(time, high)) for time in lattice])
     totals = [metering.total_s(light) for light in lights]
     most_db = min(limits.most_gain_db, metering.camera.gain_max_db)
-    found: list[Staged] = best_stages(worth, totals, lattice.tolist(), 10 ** (most_db / 20))
+    worth -= GAIN_COSTS * np.array([[metering.gain_db(light, time) for time in lattice] for light in lights])
+    found: list[Staged] = best_stages(
+        worth, totals, lattice.tolist(), 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20)
+    )
     if not found:
         raise ValueError(
             "stages: none stays within what the run tested and the limits allow; "

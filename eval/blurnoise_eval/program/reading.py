@@ -5,13 +5,14 @@ Domain: runs as :mod:`blurnoise_eval.store` keeps them, of a search or of a full
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from blurnoise.camera import Camera
-from blurnoise_eval.deciding.decision import BECAUSE, QUESTION
+from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, on_lines
 from blurnoise_eval.deciding.nodes import Line
-from blurnoise_eval.deciding.observed import FURTHER, Observed, observed
+from blurnoise_eval.deciding.observed import FURTHER, Observed, on_plane
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.question import Question
@@ -19,9 +20,12 @@ from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, axis, speed_px_s, velocity_of
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.metering import Metering, mean_light
+from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, run_averages, too_little
 
 GREY = 0.18
 """Mean light that is assumed of pictures whose gains do not tell it."""
@@ -30,7 +34,8 @@ GREY = 0.18
 @dataclass(frozen=True)
 class Material:
     """A model's planes by targets, and what goes with them. lights_lux, exposures_s: from the least to the greatest;
-    speeds_px_s: each that was asked for. notes: what was left out or assumed."""
+    speeds_px_s: each that was asked for. recommended_s: the exposure that the run's report recommends for all of
+    these. notes: what was left out or assumed."""
 
     model: str
     criterion: Criterion
@@ -40,6 +45,18 @@ class Material:
     exposures_s: tuple[float, float]
     speeds_px_s: tuple[float, ...]
     notes: tuple[str, ...]
+    recommended_s: float | None = None
+
+    def recommended_for(self, scenario: Scenario) -> float | None:
+        """What the report recommends, if the scenario asks what the run was asked, all alike."""
+        lights = scenario.lights_lux[0], scenario.lights_lux[-1]
+        same = scenario.objective == "expected" and lights == self.lights_lux
+        same &= set(scenario.speeds_px_s) == set(self.speeds_px_s) and set(scenario.targets) == set(
+            self.planes
+        )
+        for shares in (scenario.speeds_px_s.values(), scenario.targets.values()):
+            same &= math.isclose(min(shares), max(shares))
+        return self.recommended_s if same else None
 
 
 def read(
@@ -50,7 +67,8 @@ def read(
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera of which light and exposure do not tell.
     """
-    every = observed(store, criterion, cluster)
+    measured = list(grouped_surfaces(store, criterion, cluster))
+    every = on_plane(store, measured)
     names = list(dict.fromkeys(seen.model for seen in every))
     if (model is None and len(names) > 1) or (model is not None and model not in names):
         raise ValueError(f"model = {model!r}: must be one of {', '.join(names)}; state it with --model")
@@ -94,7 +112,18 @@ def read(
         exposures_s=exposures,
         speeds_px_s=tuple(sorted({line.speed_px_s for line in lines})),
         notes=tuple(notes),
+        recommended_s=_recommended(store, measured, criterion, seen[0].model),
     )
+
+
+def _recommended(
+    store: Store, measured: Sequence[list[Surface]], criterion: Criterion, model: str
+) -> float | None:
+    """The exposure to use for all conditions, by the rule and the surfaces of the run's report."""
+    own = [alike for alike in measured if alike[0].model == model and not too_little(alike[0])]
+    surfaces = [surface for alike in on_lines(store, iter(own)) for surface in alike]
+    choice = run_averages(store, surfaces, criterion.level)[0].choose()
+    return None if choice is None else choice.exposure_s
 
 
 def _alone(what: str, seen: Sequence[Observed], values: Sequence[tuple[float, ...]]) -> tuple[float, ...]:

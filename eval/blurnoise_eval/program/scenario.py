@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import Literal, get_args
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from blurnoise._core.limits import limited
 
 Objective = Literal["expected", "worst", "tail"]
 Array = NDArray[np.float64]
+T = TypeVar("T")
 LIGHTS_PER_STOP = 2
 
 
@@ -96,15 +97,36 @@ def as_shares(name: str, weights: Mapping[float, float] | Mapping[str, float]) -
 
 
 def named_shares(name: str, text: str) -> dict[str, float]:
-    """Parse "a:0.3,b:0.7"; without a share each counts alike. Raises ``ValueError`` naming the argument."""
+    """Parse "a:0.3,b:0.7"; without a share each counts alike.
+
+    Raises ``ValueError`` naming the argument, for an entry given twice and for shares of some entries only, too.
+    """
+    parts = [part.strip().partition(":") for part in text.split(",")]
+    if len({colon for _, colon, _ in parts}) > 1:
+        raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")
     shares: dict[str, float] = {}
-    for part in text.split(","):
-        key, _, share = part.strip().partition(":")
+    for key, _, written in parts:
         try:
-            shares[key] = float(share) if share else 1.0
+            share = float(written) if written else 1.0
         except ValueError:
             raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None
+        add_share(shares, name, key, share)
     return shares
+
+
+def add_share(shares: dict[T, float], name: str, key: T, share: float) -> None:
+    """Add an entry that is new. Raises ``ValueError`` naming the argument."""
+    if key in shares:
+        raise ValueError(f"{name}: {key} is given twice; give each once, with its whole share")
+    shares[key] = share
+
+
+def scaled_note(name: str, text: str | None) -> list[str]:
+    """That shares were divided by their sum, where they are given and do not add up to 1."""
+    total = math.fsum(named_shares(name, text).values()) if text and ":" in text else 1.0
+    if math.isclose(total, 1.0, rel_tol=1e-6):
+        return []
+    return [f"{name}: shares add up to {total:g}; each was divided by that"]
 
 
 def chosen_targets(text: str | None, groups: Sequence[str]) -> dict[str, float]:
@@ -119,5 +141,5 @@ def chosen_targets(text: str | None, groups: Sequence[str]) -> dict[str, float]:
         fitting = [group for group in groups if group == word] or [g for g in groups if word in g]
         if len(fitting) != 1:
             raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
-        found[fitting[0]] = share
+        add_share(found, "targets", fitting[0], share)
     return found

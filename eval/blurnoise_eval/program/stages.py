@@ -7,6 +7,7 @@ stage's at that time; beyond the last stage nothing rises.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -46,6 +47,10 @@ class Stages:
             gain = min(next_gain, max(gain, total_s / time))
         return time, gain
 
+    def starting_at(self, least_s: float) -> Stages:
+        """The same, with a first stage no longer than this, so that more light is met by shorter exposures."""
+        return Stages((min(least_s, self.times_s[0]), *self.times_s[1:]), self.gains)
+
     def no_longer(self, most_s: float) -> Stages:
         """The same with times up to ``most_s``, as libcamera limits them by the frame's duration."""
         return Stages(tuple(min(time, most_s) for time in self.times_s), self.gains)
@@ -76,28 +81,35 @@ class Staged(NamedTuple):
 
 
 def best_stages(
-    worth: Array, totals_s: Sequence[float], times_s: Sequence[float], most_gain: float
+    worth: Array,
+    totals_s: Sequence[float],
+    times_s: Sequence[float],
+    most_gain: float,
+    early_gain: float = math.inf,
 ) -> list[Staged]:
     """The best programs of 1, 2 ... ``MOST`` stages.
 
     worth: (L, I) of each light at each of ``times_s`` (I,), equally many stops apart and rising, NaN where it is not
-    allowed; totals_s: (L,) what each light asks for, times gain. Gains have the times' steps. Of programs on that
+    allowed; totals_s: (L,) what each light asks for, times gain; early_gain: the most gain at any time but the
+    longest. Gains have the times' steps. Of programs on that
     lattice these are the best: dynamic programming over paths that rise by one step of time or of gain.
     """
     step = float(np.log2(times_s[1] / times_s[0])) if len(times_s) > 1 else 0.125
     asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
-    gains = int(np.floor(np.log2(most_gain) / step + 1e-9))
     n_times = len(times_s)
+    gains = int(np.floor(np.log2(most_gain) / step + 1e-9))
+    most = np.full(n_times, int(np.floor(np.log2(min(most_gain, early_gain)) / step + 1e-9)))
+    most[-1] = gains
     reach = max(1, min(int(asked.max()), n_times - 1 + gains))
     gained = np.zeros((reach + 1, n_times))
     np.add.at(gained, np.minimum(asked, reach), np.where(np.isnan(worth), -np.inf, worth))
-    return _decoded(gained, gains, np.asarray(times_s, float), step)
+    return _decoded(gained, most, np.asarray(times_s, float), step)
 
 
 _TIME, _GAIN = 0, 1
 
 
-def _decoded(gained: Array, gains: int, times_s: Array, step: float) -> list[Staged]:
+def _decoded(gained: Array, most: NDArray[np.int_], times_s: Array, step: float) -> list[Staged]:
     """Paths over total exposure k = i + j, i steps of time and j of gain; state: stages so far, what rose last, i."""
     reach, n_times = len(gained) - 1, gained.shape[1]
     left = np.cumsum(gained[::-1], axis=0)[::-1]  # of all lights from k on, at one time
@@ -121,9 +133,9 @@ def _decoded(gained: Array, gains: int, times_s: Array, step: float) -> list[Sta
         came[k, :, _TIME, 1:] = np.argmax(longer, axis=0)[:, :-1]
         following[:, _TIME, 1:] = longer.max(axis=0)[:, :-1]
         came[k, :, _GAIN] = np.argmax(value, axis=1)
-        following[:, _GAIN] = np.where(k - places <= gains, value.max(axis=1), -np.inf)
+        following[:, _GAIN] = np.where(k - places <= most, value.max(axis=1), -np.inf)
         value = following + gained[k]
-        full = k - places == gains  # gain has reached its most: darker lights may stay there
+        full = k - places == most[-1]  # gain has reached its most: darker lights may stay there
         if k < reach and full.any():
             end(k, np.where(full, value + left[k + 1], -np.inf))
     end(reach, value)

@@ -13,6 +13,7 @@ from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.system.layout import PROSE, paragraph, table_lines
 
 _SHOWN = 12  # lights of the table
+_EXTRAPOLATED = "extrapolated: shorter than tested"
 
 
 def lines(
@@ -32,14 +33,19 @@ def lines(
     heads = ["light, lux", "exposure, ms", "gain, dB", unit(criterion), ""]
     rows = [
         [
-            f"{scenario.lights_lux[place]:.4g}",
+            _lux(scenario.lights_lux[place]),
             milliseconds(course.exposures_s[place]),
             f"{course.gains_db[place]:.1f}",
             _told(course.values[place]),
-            "most gain: darker than metered" if course.lacks_gain[place] else "",
+            "most gain: darker than metered"
+            if course.lacks_gain[place]
+            else _EXTRAPOLATED * program.extrapolates(course.exposures_s[place]),
         ]
         for place in shown_places(len(scenario.lights_lux))
     ]
+    least_s, unity = program.stages.times_s[0], metering.total_s(1.0)
+    if program.extrapolates(least_s):
+        rows.append([_lux(unity / least_s), milliseconds(least_s), "0.0", "-", _EXTRAPOLATED])
     yield from table_lines(heads, rows, (True, True, True, True, False), width)
     yield ""
     stages = "; ".join(
@@ -47,6 +53,12 @@ def lines(
         for time, gain in zip(program.stages.times_s, program.stages.gains, strict=True)
     )
     yield from paragraph(f"Stages (time first, then gain): {stages}.", prose)
+    if program.extrapolates(least_s):
+        yield from paragraph(
+            f"Exposures below {milliseconds(program.tested_s)} ms, the shortest tested, are extrapolated: they are "
+            f"for more than {_lux(unity / program.tested_s)} lux, and keep daylight from being overexposed.",
+            prose,
+        )
     yield from paragraph(f"For {scenario_text(scenario)}. Limits: {', '.join(limits.words)}.", prose)
     yield from paragraph(
         f"Gain by metering to 18 % of full scale, {metering.camera.name}, pictures of "
@@ -109,6 +121,11 @@ def shown_places(count: int) -> Sequence[int]:
     if count <= _SHOWN:
         return range(count)
     return sorted({round(k * (count - 1) / (_SHOWN - 1)) for k in range(_SHOWN)})
+
+
+def _lux(light: float) -> str:
+    """Four digits, and no exponent where people read none."""
+    return f"{float(f'{light:.4g}'):.8g}"
 
 
 def _score(criterion: Criterion) -> str:

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise._core.files import read_text
+
 FEWEST_FIELDS = 3
 """Two make a straight line."""
 
@@ -38,7 +40,7 @@ class Oecf:
         Raises ``OSError``, and ``ValueError`` for other content.
         """
         fields = []
-        for index, line in enumerate(path.read_text(encoding="utf-8").split("\n")):
+        for index, line in enumerate(read_text(path).split("\n")):
             try:
                 number, light = (float(cell) for cell in line.split(","))
             except ValueError:

@@ -26,6 +26,14 @@ def outcome_text(example: dict[str, Any], threshold: float) -> str:
     return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
 
 
+def missed(example: dict[str, Any], threshold: float) -> bool:
+    """Whether any of the example's targets was missed, or read wrongly."""
+    return any(
+        target["confidence"] <= 0 if target["text"] is not None else target["confidence"] < threshold
+        for target in example["targets"]
+    )
+
+
 def _reading_text(target: dict[str, Any]) -> str:
     right = target["confidence"] > 0
     verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"

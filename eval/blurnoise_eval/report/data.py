@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from blurnoise_eval.grid.axes import EGO, EGO_SPEED, SPEED, Coordinate, velocity_of
+from blurnoise_eval.grid.axes import EGO, EGO_SPEED, EXPOSURE, SPEED, Coordinate, velocity_of
 from blurnoise_eval.report.settings import Settings, settings_of
 from blurnoise_eval.scoring.criterion import CONFIDENCE, Criterion
 from blurnoise_eval.scoring.matching import FOUND_SCORE
@@ -31,6 +31,9 @@ class RunData:
     endurances: one per curve over exposure, blur or another axis: area, failure point, its interval,
     non-monotonic or not; None in the column of the axis that varies.
     examples: simulated pictures on disk with their detections and targets, one per model.
+    recommendations: the exposure to use per model: for all conditions, each light, each light and speed, as
+    :func:`~blurnoise_eval.scoring.recommendation.recommendations` has them. averages: per model and speed the mean
+    over lights and targets at every exposure.
     All rows but those of models and groups carry a column per axis of ``AXES``, None for untouched pictures.
     """
 
@@ -42,6 +45,8 @@ class RunData:
     answers: list[dict[str, Any]]
     endurances: list[dict[str, Any]]
     examples: list[dict[str, Any]]
+    recommendations: list[dict[str, Any]] = field(default_factory=list)
+    averages: list[dict[str, Any]] = field(default_factory=list)
 
     @cached_property
     def criterion(self) -> Criterion:
@@ -102,9 +107,12 @@ class RunData:
 
     @cached_property
     def exposures_s(self) -> list[float]:
-        """The exposures that were tested."""
+        """The exposures that were tested, of a grid those of the grid: at others only the ends of some windows
+        were refined."""
         scored = {row["exposure_s"] for row in self.scores if not row["clean"]}
-        return sorted(scored.union(*(answer["exposures_s"] for answer in self.answers)))
+        every = scored.union(*(answer["exposures_s"] for answer in self.answers))
+        grid = self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ())
+        return sorted(every.intersection(grid) or every)
 
 
 def by_speed(velocity_px_s: tuple[float, float]) -> tuple[float, tuple[float, float]]:

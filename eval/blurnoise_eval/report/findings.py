@@ -78,6 +78,8 @@ def alarms(data: RunData) -> list[str]:
         if count := model.get("non_finite_values"):
             alarms.append(f"{name}: {count} output values were NaN or infinite.")
         alarms += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
+    if same := data.manifest.get("repeated"):
+        alarms.append(same)
     errors = data.manifest["errors"]
     alarms += [
         f"{row['model']}: {_cells(row['cells'])} failed: {row['error']}" for row in errors[:MAX_LISTED]

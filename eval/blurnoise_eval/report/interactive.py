@@ -50,7 +50,8 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
     last px tested.
     """
     models, settings, chosen = model_names(data), data.settings, choices(data)
-    measured = [point for point in points(data) if point.group in groups]
+    shown_s = set(data.exposures_s)
+    measured = [each for each in points(data) if each.group in groups and each.exposure_s in shown_s]
     velocities, exposures = data.velocities_px_s, data.exposures_s
     m_of, g_of, s_of, v_of, e_of = (
         {key: place for place, key in enumerate(keys)}
@@ -94,7 +95,7 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
             + [_short(row[score.name]) for score in chosen]
             + [_short(row.get(f"{score.name}_{end}")) for score in chosen for end in ("low", "high")]
             for row in data.scores
-            if not row["clean"]
+            if not row["clean"] and row["exposure_s"] in shown_s
         ],
         "clean": [[_short(untouched.get(model, {}).get(score.name)) for score in chosen] for model in models],
         "clean_confidence": [

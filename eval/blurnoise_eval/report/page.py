@@ -7,6 +7,7 @@ classes, files and targets are untrusted: the template escapes all of them, and 
 from __future__ import annotations
 
 import base64
+import gzip
 import io
 import math
 import warnings
@@ -18,7 +19,6 @@ from urllib.parse import quote
 
 import cv2
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
@@ -27,17 +27,18 @@ from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, MOVES, SPEED, velocity_text
 from blurnoise_eval.report import captions, figures, findings, interactive, tables, words
 from blurnoise_eval.report.data import RunData
+from blurnoise_eval.report.kept_curve import kept_curve
 from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.settings import word
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import path_within, write_whole
 
 MAX_GROUPS = 12  # target groups on the page
 MAX_SIDE_BY_SIDE = 4  # models
-MAX_ROWS = 24  # of those that decide
-MAX_PICTURES = 16
-PICTURE_PX = 480  # longest side of a picture on the page
-PICTURE_BYTES = 40_000  # of one picture as JPEG: 16 of them and plotly stay below 6 MB
+MAX_PICTURES = 60
+PICTURE_PX = 400  # longest side of a picture on the page
+PICTURE_BYTES = 30_000  # of one picture as JPEG, at most
+PICTURES_BYTES = 600_000  # of all: with plotly, packed, the page stays below 3 MB
 
 Figures = dict[str, Callable[[RunData], Figure]]  # by file name
 FIGURES: Figures = {
@@ -48,6 +49,7 @@ FIGURES: Figures = {
     "examples.png": figures.contact_sheet,
 }
 TABLES = (
+    "recommendations.csv",
     "answers.csv",
     "models.csv",
     "scores.csv",
@@ -76,7 +78,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
 
     progress: told of each figure. Raises ``OSError`` where the folder cannot be written.
     """
-    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn = figures_of(data)
     for name, draw in drawn.items():
         with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
@@ -119,7 +121,6 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "model_rows": tables.model_rows(data),
         "failures": tables.failures(data, groups),
         "opening": told,
-        "deciding": tables.deciding(data, told.rows, MAX_ROWS),
         "asked": data.criterion,
         "shown": words.title_text(data.criterion),
         "found_from": data.found_from,
@@ -141,7 +142,8 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "camera": findings.sourced(camera),
         "versions": {name: findings.shown(value) for name, value in manifest.get("versions", {}).items()},
         "hardware": {name: findings.shown(value) for name, value in manifest.get("hardware", {}).items()},
-        "plotly_js": Markup(get_plotlyjs()),  # the library's own text, no user input
+        "plotly_packed": base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9)).decode("ascii"),
+        "kept_curve": None if told.model is None else kept_curve(data, told.model),
     }
 
 
@@ -159,7 +161,9 @@ def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
     threshold = data.found_from
     names = model_names(data)
     shown = []
-    for example in spread_examples(data, MAX_PICTURES):
+    chosen = spread_examples(data, MAX_PICTURES)
+    most = min(PICTURE_BYTES, PICTURES_BYTES // max(len(chosen), 1))
+    for example in chosen:
         picture = pictures.drawn_example(example, PICTURE_PX, threshold)
         path = Path(example["path"]).absolute()
         near = path.is_relative_to(folder.absolute())
@@ -167,9 +171,12 @@ def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
             {
                 "image": example["image"],
                 "model": names.index(example["model"]),
-                "jpeg": None if picture is None else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)),
+                "jpeg": None
+                if picture is None
+                else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), most),
                 "condition": data.settings.condition_text(example),
                 "outcome": captions.outcome_text(example, threshold),
+                "found": "missed" if captions.missed(example, threshold) else "found",
                 "file": quote(path.relative_to(folder.absolute()).as_posix(), errors="surrogateescape")
                 if near
                 else None,
@@ -178,10 +185,11 @@ def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
     return shown
 
 
-def _jpeg_base64(bgr: Any) -> str:
-    """The picture as JPEG in base64, at the best of a few qualities that keeps it below PICTURE_BYTES."""
-    for quality in (88, 75, 60, 40, 20):
-        encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-        if len(encoded) <= PICTURE_BYTES:
+def _jpeg_base64(bgr: Any, most: int) -> str:
+    """The picture as JPEG in base64, at the best of a few qualities, and then sizes, with at most so many bytes."""
+    for scale, quality in ((1.0, 88), (1.0, 75), (1.0, 60), (1.0, 40), (0.7, 40), (0.5, 30)):
+        small = cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else bgr
+        encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        if len(encoded) <= most:
             break
     return base64.b64encode(encoded).decode("ascii")

@@ -71,7 +71,7 @@ MODEL_SCORES = (
     _of_untouched("character_error_rate", "no text to read", "edits / characters"),
     _of_untouched("read_confidence", "no text to read", "of what was read"),
     ModelScore(
-        "latency_ms", "not measured", "one picture in, its answer out, nothing else running",
+        "latency_ms", "not measured", "CPU time of one picture on one thread, from picture to answer",
         "Latency, median", ".3g", "lower",
     ),
     ModelScore("latency_p95_ms", "not measured", "", "Latency, 95th percentile", ".3g", "lower"),

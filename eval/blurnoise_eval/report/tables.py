@@ -1,4 +1,4 @@
-"""The tables of terminal and page: the rows that decide, models, answers, failure points.
+"""The tables of the page: models, answers, failure points.
 
 Domain: fractions in [0, 1], exposures in s, velocities in px/s or km/h. Texts are plain, never markup.
 """
@@ -6,97 +6,17 @@ Domain: fractions in [0, 1], exposures in s, velocities in px/s or km/h. Texts a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
 from blurnoise_eval.report import words
 from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.frontier import Row, gain_at
 from blurnoise_eval.report.measured import finite, model_names, spread
 from blurnoise_eval.report.scores import MODEL_SCORES
 from blurnoise_eval.report.settings import Setting
 
 MAX_SETTINGS = 24  # rows of one target group
 MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
-
-
-def deciding(data: RunData, rows: Sequence[Row], most: int) -> list[dict[str, Any]]:
-    """At most ``most`` of the rows that decide, in texts: target, setting, speed up to which an exposure works, the
-    exposure, its gain, what it reaches, and notes. Of many, targets with most pictures count, spread over settings.
-    """
-    if not rows:
-        return []
-    ordered = list(dict.fromkeys(row.group for row in rows))
-    groups = sorted(ordered, key=lambda group: -max(_pictures(rows, group)))[: max(most // 3, 1)]
-    of_group = [[row for row in rows if row.group == group] for group in ordered]
-    share = max(most // len(groups), 1)
-    shown = [row for part in of_group if part[0].group in groups for row in spread(part, share)]
-    return [_deciding(data, row) for row in shown[:most]]
-
-
-def _pictures(rows: Sequence[Row], group: str) -> list[int]:
-    return [row.shown["n_pictures"] for row in rows if row.group == group]
-
-
-def _deciding(data: RunData, row: Row) -> dict[str, Any]:
-    gain = gain_at(data, data.settings.of(row.shown), row.exposure_s)
-    many = row.shown["few_pictures"]
-    return {
-        "group": row.group,
-        "pictures": words.pictures_text(row.shown) + (" (few)" if many else ""),
-        "setting": data.at_any_speed.together(row.settings),
-        "verdict": row.verdict,
-        "to": None
-        if row.top is None
-        else f"{'≥ ' if row.fastest and row.top else ''}{data.speed.text(row.top)}",
-        "use": EXPOSURE.text(row.exposure_s),
-        "gain": None if gain is None else words.gain_text(gain),
-        "value": words.value_text(row.value, row.low, row.high),
-        "notes": _notes(data, row),
-    }
-
-
-def _notes(data: RunData, row: Row) -> list[str]:
-    """What stands below a row: the window and what ends it, what comes beyond, what else must be known."""
-    if row.top is None:
-        speeds = sorted(set(map(data.speed.of, row.others)))
-        at = (f"{speeds[0]:g} to " if len(speeds) > 1 else "") + data.speed.text(speeds[-1])
-        of = [data.at_any_speed.text(data.at_any_speed.of(row.shown))] if len(row.settings) > 1 else []
-        of += [data.speed.text(data.speed.of(row.shown))] if len(speeds) > 1 else []
-        best = [f"best at {', '.join(of)}"] if of else []
-        limit = [f"limited by {words.limit_text(row.shown['limited_by'])}"] if row.shown["limited_by"] else []
-        return ["; ".join([f"at {at}", *_needed(row.others), ", ".join(best + limit)]).removesuffix("; ")]
-    limits = words.limits_text(row.shown)
-    found = [f"works {words.window_text(row.shown)}" + (f": {limits}" if limits else "")]
-    if row.slower:
-        *fewer, last = row.slower
-        found.append(f"not sure at {', '.join([*(f'{speed:g}' for speed in fewer), data.speed.text(last)])}")
-    elif row.top and not row.for_all:
-        found.append("slower motion wants other exposures")
-    if row.others:
-        limited = sorted({words.limit_text(each["limited_by"]) for each in row.others if each["limited_by"]})
-        found.append(
-            f"faster: {_untold(row.others)}{', limited by ' if limited else ''}{' or '.join(limited)}"
-        )
-    if row.exposure_s == row.shown["recommended_s"]:  # few pictures and ends of the range have been said
-        found += [note for note in words.reservations(row.shown) if note.endswith("saturated")]
-    return found
-
-
-def _untold(answers: Sequence[words.Answer]) -> str:
-    """'no exposure works', 'cannot tell (~28 more would)', or both."""
-    verdicts = {answer["verdict"] for answer in answers}
-    parts = [words.NONE_WORKS] if words.NONE_WORKS in verdicts else []
-    parts += [f"{words.CANNOT_TELL} ({text})" for text in _needed(answers)]
-    return " or ".join(parts) or "not in every direction"
-
-
-def _needed(answers: Sequence[words.Answer]) -> list[str]:
-    """How many pictures more would tell all of what cannot be told; empty where all is told."""
-    untold = [answer for answer in answers if answer["verdict"] == words.CANNOT_TELL]
-    hardest = max(untold, key=lambda answer: answer["pictures_to_tell"] or math.inf, default=None)
-    return [] if hardest is None else [words.needed_text(hardest)]
 
 
 def model_rows(data: RunData) -> list[dict[str, Any]]:

@@ -25,6 +25,7 @@ CONFIDENCE = 0.95
 UNSEEN = 0.25
 """Of a cluster: what the one at the bound counts; in ``blurnoise bench intervals`` 0.1 is too little, 0.5 much."""
 DRAWS = 1000
+MOSTLY = 0.9
 Array = NDArray[np.float64]
 
 
@@ -76,6 +77,29 @@ def pictures_to_tell(margin: float, spread: float, away: float, most: int) -> in
         return float(ndtr(spare / (math.hypot(spread, margin) * math.sqrt(n))).mean()) >= (1 + CONFIDENCE) / 2
 
     return 1 + bisect_left(range(1, most + 1), True, key=tells) if margin > 0 else most + 1
+
+
+def pictures_to_tell_mostly(margin: float, spread: float, n: float, half: int, most: int) -> int:
+    """How many clusters tell a mean from a threshold in ``MOSTLY`` of the cases like this; ``most + 1``: more.
+
+    margin, spread: as of :func:`pictures_to_tell`, whose answer ``half`` tells in about half of them, since the mean
+    of n clusters is itself uncertain: the true margin is normal about the one seen. Either side of the threshold
+    counts.
+    """
+    from scipy.special import ndtr  # takes 0.1 s
+
+    if not spread:
+        return half
+    seen = margin / spread * math.sqrt(n)  # standard errors
+    needed = seen * math.sqrt(half / n)
+
+    def tells(count: int) -> bool:
+        times = count / n
+        sides = [(sign * seen * math.sqrt(times) - needed) / math.sqrt(times - 1) for sign in (1, -1)]
+        return float(ndtr(sides).sum()) >= MOSTLY
+
+    least = max(half, math.floor(n) + 1)
+    return least + bisect_left(range(least, most + 1), True, key=tells)
 
 
 @lru_cache(maxsize=1)

@@ -5,9 +5,22 @@ Domain: pictures' names as the store has them. Without a pattern each picture is
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterable
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.datasets.likeness import MOST, scenes
+
+_FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too narrow
+_AGREE = 0.8  # of pairs of one scene: so many must be in one cluster of a pattern that is suggested
+_BEFORE = 12  # characters of what stands before a number
+_NUMBERED = re.compile(r"([^\d/]*)\d+")
 
 
 def cluster_of(picture: str, pattern: str | None = None) -> str:
@@ -42,3 +55,77 @@ def _compiled(pattern: str) -> re.Pattern[str]:
         return re.compile(pattern)
     except (re.error, RecursionError, OverflowError) as error:
         raise ValueError(f"cluster = {pattern!r}: must be a regular expression ({error})") from None
+
+
+def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None:
+    """A warning where pictures show the same scenes but count as independent; None where few or none do.
+
+    looks: by picture's name, as :func:`~blurnoise_eval.datasets.likeness.look` has them, "" where there is none.
+    pattern: what they are clustered by. Above ``MOST`` pictures as many of them, evenly spread, are compared.
+    """
+    names = sorted(looks)
+    if len(names) > MOST:
+        names = [names[place] for place in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
+    shown = scenes([looks[name] for name in names])
+    counted = _labels(names, pattern)
+    joined = _together(shown, counted)
+    if joined >= _FEWER * (counted.max(initial=-1) + 1):
+        return None
+    pictures = (
+        f"{len(names)} pictures" if pattern is None else f"the {counted.max() + 1} clusters of pictures"
+    )
+    found = suggested(names, shown)
+    advice = (
+        f"use --cluster {shlex.quote(found)}"
+        if found
+        else "give --cluster a pattern that finds the same in the file names of one scene"
+    )
+    about = "1 scene" if joined == 1 else f"{joined} scenes"
+    return f"{pictures} show about {about} but count as independent, so intervals are too narrow: {advice}"
+
+
+def suggested(names: Sequence[str], shown: NDArray[np.int64]) -> str | None:
+    """A pattern by which the names of pictures cluster about as their scenes do, None where none of those tried does.
+
+    Tried are each number in the names with what stands before it, all before the last number, and the folder.
+    """
+    sizes = np.bincount(shown)
+    best: tuple[float, str] | None = None
+    for pattern in _candidates(names):
+        labels = _labels(names, pattern)
+        count = labels.max() + 1
+        both = np.unique(np.stack([shown, labels]), axis=1, return_counts=True)[1]
+        pairs = float((sizes * (sizes - 1)).sum())
+        kept = float((both * (both - 1)).sum()) / pairs if pairs else 0.0
+        off = abs(math.log2(count / len(sizes)))
+        if 1 < count < len(names) and kept >= _AGREE and off <= 1 and (best is None or off < best[0]):
+            best = off, pattern
+    return None if best is None else best[1]
+
+
+def _candidates(names: Sequence[str]) -> Iterator[str]:
+    """Patterns of numbers with what stands before them, then of all before the last number, and of the folder."""
+    before = Counter(
+        found[-_BEFORE:] for name in names for found in {each.group(1) for each in _NUMBERED.finditer(name)}
+    )
+    for text, count in before.items():
+        if count == len(names):
+            yield rf"{re.escape(text)}(\d+)" if text else r"^(\d+)"
+    yield r"^(.*?)\d+\D*$"
+    yield r"^(.*)/"
+
+
+def _labels(names: Sequence[str], pattern: str | None) -> NDArray[np.int64]:
+    """Numbers of the names' clusters, (N,)."""
+    numbers: dict[str, int] = {}
+    return np.array([numbers.setdefault(cluster_of(name, pattern), len(numbers)) for name in names], np.int64)
+
+
+def _together(one: NDArray[np.int64], other: NDArray[np.int64]) -> int:
+    """How many groups there are of pictures that are together by one or the other."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    shape = one.max(initial=-1) + 1, other.max(initial=-1) + 1
+    table = coo_array((np.ones(len(one), bool), (one, other + shape[0])), shape=(sum(shape), sum(shape)))
+    return int(connected_components(table, directed=False)[0]) if len(one) else 0

@@ -3,7 +3,9 @@
 A curve is known at increasing tested values x of an axis. Between them it is straight in the axis's coordinate, and
 so is every cluster's part of it: logarithms on an axis that is drawn so and has no 0, else the values themselves.
 Stretches of x are (first, last); one that holds at an end of the tested range ends there. A curve is surely at or
-above a threshold where the low end of its mean's 95 % interval is, and possibly where the high end is.
+above a threshold where the low end of its mean's 95 % interval is, and possibly where the high end is. What a
+measured curve does between two tested values nobody has seen: the interval of a window's end reaches from one tested
+value to another.
 """
 
 from __future__ import annotations
@@ -64,7 +66,8 @@ class Crossed:
 
     windows: where its mean is. sure: where the low end of the mean's interval is; possible: where the high end is, so
     that it surely is not elsewhere; both at 95 % at each value of x, and each holds what stands before it. certain:
-    there are clusters enough to say so; else nothing is sure and everything possible.
+    there are clusters enough to say so; else nothing is sure and everything possible. predicted: the curve is known
+    between the values of x, too.
     """
 
     x: tuple[float, ...]
@@ -72,9 +75,11 @@ class Crossed:
     sure: tuple[Stretch, ...]
     possible: tuple[Stretch, ...]
     certain: bool
+    predicted: bool = False
 
     def around(self, end: float) -> Bounds:
-        """The interval of a window's end: the stretch about it in which the curve is not sure to be above or below.
+        """The interval of a window's end: the stretch about it in which the curve is not sure to be above or below,
+        as far as the tested values at which it is.
 
         Of an end of the tested range it is the other end of that stretch alone, if there is one: what lies beyond
         is unknown.
@@ -86,17 +91,28 @@ class Crossed:
         near = 1e-6 * (last - first)  # rounding, where an interval has no width
         below = [turn for turn in turns if turn <= end + near]
         above = [turn for turn in turns if turn >= end - near]
-        return max(below, default=None), min(above, default=None)
+        return self._tested(max(below, default=None), min(above, default=None))
 
     @property
     def fails_between(self) -> Bounds:
         """The interval of where the curve falls below the threshold for good: from where it is surely above for the
-        last time to where it may be for the last time. The first of x: it may be, or is, below throughout."""
+        last time to where it may be for the last time, straight between the tested values. The first of x: it may be,
+        or is, below throughout."""
         if not self.certain:
             return None, None
         ends = [stretches[-1][1] if stretches else self.x[0] for stretches in (self.sure, self.possible)]
         low, high = (None if end == self.x[-1] else end for end in ends)
         return low, high
+
+    def _tested(self, low: float | None, high: float | None) -> Bounds:
+        """The tested values just outside an interval; of a predicted curve the interval as it is."""
+        if self.predicted:
+            return low, high
+        near = 1e-6 * (self.x[-1] - self.x[0])
+        return (
+            None if low is None else max((x for x in self.x if x <= low + near), default=self.x[0]),
+            None if high is None else min((x for x in self.x if x >= high - near), default=self.x[-1]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +121,8 @@ class Curve:
 
     x: (N,) increasing. sums: (C, N) of the values in each cluster; counts: (C, N) how many they are, or of what
     they are shares. most: the greatest value of the mean; the least is 0. open: (N, N) covariance of what is not
-    known of a mean that is predicted, beside what clusters differ by; the squares of half-widths add.
+    known of a mean that is predicted, beside what clusters differ by; the squares of half-widths add. given: the
+    interval, as :attr:`ends` has it, where more is known of it than the clusters say.
     """
 
     x: tuple[float, ...]
@@ -114,6 +131,7 @@ class Curve:
     logarithmic: bool = False
     most: float = 1.0
     open: Array | None = None
+    given: certainty.Ends | None = None
 
     @cached_property
     def mean(self) -> Array:
@@ -146,8 +164,10 @@ class Curve:
         return _STEPS if self.open is None else 1
 
     @cached_property
-    def _ends(self) -> certainty.Ends:
+    def ends(self) -> certainty.Ends:
         """The 95 % interval of the mean, at every value of x and in steps between them; NaN where unknown."""
+        if self.given is not None:
+            return self.given
         count = len(self.x)
         place = np.arange((count - 1) * self._steps + 1)
         before, share = place // self._steps, (place % self._steps) / self._steps
@@ -166,9 +186,18 @@ class Curve:
         told = self.told[before] & self.told[after]
         return certainty.Ends(*(np.where(told, end.clip(0, self.most), np.nan) for end in ends))
 
+    @cached_property
+    def fine(self) -> Array:
+        """The values of x at which the interval is known."""
+        at = coordinate(self.x, self.logarithmic)
+        place = np.arange((len(at) - 1) * self._steps + 1) / self._steps
+        fine = np.asarray(_back(self.x, self.logarithmic)(np.interp(place, np.arange(len(at)), at)), float)
+        fine[:: self._steps] = self.x
+        return fine
+
     def interval(self) -> certainty.Ends | None:
         """The 95 % interval of the mean, two of (N,); None from too few clusters."""
-        low, high = (end[:: self._steps] for end in self._ends)
+        low, high = (end[:: self._steps] for end in self.ends)
         return certainty.Ends(low, high) if np.isfinite(low).all() else None
 
     def area(self) -> tuple[float, Bounds]:
@@ -188,18 +217,16 @@ class Curve:
 
     def crossed(self, threshold: float) -> Crossed:
         """Where the curve is at or above the threshold: by its mean, surely, possibly."""
-        at = coordinate(self.x, self.logarithmic)
-        place = np.arange(len(self._ends.low)) / self._steps
-        fine = _back(self.x, self.logarithmic)(np.interp(place, np.arange(len(at)), at))
-        fine[:: self._steps] = self.x
-        low = np.nan_to_num(self._ends.low, nan=-_UNKNOWN)
-        high = np.nan_to_num(self._ends.high, nan=_UNKNOWN)
+        fine = self.fine
+        low = np.nan_to_num(self.ends.low, nan=-_UNKNOWN)
+        high = np.nan_to_num(self.ends.high, nan=_UNKNOWN)
         return Crossed(
             self.x,
             tuple(windows(self.x, self.mean.tolist(), threshold, self.logarithmic)),
             tuple(windows(fine.tolist(), low.tolist(), threshold, self.logarithmic)),
             tuple(windows(fine.tolist(), high.tolist(), threshold, self.logarithmic)),
             bool(self.told.any()),
+            predicted=self.open is not None,
         )
 
 

@@ -6,7 +6,7 @@ or the share of it that is kept.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,8 +65,11 @@ class Endurance:
         return {"model": self.model, "group": self.group, **first, **self.at, **rest}
 
 
-def endurances(surface: Surface, criterion: Criterion) -> Iterator[Endurance]:
-    """Every curve of the surface with at least two points: over exposure, then over blur."""
+def endurances(
+    surface: Surface, criterion: Criterion, exposures_s: Collection[float] = ()
+) -> Iterator[Endurance]:
+    """Every curve of the surface with at least two points: over exposure, then over blur, at each exposure or, if
+    there are any, those of ``exposures_s`` alone."""
     exposures = np.array(surface.exposures_s)
     for v, velocity in enumerate(surface.velocities_px_s):
         curve = _measured(
@@ -77,6 +80,8 @@ def endurances(surface: Surface, criterion: Criterion) -> Iterator[Endurance]:
     speeds, place = np.unique([np.hypot(*v) for v in surface.velocities_px_s], return_inverse=True)
     alike = (np.arange(len(speeds)) == place[:, None]).astype(float)  # directions of one speed are one point
     for e, exposure_s in enumerate(surface.exposures_s):
+        if exposures_s and exposure_s not in exposures_s:
+            continue
         of_speeds = surface.sums[:, e] @ alike, surface.counts[:, e] @ alike
         curve = _measured(speeds * exposure_s, *of_speeds, BLUR, surface.most)
         if curve is not None:

@@ -20,10 +20,15 @@ MOST_CLUSTERS = 128
 
 
 class Estimate(NamedTuple):
-    """A value, None where it is undefined, and the clusters' departures (n,), None where none are known."""
+    """A value, None where it is undefined, and the clusters' departures (n,), None where none are known.
+
+    cautious: a lower one, where the value is known to lie above what many pictures would give: the interval
+    reaches down to its own.
+    """
 
     value: float | None
     departures: Array | None = None
+    cautious: Estimate | None = None
 
     def interval(self, within: tuple[float, float | None] | None) -> tuple[float | None, float | None]:
         """Its 95 % interval, None below :data:`~blurnoise_eval.scoring.certainty.FEWEST` clusters.
@@ -38,7 +43,10 @@ class Estimate(NamedTuple):
             most = self.value + float(np.nanmax(self.departures, initial=0.0))
             bounds = within[0], max(1.0, most) if within[1] is None else within[1]
         low, high = (float(end) for end in certainty.interval(self.value, self.departures, within=bounds))
-        return (low, high) if math.isfinite(low) and math.isfinite(high) else (None, None)
+        if not (math.isfinite(low) and math.isfinite(high)):
+            return None, None
+        least = None if self.cautious is None else self.cautious.interval(within)[0]
+        return low if least is None else min(low, least), high
 
     def columns(self, name: str, within: tuple[float, float | None] | None) -> dict[str, float | None]:
         """As columns of a table: NAME, NAME_low, NAME_high; nothing here lies below 0."""
@@ -53,12 +61,15 @@ def mean(sums: ArrayLike, counts: ArrayLike) -> Estimate:
     return Estimate(None) if math.isnan(value) else Estimate(value, certainty.departures(sums, counts))
 
 
-def left_out(values: ArrayLike) -> Estimate:
-    """Of a measure (1 + n,): of all, then without each cluster."""
+def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
+    """Of a measure (1 + n,): of all, then without each cluster; cautious: the same of a lower one, none below 0."""
     every = np.asarray(values, float)
     if not math.isfinite(every[0]):
         return Estimate(None)
-    return Estimate(float(every[0]), certainty.jackknife(every[0], every[1:]))
+    lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
+    if lower is not None and not (lower.value is not None and lower.value < every[0]):
+        lower = None
+    return Estimate(float(every[0]), certainty.jackknife(every[0], every[1:]), lower)
 
 
 def all_and_without(counts: ArrayLike) -> Array:
@@ -71,6 +82,9 @@ def all_and_without(counts: ArrayLike) -> Array:
 def through(estimates: Sequence[Estimate], of: Callable[[Sequence[float]], float | None]) -> Estimate:
     """A linear function ``of`` the estimates' values, such as a weighted mean; all of them are defined."""
     value = of([float(np.nan if each.value is None else each.value) for each in estimates])
+    lower = None
+    if any(each.cautious for each in estimates):
+        lower = through([each.cautious or each for each in estimates], of)
     known = [each.departures for each in estimates if each.departures is not None]
     if value is None or len(known) < len(estimates) or not known:
         return Estimate(value)
@@ -80,7 +94,7 @@ def through(estimates: Sequence[Estimate], of: Callable[[Sequence[float]], float
     found = [
         of(column.tolist()) if there else None for column, there in zip(filled.T, said.tolist(), strict=True)
     ]
-    return Estimate(value, np.array([np.nan if each is None else each for each in found], float))
+    return Estimate(value, np.array([np.nan if each is None else each for each in found], float), lower)
 
 
 def mean_of(estimates: Sequence[Estimate]) -> Estimate:
@@ -89,7 +103,7 @@ def mean_of(estimates: Sequence[Estimate]) -> Estimate:
 
 
 def ratio(one: Estimate, other: Estimate) -> Estimate:
-    """One estimate by the other; undefined where that is 0."""
+    """One estimate by the other; undefined where that is 0. What is cautious in both cancels."""
     if one.value is None or not other.value:
         return Estimate(None)
     value = one.value / other.value

@@ -19,16 +19,12 @@ from numpy.typing import NDArray
 from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.crossings import Bounds, Crossed, Curve, Stretch, windows
+from blurnoise_eval.scoring.crossings import Bounds, Crossed, Curve, Stretch
 from blurnoise_eval.scoring.limits import DARK, Limit, Limits, Line, of_best, of_window
+from blurnoise_eval.scoring.monotone import is_uniform, nested, pooled
+from blurnoise_eval.scoring.recommendation import best_exposure, without_saturated
 from blurnoise_eval.scoring.surfaces import Surface
 
-NEAR_BEST = 0.02
-"""Confidences this close to the window's best count as equally good when one exposure is recommended."""
-EQUALLY_SATURATED = 0.05
-"""So do shares of saturated values this close to the least: lamps and glints are in many pictures."""
-SPARE_STOPS = 2.0
-"""That are enough: four times the light or the speed may come before an edge of the window."""
 _MOST_PICTURES = 9999  # that are asked for
 Verdict = Literal["works", "no exposure works", "cannot tell"]
 Array = NDArray[np.float64]
@@ -46,7 +42,8 @@ class Answer:
 
     verdict: "works": at some tested exposure ``low`` is at or above its level; "no exposure works": ``high`` is
     at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
-    many should be enough if they are like these (None: more than 9999). windows_s: stretches of exposure in which
+    many should be enough in half of such cases, ``pictures_to_tell_mostly`` in nine of ten (None: more than
+    9999). windows_s: stretches of exposure in which
     the mean stays at or above it; windows_low_s, windows_high_s: the 95 % intervals of their first and
     last exposures, None at an end that lies outside the tested range or is not known. sure_windows_s: where it is
     surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
@@ -80,6 +77,7 @@ class Answer:
     few_pictures: bool
     verdict: Verdict
     pictures_to_tell: int | None
+    pictures_to_tell_mostly: int | None
     windows_low_s: tuple[Bounds, ...]
     windows_high_s: tuple[Bounds, ...]
     sure_windows_s: tuple[Stretch, ...]
@@ -112,65 +110,36 @@ def recommend(
     confidence: Sequence[float],
     threshold: float,
     *,
-    sure: Sequence[bool] | None = None,
     saturated: Sequence[float] | None = None,
 ) -> tuple[float, float] | None:
-    """A tested exposure and its confidence; None when no exposure reaches the threshold.
-
-    Of the exposures that surely work (``sure``; all that work if there are none), in the window of the best of
-    them: those near the best; of these, those that saturate least; of these, one with stops to spare to the edges
-    that were seen: the longest with ``SPARE_STOPS`` below the upper edge, or, where only the lower was seen, the
-    shortest with as many above it; if none has as many, the one with most. Without any edge, the best. So what
-    stands does not move when a wider range is tested, unless there is something better, or a nearer edge.
-    """
-    works = [value >= threshold for value in confidence]
-    if not any(works):
+    """A tested exposure and its confidence, by the rule of :mod:`.recommendation`; None when none reaches the
+    threshold."""
+    counted = np.asarray(confidence, float)
+    if not (counted >= threshold).any():
         return None
-    asked = list(sure) if sure is not None and any(sure) else works
-    best = max(np.flatnonzero(asked).tolist(), key=lambda index: confidence[index])
-    low, high = next(
-        window
-        for window in windows(exposures_s, confidence, threshold)
-        if window[0] <= exposures_s[best] <= window[1]
-    )
-    near = [
-        index
-        for index, exposure in enumerate(exposures_s)
-        if asked[index] and low <= exposure <= high and confidence[index] >= confidence[best] - NEAR_BEST
-    ]
     if saturated is not None:
-        least = min(saturated[index] for index in near)
-        near = [index for index in near if saturated[index] <= least + EQUALLY_SATURATED]
-    edges = [edge for edge in (low, high) if exposures_s[0] < edge < exposures_s[-1]]
-    if not edges:
-        chosen = max(near, key=lambda index: confidence[index])
-        return exposures_s[chosen], confidence[chosen]
-
-    def spare(index: int) -> float:
-        return min(abs(math.log2(exposures_s[index] / edge)) for edge in edges)
-
-    enough = [index for index in near if spare(index) >= SPARE_STOPS]
-    chosen = enough[-1 if edges[-1] == high else 0] if enough else max(near, key=spare)
-    return exposures_s[chosen], confidence[chosen]
+        counted = without_saturated(counted, saturated, threshold)
+    chosen = best_exposure(exposures_s, np.where(counted >= threshold, counted, -1.0))  # no dip of a plateau
+    return None if chosen is None else (exposures_s[chosen], confidence[chosen])
 
 
-def answers(surface: Surface, criterion: Criterion, dark_below: float = DARK) -> list[Answer]:
-    """One :class:`Answer` for every velocity of the surface; dark_below: as :class:`~.limits.Line` has it."""
+def answers(
+    surface: Surface, criterion: Criterion, dark_below: float = DARK, *, monotone: bool = True
+) -> list[Answer]:
+    """One :class:`Answer` for every velocity of the surface; dark_below: as :class:`~.limits.Line` has it. monotone:
+    whether no answer may be better at a higher speed, where pictures move as a whole; see :mod:`.monotone`."""
     found = []
     speeds = [math.hypot(*velocity) for velocity in surface.velocities_px_s]
     slowest = int(np.argmin(speeds))
-    for v, velocity in enumerate(surface.velocities_px_s):
-        measured = surface.counts[:, :, v].sum(axis=0) > 0
-        if not measured.any():
-            continue
-        curve = Curve(
-            tuple(np.array(surface.exposures_s)[measured].tolist()),
-            surface.sums[:, measured, v],
-            surface.counts[:, measured, v],
-            logarithmic=True,
-            most=surface.most,
-            open=None if surface.open is None else surface.open[v][np.ix_(measured, measured)],
-        )
+    monotone = monotone and is_uniform(surface)
+    surface = pooled(surface) if monotone else surface
+    seen = surface.counts.sum(axis=0) > 0
+    places = np.flatnonzero(seen.any(axis=0)).tolist()
+    curves = [_curve(surface, seen[:, v], v) for v in places]
+    if monotone:
+        curves = nested(curves, [surface.velocities_px_s[v] for v in places])
+    for v, curve in zip(places, curves, strict=True):
+        measured, velocity = seen[:, v], surface.velocities_px_s[v]
         line = Line(
             curve.x,
             curve.mean,
@@ -184,6 +153,18 @@ def answers(surface: Surface, criterion: Criterion, dark_below: float = DARK) ->
         shared = surface.model, surface.group, {name: at[name] for name in NAMES if name in at}
         found.append(answer(shared, surface.n_targets, curve, line, criterion, surface.clean))
     return found
+
+
+def _curve(surface: Surface, measured: NDArray[np.bool_], v: int) -> Curve:
+    """Over the exposures that were measured at one velocity."""
+    return Curve(
+        tuple(np.array(surface.exposures_s)[measured].tolist()),
+        surface.sums[:, measured, v],
+        surface.counts[:, measured, v],
+        logarithmic=True,
+        most=surface.most,
+        open=None if surface.open is None else surface.open[v][np.ix_(measured, measured)],
+    )
 
 
 def flat(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -219,7 +200,7 @@ def answer(
     sure = [any(low <= x <= high for low, high in crossed.sure) for x in curve.x]
     verdict = _verdict(crossed, sure)
     saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
-    choice = recommend(curve.x, mean, criterion.level, sure=sure, saturated=saturated)
+    choice = recommend(curve.x, mean, criterion.level, saturated=saturated)
     chosen = None if choice is None else curve.x.index(choice[0])
     best = int(np.argmax(mean))
     ends = curve.interval()
@@ -227,6 +208,7 @@ def answer(
     limits = _limits(
         line, crossed.windows, None if choice is None else choice[0], best, criterion, clean_value
     )
+    needed = _pictures_to_tell(curve, criterion.level) if verdict == "cannot tell" else (None, None)
     return Answer(
         *shared,
         n_targets=n_targets,
@@ -243,7 +225,8 @@ def answer(
         effective_pictures=curve.n_effective,
         few_pictures=curve.n_effective < certainty.FEW,
         verdict=verdict,
-        pictures_to_tell=_pictures_to_tell(curve, criterion.level) if verdict == "cannot tell" else None,
+        pictures_to_tell=needed[0],
+        pictures_to_tell_mostly=needed[1],
         windows_low_s=tuple(crossed.around(window[0]) for window in crossed.windows),
         windows_high_s=tuple(crossed.around(window[1]) for window in crossed.windows),
         sure_windows_s=crossed.sure,
@@ -292,20 +275,25 @@ def _verdict(crossed: Crossed, sure: Sequence[bool]) -> Verdict:
     return "cannot tell" if crossed.possible else "no exposure works"
 
 
-def _pictures_to_tell(curve: Curve, threshold: float) -> int | None:
-    """How many pictures like these would tell: enough for the exposure that is most clearly above the threshold, or
-    else for all to be clearly below."""
+def _pictures_to_tell(curve: Curve, threshold: float) -> tuple[int | None, int | None]:
+    """How many pictures like these would tell, in half of the cases and in most: enough for the exposure that is most
+    clearly above the threshold, or else for all to be clearly below."""
     n = np.isfinite(curve.departures).sum(axis=0)
     if (n < 2).any():
-        return None
+        return None, None
     margin, spread = curve.mean - threshold, np.nanstd(curve.departures, axis=0)
     above = margin > 0
     away = np.where(above, curve.mean, curve.most - curve.mean)  # the bound beyond the threshold pulls
     asked = zip(np.abs(margin).tolist(), spread.tolist(), away.tolist(), strict=True)
     needed = np.array([certainty.pictures_to_tell(*each, _MOST_PICTURES) for each in asked])
-    count = int(needed[above].min() if above.any() else needed.max())
-    fewest = math.ceil(certainty.FEWEST * curve.n_clusters / curve.n_effective)
-    return None if count > _MOST_PICTURES else max(fewest, int(n.max()) + 1, count)
+    hardest = int(np.where(above, needed, _MOST_PICTURES + 2).argmin() if above.any() else needed.argmax())
+    count = int(needed[hardest])
+    if count > _MOST_PICTURES:
+        return None, None
+    fewest = max(math.ceil(certainty.FEWEST * curve.n_clusters / curve.n_effective), int(n.max()) + 1)
+    seen = abs(float(margin[hardest])), float(spread[hardest]), float(n[hardest])
+    mostly = certainty.pictures_to_tell_mostly(*seen, count, _MOST_PICTURES)
+    return max(fewest, count), None if mostly > _MOST_PICTURES else max(fewest, mostly)
 
 
 def _regret(curve: Curve, chosen: int) -> float | None:

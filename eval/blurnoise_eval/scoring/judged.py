@@ -140,11 +140,15 @@ class Judged:
         if self.truth is None or not self._annotations:
             return dict.fromkeys(COCO_SCORES, Estimate(None))
         found = self._at_middle
-        every = found.precision.mean(axis=2)
-        averages = {"ap": every[:, 0], "ap50": found.precision[:, 0, 0], "ap75": found.precision[:, 0, 5]}
-        averages |= {f"ap_{size}": every[:, place] for place, size in enumerate(SIZES[1:], start=1)}
-        averages["ar100"] = found.recall.mean(axis=1)
-        return {name: left_out(values) for name, values in averages.items()}
+        averages = {
+            **{name: (0, ious) for name, ious in (("ap", slice(None)), ("ap50", [0]), ("ap75", [5]))},
+            **{f"ap_{size}": (place, slice(None)) for place, size in enumerate(SIZES[1:], start=1)},
+        }
+        scores = {
+            name: left_out(*(each[:, area, ious].mean(axis=1) for each in (found.precision, found.cautious)))
+            for name, (area, ious) in averages.items()
+        }
+        return scores | {"ar100": left_out(found.recall.mean(axis=1))}
 
     def precision_by_size(self, score: str) -> dict[str, Estimate]:
         """ "ap" or "ap50" of the targets of each of ``SIZES``."""
@@ -174,7 +178,8 @@ class Judged:
         swept = self._swept
         if swept is None:
             return self.coco["ap50"]
-        return left_out(self._precision(swept, ap50_only=True).precision[:, 0, 0])
+        found = self._precision(swept, ap50_only=True)
+        return left_out(found.precision[:, 0, 0], found.cautious[:, 0, 0])
 
     @cached_property
     def alarms(self) -> Alarms | None:

@@ -24,6 +24,11 @@ SIZES = ("all", "small", "medium", "large")
 """Of targets, by COCO."""
 AREAS_PX2 = np.array([(0, 1e10), (0, 32**2), (32**2, 96**2), (96**2, 1e10)], float)
 """Of each of ``SIZES``: from, to."""
+BEYOND = 0.5
+"""COCO's mean is over the categories that the pictures have, all alike, and one with few targets scores better there
+than in many pictures: the false alarms of categories that are absent do not count. The mean weighted by the number of
+targets has less of this; the cautious one is as far below it again, times ``BEYOND``. With 0.5 intervals that reach
+down to its own hold in 89 to 100 % where COCO's alone did in 53 to 97 (12 to 35 pictures, 1 to 80 categories)."""
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Places = NDArray[Any]
@@ -34,11 +39,13 @@ class Precision(NamedTuple):
     """Average precision (1 + clusters, areas, IoUs) and recall (1 + clusters, IoUs), means over categories.
 
     First of all pictures, then without each cluster; areas: all, small, medium, large. NaN where there is no
-    target of that size.
+    target of that size. cautious: as precision, of categories as they would score with many targets, see
+    :data:`BEYOND`.
     """
 
     precision: Array
     recall: Array
+    cautious: Array
 
 
 class _Found(NamedTuple):
@@ -93,12 +100,14 @@ def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
     some = left > 0
     with np.errstate(invalid="ignore", divide="ignore"):
         number = some.sum(axis=-1)[:, :, None].astype(float)
-        mean = np.where(some[:, :, None], of_each, 0.0).sum(axis=-1) / number
+        every = np.where(some[:, :, None], of_each, 0.0)
+        mean = every.sum(axis=-1) / number
+        weighted = (every * left[:, :, None]).sum(axis=-1) / left.sum(axis=-1)[:, :, None]
         recall = (
             np.where(some[:, 0, None], all_and_without(hits) / left[:, 0, None], 0.0).sum(axis=-1)
             / number[:, 0]
         )
-    return Precision(mean, recall)
+    return Precision(mean, recall, weighted - BEYOND * (mean - weighted))
 
 
 def _matched(

@@ -9,7 +9,7 @@ which the model knows little count little, and one that is not found there count
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -63,12 +63,13 @@ class Surface:
         """(E, V), NaN where nothing was measured."""
         return certainty.mean_of(self.sums, self.counts)
 
-    def every(self, step: int) -> Surface:
-        """Of its exposures every so manyth, from the first on."""
-        cut = slice(None, None, step)
-        left = {name: getattr(self, name)[cut] for name in ("exposures_s", "saturated", "brightness")}
-        left |= {"sums": self.sums[:, cut], "counts": self.counts[:, cut]}
-        return replace(self, **left, open=None if self.open is None else self.open[:, cut, cut])
+    def at(self, exposures_s: Collection[float]) -> Surface:
+        """Of its exposures those that are among these."""
+        kept = [place for place, exposure in enumerate(self.exposures_s) if exposure in exposures_s]
+        left: dict[str, Any] = {name: getattr(self, name)[kept] for name in ("saturated", "brightness")}
+        left |= {"sums": self.sums[:, kept], "counts": self.counts[:, kept]}
+        left |= {"exposures_s": tuple(self.exposures_s[place] for place in kept)}
+        return replace(self, **left, open=None if self.open is None else self.open[:, kept][:, :, kept])
 
     def of_clusters(self, clusters: tuple[str, ...]) -> tuple[Array, Array]:
         """Sums and counts (C, E, V) of these clusters, 0 for those that the surface does not have."""

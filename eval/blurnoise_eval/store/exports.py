@@ -12,6 +12,7 @@ import io
 import shutil
 import subprocess
 import sys
+import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -124,8 +125,7 @@ def write_parquet(store: Store, folder: Path | None = None) -> list[Path]:
         pictures[place_of(name, shards)].append(name)
     written = []
     for name, table in (("results.parquet", "cells"), ("targets.parquet", "targets")):
-        unfinished = folder / f".{name}.partial"
-        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished = folder / f".{uuid.uuid4().hex}.partial"
         try:
             for model in queries.models_seen(store):
                 for number, held in enumerate(pictures):

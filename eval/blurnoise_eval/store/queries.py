@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of
+from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of, velocity_of
 from blurnoise_eval.store.schema import CONDITIONS, ROWS, SORTED
 from blurnoise_eval.store.store import Store, unpack, unpack_all
 
@@ -150,6 +150,17 @@ def groups(store: Store) -> list[Row]:
     return list(store.rows(query))
 
 
+def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
+    """How many targets of each label a model has in its original pictures, the most frequent first."""
+    query = """
+      SELECT model, label, COUNT(*) AS n FROM targets WHERE clean = 1 GROUP BY model, label ORDER BY n DESC, label
+    """
+    found: dict[str, dict[str, int]] = {}
+    for row in store.rows(query):
+        found.setdefault(row["model"], {})[row["label"]] = row["n"]
+    return found
+
+
 def models_seen(store: Store) -> list[str]:
     """The models that any cell is of, by name."""
     return [row["model"] for row in store.rows("SELECT DISTINCT model FROM cells ORDER BY model")]
@@ -239,6 +250,16 @@ def median_simulate_ms(store: Store) -> float | None:
     query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
     found = sorted(row[0] for rows in store.tuples(query) for row in rows)
     return float(found[len(found) // 2]) if found else None
+
+
+def saturated_shares(store: Store) -> dict[tuple[float, ...], float]:
+    """Mean share of saturated values over pictures, by the values of ``SETTING``, velocity and exposure."""
+    query = f"SELECT {_SHARED}, AVG(saturated) AS saturated FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
+    return {
+        (*setting_of(row), *velocity_of(row), row["exposure_s"]): row["saturated"]
+        for row in store.rows(query)
+        if row["saturated"] is not None
+    }
 
 
 def example_files(store: Store) -> list[str]:

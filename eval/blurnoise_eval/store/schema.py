@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 8  # of the tables below
+VERSION = 9  # of the tables below
 
 
 def _added(table: str, *columns: str) -> str:
@@ -26,6 +26,7 @@ _STEPS = {
         _added(table, "ego_speed_m_s REAL") + f"UPDATE {table} SET ego_speed_m_s = 0 WHERE clean = 0;"
         for table in ("cells", "targets")
     ),
+    8: _added("pictures", "look TEXT"),
 }
 UPGRADES = {first: "".join(_STEPS[step] for step in sorted(_STEPS) if step >= first) for first in _STEPS}
 """What makes the tables of an older version those below, but for the order of columns and what an index holds; what
@@ -59,6 +60,6 @@ CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, 
   invented_share REAL, truth TEXT, text TEXT, read_confidence REAL, character_error_rate REAL,
   PRIMARY KEY (cell_id, model, target_id));
 CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT, width_px INTEGER,
-  height_px INTEGER);
+  height_px INTEGER, look TEXT);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """

@@ -25,7 +25,7 @@ import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.files import RUN_FILE, path_within
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
@@ -41,7 +41,7 @@ class StoreError(ValueError):
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
-    picture: identity, content, width and height, px, of the picture that it was computed from.
+    picture: identity, content, width and height, px, and look of the picture that it was computed from.
     Beside what is stored: the picture as PNG where it is to be kept as the row's ``example``, and how many NaN
     and infinite values the model answered with.
     """
@@ -51,7 +51,7 @@ class CellResult:
     detections: Detections
     example_png: bytes | None = None
     non_finite_values: int = 0
-    picture: tuple[str, str, int, int] | None = None
+    picture: tuple[str, str, int, int, str] | None = None
 
 
 class Store:
@@ -68,6 +68,7 @@ class Store:
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
+        path = self.file(RUN_FILE)
         with self._explained(), ExitStack() as opened:
             folder.mkdir(parents=True, exist_ok=True)
             self.read_only = not create and not (_writable(folder) and _writable(path))
@@ -112,6 +113,13 @@ class Store:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._opened.close()
+
+    def file(self, name: str) -> Path:
+        """The path of a file that the run names. Raises :class:`StoreError` for one outside the run's folder."""
+        try:
+            return path_within(self.folder, name)
+        except (ValueError, OSError) as error:
+            raise StoreError(f"run = {str(self.folder)!r}: {error}") from None
 
     def set_about(self, key: str, value: Any) -> None:
         """Keep a JSON value under ``key``."""
@@ -183,6 +191,7 @@ class Store:
         content: str,
         width_px: int | None = None,
         height_px: int | None = None,
+        look: str | None = None,
     ) -> None:
         """Note what a picture's cells are computed from: of a picture that has cells the content stays the same, and
         so does its size, which need not be stated again.
@@ -198,11 +207,11 @@ class Store:
         if held != (identity, content):
             with self._transaction() as db:
                 db.execute(
-                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?) ON CONFLICT (image) DO UPDATE SET"
+                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (image) DO UPDATE SET"
                     " identity = excluded.identity, content = excluded.content,"
                     " width_px = ifnull(excluded.width_px, width_px),"
-                    " height_px = ifnull(excluded.height_px, height_px)",
-                    (image, identity, content, width_px, height_px),
+                    " height_px = ifnull(excluded.height_px, height_px), look = ifnull(excluded.look, look)",
+                    (image, identity, content, width_px, height_px, look),
                 )
 
     def pictures(self, image: str | None = None) -> dict[str, tuple[str, str]]:
@@ -215,6 +224,12 @@ class Store:
         """Width and height, px, of the pictures that cells were computed from."""
         rows = self.rows("SELECT image, width_px, height_px FROM pictures WHERE width_px IS NOT NULL")
         return {row["image"]: (row["width_px"], row["height_px"]) for row in rows}
+
+    def looks(self) -> dict[str, str]:
+        """By picture the hash of what it looks like, see :func:`~blurnoise_eval.datasets.likeness.look`; those of
+        runs of earlier versions have none."""
+        rows = self.rows("SELECT image, look FROM pictures WHERE look IS NOT NULL")
+        return {row["image"]: row["look"] for row in rows}
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""

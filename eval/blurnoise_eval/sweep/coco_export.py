@@ -19,7 +19,7 @@ from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import path_within, read_within, write_whole
 from blurnoise_eval.system.tables import json_lines
 
 INSTANCES = Path("coco") / "instances.json"
@@ -46,8 +46,9 @@ def write_truth(pictures: PictureSet, run: Path) -> None:
         "annotations": annotations,
         "categories": [{"id": number, "name": name} for name, number in pictures.categories.items()],
     }
-    (run / INSTANCES).parent.mkdir(parents=True, exist_ok=True)
-    write_whole(run / INSTANCES, json.dumps(truth).encode("utf-8", "backslashreplace"))
+    file = path_within(run, INSTANCES)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(file, json.dumps(truth).encode("utf-8", "backslashreplace"))
 
 
 def truths(store: Store) -> Callable[[str], Truth | None]:
@@ -57,7 +58,7 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     """
     path = store.folder / INSTANCES
     try:
-        coco = json.loads(path.read_text(encoding="utf-8"))
+        coco = json.loads(read_within(store.folder, INSTANCES))
         image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
         sizes_px = {
             image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids
@@ -108,14 +109,14 @@ def write_detections(
     """
     written = []
     truth_of = truths(store)
-    labels = json.loads((store.folder / INSTANCES).read_text(encoding="utf-8"))
+    labels = json.loads(read_within(store.folder, INSTANCES))
     manifest = store.about("manifest")
     camera, objects, vehicle = Camera.from_dict(manifest["camera"]), objects_of(store), vehicle_of(store)
     for model in manifest["models"]:
         truth = truth_of(model["name"])
         if truth is None:
             continue
-        place = folder / model["name"]
+        place = path_within(folder, model["name"])
         place.mkdir(parents=True, exist_ok=True)
         whole = {**labels, **truth.coco, "images": labels["images"]}
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))

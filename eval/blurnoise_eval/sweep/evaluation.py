@@ -20,8 +20,6 @@ from blurnoise._core.limits import limited_motion
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.detectors.baked import baked
-from blurnoise_eval.detectors.contract_checks import common_suspicions
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
@@ -31,16 +29,20 @@ from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
-from blurnoise_eval.scoring.criterion import stated
+from blurnoise_eval.scoring.criterion import Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.exports import exported_meanwhile, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.engines import Engine, engine_of
+from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.default_camera import default_for
+from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.model_notes import note_models
+from blurnoise_eval.sweep.refining import Refinement, left_to_refine
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import Grouped, open_run, read_run, write_tables
 from blurnoise_eval.sweep.run_surfaces import criterion_of
@@ -48,9 +50,9 @@ from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
 from blurnoise_eval.system.progress import Advance, ProgressBar
 from blurnoise_eval.system.tables import plain
+from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
-_SUSPECTED_PICTURES = 8  # by which a model's contract is questioned
 Rows = list[dict[str, Any]]
 T = TypeVar("T")
 
@@ -58,7 +60,7 @@ T = TypeVar("T")
 def evaluate(
     models: str | Path | Model | Sequence[str | Path | Model] | None = None,
     pictures: PictureSet | None = None,
-    camera: str | Camera = "imx250",
+    camera: str | Camera | None = None,
     plan: SweepPlan | None = None,
     output: str | Path | WorkingFolder = "run",
     *,
@@ -70,13 +72,15 @@ def evaluate(
     threads: int | None = None,
     address: str | None = None,
     part: str | None = None,
+    refine: bool = True,
     progress: bool | None = None,
     command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
     """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
 
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
-    :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera.
+    :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera; by
+    default :func:`~blurnoise_eval.sweep.default_camera.default_for` these models and pictures.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
     URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
     of what a model reaches on the untouched pictures that is enough, by default 0.9; threshold: in place of it, the
@@ -86,7 +90,9 @@ def evaluate(
     engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
     threads: how many of the engine's workers, by default one per core. address: of the cluster,
     for "ray"; without it one is started on this machine. part: "1/4": only the first quarter of the
-    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. progress: whether to draw a
+    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. refine: whether to compute
+    more exposures where a window ends between two tested ones, to a quarter of a stop
+    (:mod:`blurnoise_eval.sweep.refining`); a part refines nothing. progress: whether to draw a
     bar on the terminal. command: what the run's page gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
@@ -95,9 +101,10 @@ def evaluate(
     """
     folder = working_folder(output)
     computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
-    seen_by = _camera(camera)
+    stated_camera = None if camera is None else _camera(camera)  # before anything is opened
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
+    seen_by = default_for(opened, shown) if stated_camera is None else stated_camera
     check_cluster(cluster, (picture.name for picture in shown))
     whole, own = shown, None if part is None else Part.parse(part)
     if own is not None:
@@ -128,24 +135,74 @@ def evaluate(
             height, width = seen_by.field.size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             limited_motion("ego_speed_m_s: flow times exposure", exposed.displacements_px(edges))
-    with begun_or_gone(folder.path), Store(folder.path, create=True) as store:
+    with (
+        begun_or_gone(folder.path),
+        Store(folder.path, create=True) as store,
+        staying(computed_by) as engine_kept,
+    ):
+        opened, comparisons = contracts_chosen(opened, whole, say=progress)
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
-        with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
-            outcome = sweep.run(
+
+        def compute(plan: SweepPlan, advance: Advance) -> Outcome:
+            return sweep.run(
                 opened,
                 seen_by,
                 shown,
                 plan,
                 store,
-                engine=computed_by,
+                engine=engine_kept,
                 progress=folder.minded(advance, store.copy_to),
+                resumed=advance.already,
                 died=tell_of(advance),
             )
+
+        with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
+            outcome = compute(plan, advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
-        note_models(store, opened, shown)
+        if refine and own is None:
+            wanted = criterion_of(store, threshold, keep, score)
+            _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
+        note_models(store, opened, shown, comparisons)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
+
+
+def _refine(
+    store: Store,
+    plan: SweepPlan,
+    criterion: Criterion,
+    cluster: str | None,
+    n_pictures: int,
+    compute: Callable[[SweepPlan, Advance], Outcome],
+    outcome: Outcome,
+    progress: bool | None,
+) -> None:
+    """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
+    before = tuple(at for batch in asked(store) for at in batch.conditions)
+    left = (
+        Refinement(before, 0, len(before), 1) if before else left_to_refine(store, plan, criterion, cluster)
+    )
+    if not left.conditions:
+        return
+    cells = n_pictures * plan.repeats * left.at_most
+    if progress and not before:
+        say(
+            f"refine: up to {cells} cells about {left.ends} ends of windows and the best exposure, beside the "
+            f"{n_pictures * plan.repeats * len(plan.conditions())} of the grid (--no-refine: none)",
+            error=True,
+        )
+    if not before:
+        ask(store, Batch(n_pictures, (), left.conditions))
+    with progress_bar("refine", cells + n_pictures * left.rounds, progress) as advance:
+        more = left.conditions
+        while more:
+            outcome.add(compute(replace(plan, only=more, examples=False), advance))
+            noted = {at for batch in asked(store) for at in batch.conditions}
+            left = left_to_refine(store, plan, criterion, cluster)
+            more = tuple(at for at in left.conditions if at not in noted)
+            if more:
+                ask(store, Batch(n_pictures, (), more))
 
 
 def _crossing_px_s(shown: PictureSet, objects: Objects, camera: Camera) -> dict[str, tuple[float, float]]:
@@ -256,10 +313,13 @@ class Evaluation:
             "report": self._written.told(self.output / "report.html"),
             "cells": self.data.manifest["n_cells"],
             "missing_cells": self.data.manifest["missing_cells"],
+            "refined": self.data.manifest["refined"],
             "skipped": self.skipped,
             "criterion": self.criterion.row(),
             "threshold": self.threshold,
             "withheld": self.data.manifest["withheld"],
+            "withheld_models": self.data.manifest["withheld_models"],
+            "targets_found": self.data.manifest.get("targets_found", {}),
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
             "models": self.models,
@@ -351,18 +411,6 @@ def _of_kind(name: str, value: object, kind: type[T]) -> T:
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
     return value
-
-
-def note_models(store: Store, models: Sequence[Model], pictures: PictureSet) -> None:
-    """Add to the run's manifest what is only known afterwards: each model's latency and oddities."""
-    manifest = store.about("manifest")
-    for model, about in zip(models, manifest["models"], strict=True):
-        about["latency"] = latency.measure(model, pictures)
-        if isinstance(model, Detector):
-            some = [image for _, image in datasets.sample(pictures, _SUSPECTED_PICTURES)]
-            about["suspicions"] = common_suspicions(model, some)
-            about["baked"] = baked(model, some)
-    store.set_about("manifest", manifest)
 
 
 def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:

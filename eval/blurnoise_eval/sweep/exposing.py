@@ -41,10 +41,10 @@ class Frame(NamedTuple):
     """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, how it was taken, where that moves
     boxes and what they sweep.
 
-    saturated: the share of its values at a limit of well, converter or picture. snr_db: of a pixel with the
-    picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented: by the place of a
-    target, see :meth:`blurnoise.cut_scene.CutScene.invented`. own_px: by its place, the blur of a target that crosses
-    the view at a speed of its own.
+    saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
+    a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented:
+    by the place of a target, see :meth:`blurnoise.cut_scene.CutScene.invented`. own_px: by its place, the blur of
+    a target that crosses the view at a speed of its own.
     """
 
     cell: Cell
@@ -192,7 +192,7 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=np.count_nonzero(frame.picture >= brightest(exposure)) / frame.picture.size,
+            saturated=_saturated(frame.picture, brightest(exposure)),
             snr_db=snr_db(exposure, scene.mean_light(camera)),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
@@ -228,6 +228,12 @@ def _set(
         temperature_c=exposure.temperature_c,
     )
     return replace(exposure, gain_db=gain_db)
+
+
+def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
+    """The share of pixels of (H, W, 3) in which a colour is at the limit or above."""
+    below = cv2.countNonZero(cv2.inRange(picture, (0, 0, 0), (limit - 1,) * 3))
+    return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
 def brightest(exposure: Exposure) -> int:

@@ -17,10 +17,14 @@ from typing import Any, NamedTuple
 
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.coco_export import INSTANCES
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.sweep.run_folder import computed_by, other_software
+from blurnoise_eval.system.files import read_within, write_whole
 
 _ALIKE = ("model", "camera")
+_SETS = ("pictures", "choice of targets", "annotations")  # digests, in parts those of the whole
+_NUMBERS = ("id", "image_id", "category_id")  # of an annotation, given anew
 _PLAN = ("grid", "repeats")  # what of plans may differ
 
 
@@ -82,12 +86,15 @@ def _written(
             progress(1)
             rows += queries.count_rows(store)
             for name in queries.example_files(store):
-                if (store.folder / name).is_file() and not (folder / name).exists():
-                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                    write_whole(folder / name, (store.folder / name).read_bytes())
+                file = joined.file(name)
+                if store.file(name).is_file() and not file.exists():
+                    file.parent.mkdir(parents=True, exist_ok=True)
+                    write_whole(file, store.file(name).read_bytes())
         joined.set_about("identity", identity)
         joined.set_about("manifest", _manifest(stores, len(truth["images"]), command))
         joined.set_about("learnt", _learnt(stores))
+        if refined := {at: None for store in stores for batch in asked(store) for at in batch.conditions}:
+            ask(joined, Batch(len(truth["images"]), (), tuple(refined)))
         cells = queries.count_rows(joined)
         return Merged(cells, len(queries.pictures_seen(joined)), rows - cells)
 
@@ -113,6 +120,11 @@ def _identity(stores: Sequence[Store]) -> dict[str, Any]:
             for held in (store, first)
         )
         differing += ["kind of pictures"] * (one != other)
+        if software := other_software(computed_by(first), computed_by(store)):
+            differing.append(software)
+        whole = next((of for of in each if _count(of) == _count(identity)), identity)
+        if _count(identity) is not None:  # of parts of one whole
+            differing += [name for name in _SETS if identity.get(name) != whole.get(name)]
         if differing:
             raise StoreError(
                 f"{run}: differs from {named!r} in {' and '.join(differing)}; it cannot be merged"
@@ -127,8 +139,9 @@ def _identity(stores: Sequence[Store]) -> dict[str, Any]:
     plan["grid"] = {name: sorted({value for grid in grids for value in grid[name]}) for name in grids[0]}
     joined = {**each[0], "plan": plan}
     joined.pop("part", None)
-    for name in ("pictures", "choice of targets"):
-        joined[name] = "+".join(sorted({identity[name] for identity in each}))
+    for name in _SETS:
+        if found := {identity[name] for identity in each if name in identity}:
+            joined[name] = "+".join(sorted(found))
     parts = [identity.get("part", "1/1") for identity in each]
     counts = {part.split("/")[1] for part in parts}
     numbers = sorted({int(number) for part in parts for number in part.split("/")[0].split(",")})
@@ -137,6 +150,11 @@ def _identity(stores: Sequence[Store]) -> dict[str, Any]:
     elif len(counts) > 1:
         joined["part"] = " and ".join(sorted(set(parts)))
     return joined
+
+
+def _count(identity: Mapping[str, Any]) -> str | None:
+    """Of how many parts a run is one, or several; None for one that is no part."""
+    return identity["part"].rpartition("/")[2] if "part" in identity else None
 
 
 def _truth(stores: Sequence[Store]) -> dict[str, Any]:
@@ -155,7 +173,7 @@ def _truth(stores: Sequence[Store]) -> dict[str, Any]:
     for store in stores:
         path = store.folder / INSTANCES
         try:
-            held = json.loads(path.read_text(encoding="utf-8"))
+            held = json.loads(read_within(store.folder, INSTANCES))
         except (OSError, ValueError) as error:
             raise StoreError(
                 f"{path}: cannot be read ({error}); repeat the sweep's command to restore it"
@@ -170,7 +188,10 @@ def _truth(stores: Sequence[Store]) -> dict[str, Any]:
         for image in held["images"]:
             name = image["file_name"]
             boxes = inside.get(image["id"], [])
-            seen = [(names[box["category_id"]], box["bbox"], box["iscrowd"]) for box in boxes]
+            seen = [
+                (names[box["category_id"]], {key: box[key] for key in box if key not in _NUMBERS})
+                for box in boxes
+            ]
             if name in images:
                 if told[name] != seen:
                     raise StoreError(

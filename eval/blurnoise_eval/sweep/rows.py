@@ -22,7 +22,7 @@ def cell_result(
     sight: Sight,
     example: str | None,
     example_png: bytes | None,
-    source: tuple[str, str, int, int] | None = None,
+    source: tuple[str, str, int, int, str] | None = None,
 ) -> CellResult:
     """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. source: what of
     the picture the store notes."""

@@ -40,6 +40,14 @@ class Outcome:
     non_finite_values: Counter[str] = field(default_factory=Counter)
     workers_died: int = 0
 
+    def add(self, more: Outcome) -> None:
+        """What another run into the same store did; cells are resumed once."""
+        self.computed += more.computed
+        self.wall_s += more.wall_s
+        self.skipped |= more.skipped
+        self.non_finite_values += more.non_finite_values
+        self.workers_died += more.workers_died
+
 
 def run(
     models: Sequence[Model],
@@ -50,10 +58,11 @@ def run(
     *,
     engine: Engine = _ONE_THREAD,
     progress: Callable[[int], None] = lambda cells: None,
+    resumed: Callable[[int], None] | None = None,
     died: Callable[[int], None] = lambda workers: None,
 ) -> Outcome:
-    """Compute every cell that ``store`` does not hold yet; ``progress`` is told how many cells are settled, ``died``
-    how many workers have died so far.
+    """Compute every cell that ``store`` does not hold yet; ``progress`` is called with the number of cells computed,
+    ``resumed`` with that of cells that need no work (without it ``progress``), ``died`` with that of dead workers.
 
     Each picture is simulated once for all models. The rows do not depend on the engine. A picture that cannot
     be read, or on which workers die, is noted and skipped; one on which a model fails is noted in its row. Raises
@@ -62,6 +71,7 @@ def run(
     the same call resumes.
     """
     started = noted = time.perf_counter()
+    no_work = progress if resumed is None else resumed
     outcome = Outcome()
     hopes = {model.name: _Hope() for model in models}
     work = Work(
@@ -75,13 +85,13 @@ def run(
     def unfinished() -> Iterator[Block]:
         for block in blocks(pictures, plan):
             todo = block.without(finished(block.picture.name))
-            resumed = len(block.cells) - len(todo.cells)
-            outcome.resumed += resumed
-            progress(resumed)
+            held = len(block.cells) - len(todo.cells)
+            outcome.resumed += held
+            no_work(held)
             if todo.cells and block.picture.name not in outcome.skipped:
                 yield todo
             else:
-                progress(len(todo.cells))
+                no_work(len(todo.cells))
 
     try:
         with closing(engine.map(work, unfinished())) as answers:
@@ -121,8 +131,9 @@ def _keep(results: Sequence[CellResult], store: Store, wall_s: float) -> None:
     pictures = {result.cell["example"]: result.example_png for result in results}
     for name, png in pictures.items():
         if png is not None:
-            (store.folder / name).parent.mkdir(exist_ok=True)
-            write_whole(store.folder / name, png)
+            file = store.file(name)
+            file.parent.mkdir(exist_ok=True)
+            write_whole(file, png)
     store.add(results, wall_s)
 
 

@@ -5,30 +5,28 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from blurnoise.camera import Camera
 from blurnoise.exposure_table import FILE as CONDITIONS_FILE
-from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, source_content, source_identity
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import shown
 from blurnoise_eval.grid.axes import named
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import Plan
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report import RunData
 from blurnoise_eval.report.findings import crossings_text, ego_text, path_text
+from blurnoise_eval.scoring.clusters import repeated
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
-from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
-from blurnoise_eval.scoring.estimates import Estimate, ratio, through
-from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
+from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across
 from blurnoise_eval.scoring.exposure_window import Answer, answers, flat, natural
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.scoring.plane import mean_over_plane
+from blurnoise_eval.scoring.recommendation import curves, recommendations
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
-from blurnoise_eval.scoring.standings import AtBest, standings
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.exports import has_json
@@ -37,13 +35,20 @@ from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
 from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.sweep.met_conditions import met_conditions
+from blurnoise_eval.sweep.model_rows import model_rows
+from blurnoise_eval.sweep.refining import exposures_of_grid
 from blurnoise_eval.sweep.run_scores import run_scores
-from blurnoise_eval.sweep.run_surfaces import dark_below, grouped_surfaces, too_little
+from blurnoise_eval.sweep.run_surfaces import (
+    dark_below,
+    grouped_surfaces,
+    models_withheld,
+    run_averages,
+    too_little,
+)
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import hardware, versions
 from blurnoise_eval.system.tables import csv_lines
 
-_UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
 Grouped = Iterator[list[Surface]]
@@ -79,6 +84,8 @@ def open_run(
         "pictures": _digest(repr([picture.name for picture in whole or pictures])),
         "choice of targets": _digest(repr([picture.targets for picture in whole or pictures])),
     }
+    if plan.cuts:
+        identity["annotations"] = _annotations(whole or pictures)
     if part is not None and part.count > 1:
         identity["part"] = str(part)
     identity = _as_json(identity)
@@ -88,10 +95,15 @@ def open_run(
         held = None
     if held is not None and held != identity:
         differing = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
-        differing = [_contracts(held[key], identity[key]) if key == "model" else key for key in differing]
+        told: dict[str, Callable[..., str]] = {"model": _contracts, "camera": _cameras}
+        differing = [told[key](held[key], identity[key]) if key in told else key for key in differing]
         raise _another(store, " and ".join(differing))
-    for picture in _replaced(pictures, store):
-        raise _another(store, f"picture {picture.name!r}")
+    if queries.has_answers(store) and (other := other_software(computed_by(store), versions())):
+        raise _another(store, other)
+    for picture in _replaced(pictures, plan.objects, store):
+        raise _another(
+            store, f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
+        )
     write_truth(pictures, store.folder)
     store.set_about("identity", identity)
     before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
@@ -134,6 +146,29 @@ def _contracts(held: list[dict[str, Any]], asked: list[dict[str, Any]]) -> str:
     return f"contract of the same model ({', '.join(fields)})"
 
 
+def _cameras(held: dict[str, Any], asked: dict[str, Any]) -> str:
+    """'camera' and both names, or where these are the same which fields differ."""
+    if held["name"] != asked["name"]:
+        return f"camera (it has {held['name']}, this is {asked['name']}; --camera names one)"
+    return f"camera ({', '.join(name for name in held if held[name] != asked.get(name))})"
+
+
+def computed_by(store: Store) -> dict[str, str]:
+    """Versions of the software that computed the run."""
+    found: dict[str, str] = (store.about("manifest") or {}).get("versions", {})
+    return found
+
+
+def other_software(held: Mapping[str, str], asked: Mapping[str, str]) -> str | None:
+    """'software' with the versions that differ; None where none do. What an old run does not say is not compared."""
+    both = [
+        f"{name} {held[name]} there, {asked[name]} here"
+        for name in held
+        if held[name] != asked.get(name, held[name])
+    ]
+    return f"software ({', '.join(both)})" if both else None
+
+
 def _another(store: Store, what: str) -> StoreError:
     return StoreError(
         f"run = {str(store.folder)!r}: holds a run with another {what}; "
@@ -141,21 +176,24 @@ def _another(store: Store, what: str) -> StoreError:
     )
 
 
-def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
-    """Pictures that are not what their cells were computed from; only where a file has changed it is read."""
+def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[Picture]:
+    """Those that, or whose plates, are not what their cells were computed from; only where a file has changed it is
+    read."""
     held = store.pictures()
     for picture in pictures:
-        identity, before = held.get(picture.name, (picture.identity, ""))
-        if identity == picture.identity:
+        if picture.name not in held:
+            continue
+        before, identity = held[picture.name][1], source_identity(picture, objects)
+        if identity == held[picture.name][0]:
             continue
         try:
-            now = content(picture.load())
+            now = source_content(picture, picture.load(), objects)
         except UnreadablePicture:
             now = ""
         if now != before:
             yield picture
         else:
-            store.note_picture(picture.name, picture.identity, now)
+            store.note_picture(picture.name, identity, now)
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
@@ -188,8 +226,8 @@ def read_run(
     what is made of the surfaces that were measured, those of one model and group together.
 
     Groups of which the model knows too little to say what it keeps have no answers; the manifest lists them as
-    ``withheld``. Scores are kept in the store until cells are added. Raises :class:`StoreError` for a run that never
-    began.
+    ``withheld``, models that detect next to nothing as ``withheld_models``. Scores are kept in the store until cells
+    are added. Raises :class:`StoreError` for a run that never began.
     """
     manifest = store.about("manifest")
     if manifest is None:
@@ -199,51 +237,70 @@ def read_run(
     scores, performances, sized = run_scores(store, list(order), cluster, progress, by_size=by_size)
     found_answers: list[Answer] = []
     found_endurances: list[Endurance] = []
-    at_best = {name: AtBest() for name in order}
+    known: list[Surface] = []
     withheld: list[dict[str, Any]] = []
+    unfit = models_withheld(manifest, scores)
     dark = dark_below(Camera.from_dict(manifest["camera"]))
+    monotone = manifest.get("trajectory") is None
+    grid_s = exposures_of_grid(store.about("identity")["plan"])
     every = score_surfaces(sized, criterion.kept) if by_size else grouped_surfaces(store, criterion, cluster)
     for alike in on_lines(store, every):
+        if alike[0].model in unfit:
+            continue
         if too_little(alike[0]):
-            names = ("model", "group", "n_targets", "reference")
+            names = ("model", "group", "n_targets", "reference", "clean")
             withheld.append({name: getattr(alike[0], name) for name in names})
             continue
         for surface in alike:
-            at_best[surface.model].add(surface)
-            found_answers += answers(surface, criterion, dark)
-            found_endurances += endurances(surface.every(1 if surface.open is None else _FINE), criterion)
+            known.append(surface)
+            found_answers += answers(surface, criterion, dark, monotone=monotone)
+            thinned = surface if surface.open is None else surface.at(surface.exposures_s[::_FINE])
+            found_endurances += endurances(thinned, criterion, grid_s)
         if alike[0].open is None:
-            found_endurances += endurances_across(alike, criterion)
+            on_grid = [surface.at(grid_s) for surface in alike] if grid_s else alike
+            found_endurances += endurances_across(on_grid, criterion)
     # stable: settings and velocities stay in their order
     found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
     found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
-    standing = standings(at_best)
+    reached = run_averages(store, known, criterion.level)
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {"criterion": criterion.row(), "threshold": criterion.level, "withheld": withheld}
+    manifest |= {
+        "criterion": criterion.row(),
+        "threshold": criterion.level,
+        "withheld": withheld,
+        "withheld_models": unfit,
+    }
     manifest["plan"] = store.about("identity")["plan"]
     manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
+    if not manifest["images"]["labelled"]:
+        manifest["targets_found"] = queries.labels_when_clean(store)
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
+    manifest["refined"] = sum(len(batch.conditions) for batch in asked(store)) if grid_s else 0
     manifest["json_left_out"] = not has_json(store)
+    rendered = manifest["images"]["kind"] == "rendered"
+    manifest["repeated"] = None if rendered else repeated(store.looks(), cluster)
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
     return RunData(
         manifest=manifest,
-        models=[
-            _summary(store, model, scores, performances, found_endurances) | standing[model["name"]]
-            for model in manifest["models"]
-        ],
+        models=model_rows(
+            manifest["models"], scores, performances, found_endurances, grid_s, manifest["images"]["labelled"]
+        ),
         scores=scores,
         groups=queries.groups(store),
         skipped=store.skipped(),
         answers=[each.row() for each in found_answers],
         endurances=[each.row() for each in found_endurances],
         examples=list(_examples(store, manifest)),
+        recommendations=[row for each in reached for row in recommendations(each)],
+        averages=[row for each in reached for row in curves(each)],
     )
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
-    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv, and
+    """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv,
+    recommendations.csv (the exposure to use: for all conditions, each light, each light and speed), and
     conditions.json, which the training augmentation draws from."""
     curves = [
         {name: value for name, value in row.items() if name not in ("x", "confidence")}
@@ -255,12 +312,13 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
         ("scores.csv", data.scores),
         ("curves.csv", curves),
         ("models.csv", data.models),
+        ("recommendations.csv", data.recommendations),
     ):
         columns = list(rows[0]) if rows else []
         lines = csv_lines(columns, map(named, rows))
         write_whole(folder / name, (line.encode("utf-8") for line in lines))
         written.append(folder / name)
-    met = json.dumps(met_conditions(data.scores, data.manifest), allow_nan=False)
+    met = json.dumps(met_conditions(data.scores, data.manifest, data.answers), allow_nan=False)
     write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))
     return [*written, folder / CONDITIONS_FILE]
 
@@ -280,65 +338,14 @@ def _counts(store: Store) -> dict[str, Any]:
 def _missing_cells(store: Store, n_pictures: int) -> int:
     """How many of the plan's cells are not there, those of skipped pictures apart."""
     plan = store.about("identity")["plan"]
+    batches = asked(store)
+    chosen: int = plan["repeats"] * sum(len(batch.conditions) for batch in batches)
     if "grid" in plan:
-        per_picture = cells_per_picture(SweepPlan(**{**plan, "trajectory": None}))
+        per_picture = chosen + cells_per_picture(SweepPlan(**{**plan, "trajectory": None}))
     else:
-        batches = asked(store)
         n_pictures = batches[-1].n_pictures if batches else 0
-        per_picture = 1 + plan["repeats"] * sum(len(batch.conditions) for batch in batches)
+        per_picture = 1 + chosen
     return (n_pictures - len(store.skipped())) * per_picture - queries.count_cells_of_read(store)
-
-
-def _summary(
-    store: Store,
-    model: dict[str, Any],
-    scores: list[dict[str, Any]],
-    performances: list[Estimate],
-    curves: list[Endurance],
-) -> dict[str, Any]:
-    """One row of the table of models. mPC: mean over the conditions but the untouched, all weighted alike;
-    uniform: over the plane that they cover, whatever the grid.
-
-    P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
-    """
-    told = [
-        (row, each)
-        for row, each in zip(scores, performances, strict=True)
-        if row["model"] == model["name"] and each.value is not None
-    ]
-    own = [row for row in scores if row["model"] == model["name"]]
-    p = next((each for row, each in told if row["clean"]), Estimate(None))
-    exposed = [(row, each) for row, each in told if not row["clean"]]
-    mpc = mean_of_estimates([each for _, each in exposed])
-    uniform = through([each for _, each in exposed], partial(_over_plane, [row for row, _ in exposed]))
-    rpc = ratio(mpc, p)
-    held = [each for each in curves if each.model == model["name"]]
-    untouched = next((row for row in own if row["clean"]), {})
-    latency = model.get("latency", {})
-    return {
-        "model": model["name"],
-        "kind": model["kind"],
-        "measure": "AP" if model["kind"] == "detector" else "exact match",
-        **p.columns("p", (0.0, 1.0)),
-        **mpc.columns("mpc", (0.0, 1.0)),
-        **rpc.columns("rpc", None),
-        **uniform.columns("mpc_uniform", (0.0, 1.0)),
-        "auc_exposure": mean_auc(held, "exposure_s"),
-        "auc_blur": mean_auc(held, "blur_px"),
-        **{
-            f"{name}{end}": untouched.get(f"{name}{end}")
-            for name in _UNTOUCHED
-            for end in ("", "_low", "_high")
-        },
-        "latency_ms": latency.get("median_ms"),
-        "latency_p95_ms": latency.get("p95_ms"),
-        "latency_threads": latency.get("threads"),
-    }
-
-
-def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> float | None:
-    of_row = iter(values)  # in the order of the rows
-    return mean_over_plane(rows, lambda row: next(of_row))
 
 
 def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -349,7 +356,7 @@ def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]
         names = classes[cell["model"]]
         yield {
             **cell,
-            "path": str(store.folder / cell["example"]),
+            "path": str(store.file(cell["example"])),
             "detections": [
                 {"box_xyxy": box, "score": score, "label": names[class_id]} for box, score, class_id in rows
             ],
@@ -365,8 +372,8 @@ def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]
 
 def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
     warnings = [
-        f"{each['model']}, {each['group']}: in the untouched pictures it reaches {each['reference']:.2g} in sum over "
-        "the targets, too little to say what is kept of it"
+        f"{each['model']}, {each['group']}: its targets score {each['clean'] or 0.0:.2g} on average in the original "
+        "pictures, too little to say what is kept of it"
         for each in manifest["withheld"]
     ]
     for model in manifest["models"]:
@@ -386,6 +393,22 @@ def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
 
 def _digest(text: str) -> str:
     return hashlib.blake2b(text.encode("utf-8", "backslashreplace"), digest_size=16).hexdigest()
+
+
+HARMLESS = ("id",)
+"""Fields of annotations that reach neither a pixel nor a box."""
+
+
+def _annotations(pictures: PictureSet) -> str:
+    """What data sets say of targets beside their boxes, such as polygons that they are cut out by."""
+    digest = hashlib.blake2b(digest_size=16)
+    for picture in pictures:
+        for target in picture.targets or ():
+            said = sorted(
+                (name, repr(value)) for name, value in target.annotation.items() if name not in HARMLESS
+            )
+            digest.update(repr(said).encode("utf-8", "backslashreplace"))
+    return digest.hexdigest()
 
 
 def _unsourced(values: dict[str, Any]) -> dict[str, Any]:

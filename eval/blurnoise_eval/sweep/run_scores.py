@@ -32,7 +32,7 @@ from blurnoise_eval.sweep.coco_export import objects_of, truths, vehicle_of
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 from blurnoise_eval.system.machine import usable_cores
 
-_VERSION = 3  # of what is kept
+_VERSION = 4  # of what is kept
 _ALONE_UP_TO = 100_000  # rows of cells; another process takes seconds to begin
 
 
@@ -73,7 +73,8 @@ def run_scores(
             store.set_about("scores", kept)
     rows: list[dict[str, Any]] = kept["rows"]
     performances = [
-        _unpacked([performance(row), away]) for row, (_, away) in zip(rows, kept["performances"], strict=True)
+        _unpacked([performance(row), *rest])
+        for row, (_, *rest) in zip(rows, kept["performances"], strict=True)
     ]
     sized = [
         Sized(row, {size: _unpacked(each) for size, each in sizes.items()}, n_targets)
@@ -138,12 +139,17 @@ def _packed(estimate: Estimate) -> list[Any]:
     return [
         estimate.value,
         None if away is None else [None if np.isnan(each) else float(each) for each in away],
+        None if estimate.cautious is None else _packed(estimate.cautious),
     ]
 
 
 def _unpacked(packed: Sequence[Any]) -> Estimate:
-    value, away = packed
-    return Estimate(value, None if away is None else np.array(away, float))
+    value, away, cautious = packed
+    return Estimate(
+        value,
+        None if away is None else np.array(away, float),
+        None if cautious is None else _unpacked(cautious),
+    )
 
 
 def _moves(store: Store) -> Moves:

@@ -5,9 +5,10 @@ Domain: criteria as in :mod:`blurnoise_eval.scoring.criterion`; names of picture
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,8 @@ from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.judged import Judged
 from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.monotone import is_uniform, pooled
+from blurnoise_eval.scoring.recommendation import Averages, averages
 from blurnoise_eval.scoring.surfaces import Measured, Surface, surface_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
@@ -28,6 +31,12 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 from blurnoise_eval.sweep.coco_export import truths
 
+LEAST_AP50 = 0.05
+"""Of the labelled original pictures: below, a detector has no answers."""
+
+LEAST_KNOWN = 0.05
+"""Mean score of a group's targets in the original pictures from which on its kept share means something: below it
+one target in twenty is found at most, or none with any confidence."""
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
@@ -115,9 +124,48 @@ def _clean_values(
 
 
 def too_little(surface: Surface) -> bool:
-    """Whether a group's targets have too little in the untouched pictures to say what is kept of it: less than 1 in
-    sum, and less on average than what is found has."""
-    return surface.kept and surface.reference < 1 and (surface.clean or 0.0) < FOUND_SCORE
+    """Whether a group's targets score too little in the original pictures to say what a model keeps of it.
+
+    That is less than ``LEAST_KNOWN`` on average, however many they are, and where they make less than 1 in sum, less
+    than what counts as found.
+    """
+    least = FOUND_SCORE if surface.reference < 1 else LEAST_KNOWN
+    return surface.kept and (surface.clean or 0.0) < least
+
+
+def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Why there is no answer, by detector: where its AP50 in the labelled original pictures is below ``LEAST_AP50``.
+
+    What such a one keeps is no measure of an exposure: its contract is wrong, or it knows other classes.
+    """
+    if not manifest["images"]["labelled"]:
+        return {}
+    detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
+    clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    return {
+        name: f"no exposure is recommended, because its AP50 in the original pictures is {ap50:.3f}, below "
+        f"{LEAST_AP50:g}. Is its contract right (blurnoise inspect --probe), and does it know these classes?"
+        for name, ap50 in clean.items()
+        if ap50 is not None and ap50 < LEAST_AP50
+    }
+
+
+def run_averages(store: Store, surfaces: Iterable[Surface], level: float) -> list[Averages]:
+    """Of each model what its recommendations are made of: pooled over speeds where motion can only hurt, with the
+    shares of saturated values as means over pictures."""
+    monotone = store.about("manifest").get("trajectory") is None
+    shares = queries.saturated_shares(store)
+    of_model: dict[str, list[Surface]] = {}
+    for surface in surfaces:
+        of_model.setdefault(surface.model, []).append(surface)
+    return [
+        averages(
+            [pooled(each) if monotone and is_uniform(each) else each for each in own],
+            level,
+            monotone=monotone and all(map(is_uniform, own)),
+        ).with_saturated(lambda setting, velocity, exposure_s: shares.get((*setting, *velocity, exposure_s)))
+        for own in of_model.values()
+    ]
 
 
 def dark_below(camera: Camera) -> float:

@@ -16,7 +16,8 @@ from blurnoise.auto_exposure import USUAL, AutoExposure
 from blurnoise.camera import Camera
 from blurnoise.driving import Vehicle
 from blurnoise.stated_trajectory import StatedTrajectory
-from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
+from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_content, source_identity
+from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.on_picture import Model, View, view
@@ -46,7 +47,8 @@ class Work:
 
 
 class PreparedPicture:
-    """A picture as light, and every model's answer to it as it is. source: the picture's identity and content."""
+    """A picture as light, and every model's answer to it as it is. source: identity and content
+    of the picture and its plate."""
 
     def __init__(
         self,
@@ -57,8 +59,9 @@ class PreparedPicture:
     ) -> None:
         image = picture.load()
         height, width = image.shape[:2]
-        self.source = picture.identity, content(image), width, height
         try:
+            told = source_identity(picture, objects), source_content(picture, image, objects)
+            self.source = *told, width, height, look(image)
             self.scene = Scene(image, grey_anchor, picture, objects)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None

@@ -1,13 +1,10 @@
-"""Files: those that are read are files, those that are written appear whole or not at all."""
+"""Files of a run and of figures, written completely or not at all; what a run or a list names lies in its folder."""
 
 from __future__ import annotations
 
-import errno
 import io
-import stat
 from collections.abc import Iterable
-from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 RUN_FILE = "results.sqlite"
@@ -17,20 +14,17 @@ RUN_PICTURES = ("examples", "figures")
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece, to ``path``; what stood there stays until all is on disk.
+    """Write ``data``, at once or piece by piece: :func:`blurnoise._core.files.write_whole`."""
+    from blurnoise._core import files  # with blurnoise comes torch
 
-    Raises ``OSError`` that names ``path``, and leaves nothing behind, where it cannot be written.
-    """
-    unfinished = path.with_name(f".{path.name}.partial")
-    try:
-        with unfinished.open("wb") as file:
-            file.writelines([data] if isinstance(data, bytes) else data)
-        unfinished.replace(path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-    finally:
-        with suppress(OSError):
-            unfinished.unlink()
+    files.write_whole(path, data)
+
+
+def check_regular(path: Path) -> None:
+    """Raise ``OSError`` for what is no regular file: :func:`blurnoise._core.files.check_regular`."""
+    from blurnoise._core import files  # with blurnoise comes torch
+
+    files.check_regular(path)
 
 
 def write_figure(path: Path, figure: Any, *, dpi: int) -> None:
@@ -40,7 +34,42 @@ def write_figure(path: Path, figure: Any, *, dpi: int) -> None:
     write_whole(path, picture.getvalue())
 
 
-def check_regular(path: Path) -> None:
-    """Raise ``OSError`` for what is missing, or no file but a folder, a device or a pipe, which may never end."""
-    if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "a directory, device or pipe, no file", str(path))
+def inside(name: str) -> str:
+    """A file's name as sub/picture.png, whatever detours it takes.
+
+    Raises ``ValueError`` for one that leaves the folder it is meant for, on any system: through '..', as an
+    absolute path, with a drive letter or a backslash.
+    """
+    parts: list[str] = []
+    windows = PureWindowsPath(name)
+    leaves = bool(windows.drive or windows.root) or "\\" in name or "\0" in name
+    for part in PurePosixPath(name).parts:
+        if part == "..":
+            leaves |= not parts
+            parts = parts[:-1]
+        else:
+            parts.append(part)
+    if leaves or not parts:
+        raise ValueError(
+            f"file name {name[:200]!r} leaves the folder; must lead into it, as sub/picture.png "
+            "(no root, drive or backslash)"
+        )
+    return "/".join(parts)
+
+
+def path_within(folder: Path, name: str | Path) -> Path:
+    """The path in ``folder`` of what a run of anybody's names; it need not exist.
+
+    Raises ``ValueError`` for a name that leaves the folder, as :func:`inside` does, also through a symbolic link.
+    """
+    path = folder / inside(str(name))
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"file name {str(name)[:200]!r} leaves the folder {str(folder)!r} through a link")
+    return path
+
+
+def read_within(folder: Path, name: str | Path) -> bytes:
+    """The content of the file that :func:`path_within` finds. Raises ``OSError`` for what is no regular file."""
+    path = path_within(folder, name)
+    check_regular(path)
+    return path.read_bytes()

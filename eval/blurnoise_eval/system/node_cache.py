@@ -14,7 +14,6 @@ import os
 import shutil
 import threading
 import time
-import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -59,12 +58,7 @@ class NodeCache:
         if len(data) > self.most_bytes:
             return
         self._home.mkdir(parents=True, exist_ok=True)
-        unfinished = self._home / f".{uuid.uuid4().hex}"
-        try:
-            write_whole(unfinished, data)
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
+        write_whole(path, data)
         self._wrote(len(data))
 
     def folder(self, key: str, fill: Callable[[Path], None]) -> Path:

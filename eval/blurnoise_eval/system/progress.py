@@ -26,6 +26,9 @@ class Advance:
     def __call__(self, done: float) -> None:
         """So much more is done."""
 
+    def already(self, done: float) -> None:
+        """So much was done before, and says nothing about speed."""
+
     def note(self, text: str) -> None:
         """Say this in place of what was said before."""
 
@@ -41,7 +44,8 @@ class ProgressBar(Advance):
     def __init__(self, label: str, total: float) -> None:
         from rich.live import Live
 
-        self._label, self._total, self._done, self._note = plain(label), total, 0.0, ""
+        self._label, self._total, self._note = plain(label), total, ""
+        self._done = self._before = 0.0
         self._began = monotonic()
         console = plain_console(error=True)
         self._bar = console.width >= WITH_BAR
@@ -67,10 +71,16 @@ class ProgressBar(Advance):
     def __call__(self, done: float) -> None:
         """So much more is done."""
         self._done += done
+        self._total = max(self._total, self._done)  # where more was to do than it seemed
         now = monotonic()
         pause = min(max(FIRST_S, (now - self._began) / 5), RAREST_S)
         if not self._live and now - ProgressBar._spoken >= pause and self._done < self._total:
             self._say(self._how())
+
+    def already(self, done: float) -> None:
+        """So much was done before."""
+        self._before += done
+        self(done)
 
     @classmethod
     def command_begins(cls) -> None:
@@ -82,14 +92,16 @@ class ProgressBar(Advance):
         self._note = f"; {plain(text)}"
 
     def _how(self) -> str:
-        """'13 %, 12/s, 20 s left'."""
-        took = monotonic() - self._began
-        if not self._done or not took:
-            return "0 %"
-        rate, left_s = self._done / took, took * (self._total / self._done - 1)
+        """'13 %, 12/s, 20 s left', by what was done since it began."""
+        took, now = monotonic() - self._began, self._done - self._before
+        share = f"{100 * self._done / self._total:.0f} %" if self._done else "0 %"
+        if now <= 0 or not took:
+            return share
+        rate = now / took
+        left_s = (self._total - self._done) / rate
         speed = f"{rate:.3g}" if rate < 100 else f"{rate:.0f}"
         left = f", {duration_text(left_s)} left" if left_s > 0 else ""
-        return f"{100 * self._done / self._total:.0f} %, {speed}/s{left}"
+        return f"{share}, {speed}/s{left}"
 
     def _far(self) -> str:
         return f"{self._label}: {self._done:.0f} of {self._total:.0f}"

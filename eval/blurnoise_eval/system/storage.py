@@ -15,6 +15,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import re
+import uuid
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -361,7 +362,7 @@ def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:
 
 def get_file(url: Url, file: Path) -> None:
     """Write an object to a file, whole or not at all. Raises ``OSError``."""
-    unfinished = file.with_name(f".{file.name}.partial")
+    unfinished = file.with_name(f".{uuid.uuid4().hex}.partial")
     try:
         tried(str(url), lambda: system_of(url.scheme).get_file(_address(url), str(unfinished)))
         size = _stamp(_info(url)).partition(" ")[0]

@@ -104,7 +104,8 @@ def _plain_console_class() -> type[Console]:
 
 
 def accept_all_text() -> None:
-    """Standard output and error show a letter that their encoding does not have as "?"."""
+    """Standard output and error show a letter that their encoding does not have as "?"; closed ones take all text."""
+    sys.stdout, sys.stderr = sys.stdout or io.StringIO(), sys.stderr or io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

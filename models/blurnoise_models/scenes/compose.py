@@ -22,6 +22,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from blurnoise._core.files import write_whole
 from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
 from blurnoise_models.scenes.grounds import ground
 from blurnoise_models.scenes.paint import WORDS, between, chance, colours, dark, pale, pick, ramp, texture
@@ -120,9 +121,7 @@ def write_coco(
             )
         progress(1)
     document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
-    unfinished = listing.with_suffix(".partial")
-    unfinished.write_text(json.dumps(document), encoding="utf-8")
-    unfinished.replace(listing)
+    write_whole(listing, json.dumps(document).encode())
     return listing
 
 

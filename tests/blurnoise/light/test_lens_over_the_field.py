@@ -110,7 +110,9 @@ def test_bounds_hold_for_the_worst_picture(effect: Any, strength: float) -> None
         off = effects.through(light, at(camera)) - light
         found = float(off.square().mean((0, 2, 3)).sqrt().max())
         assert found <= 1.1 * effect.bound(point) + TOLERANCE
-    assert effect.bound(point) < 8 * strength
+    assert (
+        effect.bound(point) < 20 * strength
+    )  # sqrt(6) times what noise loses by: the worst is a checkerboard
 
 
 def test_what_is_small_is_left_out() -> None:

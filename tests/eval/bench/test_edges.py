@@ -57,10 +57,10 @@ def test_cases_deceive_by_more_than_3_percent_or_cannot_be_measured() -> None:
 
 
 def test_plain_wrong_is_beyond_the_interval_and_without_a_flag() -> None:
-    """A tone curve that squares light passes for an edge that is sharper; against its own truth an edge is right."""
-    case = next(case for case in CASES if case.name == "sRGB taken out twice")
-    row = judged(case, range(6))
-    assert 0 < row.wrong <= 1 - row.caught, row
+    """A strong symmetric tone curve passes for an edge that is sharper; against its own truth an edge is right."""
+    case = next(case for case in CASES if case.name == "S-shaped tone curve, noise after")
+    row = judged(case, range(6), "any")
+    assert 0 < row.wrong <= 1 - row.caught + 1e-9, row
     draw = Draw.of(1)
     at = usual(draw)
     picture = at.noisy(at.edge(), draw)

@@ -222,6 +222,8 @@ def test_raw_files_are_read_by_rawpy(tmp_path: Path) -> None:
         ("file,kind,exposure_s\na.npy,dark,soon\n", "line 2: exposure_s = 'soon': must be a number"),
         ("file,kind,exposure_s\na.npy,dark,-1\n", "line 2: exposure_s = -1"),
         ("file,kind,exposure_s\n,dark,1\n", "line 2: file: must not be empty"),
+        ("file,kind,exposure_s\n../a.npy,dark,1\n", r"line 2: file name '\.\./a\.npy' leaves the folder"),
+        ("file,kind,exposure_s\n/dev/zero,dark,1\n", "line 2: file name '/dev/zero' leaves the folder"),
         ("file,kind,exposure_s\nb.npy,dark,1\n", "file 'b.npy': must be a file"),
         ("file,kind,exposure_s\n", "no frames"),
     ],

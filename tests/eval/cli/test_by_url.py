@@ -104,7 +104,7 @@ def at_url(name: str) -> str:
 def test_a_sweep_is_that_of_folders(folder: Path, tmp_path: Path, capsys: Any) -> None:
     assert sweep(folder, tmp_path / "run") == 0
     assert sweep(ROOT, f"{ROOT}/run", "--cache-gb", "0.1") == 0
-    assert capsys.readouterr().out.splitlines()[-1] == f"open {ROOT}/run/report.html"
+    assert capsys.readouterr().out.rstrip().endswith(f" Details: {ROOT}/run/report.html")
     for table in ("results.csv", "targets.csv"):
         assert rows(at_url(f"run/{table}")) == rows((tmp_path / "run" / table).read_text())
     here = {

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli.console import MOST_ROWS, print_assumed, print_models, print_opening
-from blurnoise_eval.detectors.contract import preset
+from blurnoise_eval.cli.console import print_opening
 from made_runs import made_run
 from rich.cells import cell_len
 
@@ -42,50 +40,35 @@ def test_the_first_screen_fits_and_has_no_colour(
         assert lines
         assert max(map(cell_len, lines)) <= wide
         assert not any("\x1b" in line or "…" in line for line in lines)
-        assert wide < 80 or len(lines) <= 20 + 4 * MOST_ROWS
+        assert wide < 80 or len(lines) <= (20 if data.manifest["models"][1:] == [] else 40)
 
 
-def test_the_four_questions_stand_before_the_rows(tmp_path: Path, capsys: Output) -> None:
+def test_the_answer_of_one_model_fits_a_screen(tmp_path: Path, capsys: Output) -> None:
+    """20 lines, so that 24 hold the command and the last line, too; whole where nothing is a terminal."""
     lines = _printed(capsys, tmp_path)
-    starts = ("Use 4 ms", "Which exposure?", "Which gain?", "How fast?", "How sure?", "stop sign 100 px, 24")
-    places = [next(i for i, line in enumerate(lines) if line.startswith(start)) for start in starts]
-    assert places == sorted(places)
-    row = next(line for line in lines if line.startswith("  200 lux"))
-    assert row.split() == ["200", "lux", ">=", "600", "px/s", "4", "ms", "6", "dB", "0.88", "(0.82-0.92)"]
-    assert lines[-1] == "In answers.csv: every target, light and speed by itself."
+    assert lines[0].startswith("Best single exposure: 16 ms.")
+    assert len(lines) <= 20
+    (bright,) = (line for line in lines if line.startswith("  200 lux"))
+    assert bright.split()[:6] == ["200", "lux", "4", "ms", "0.69", "sure"]
+    assert lines[-2].startswith("Limits: ")
+    assert lines[-1].startswith("Surer: ")
 
 
-def test_rows_that_are_left_out_are_counted(tmp_path: Path, capsys: Output) -> None:
+def test_cells_that_are_left_out_are_counted(tmp_path: Path, capsys: Output) -> None:
     lines = _printed(capsys, tmp_path, **WIDE)
-    shown = [
-        line for line in lines if line.startswith("  ") and line[2:].lstrip()[:1].isdigit() and "lux" in line
-    ]
-    last = " ".join(lines[-2:])
-    assert "more rows, and every target, light and speed by itself." in last
-    assert 0 < len([line for line in shown if " dB " in line]) <= MOST_ROWS
+    assert any("4 more cells: recommendations.csv" in line for line in lines)
+    assert sum(" lux " in line and line.startswith("  ") for line in lines) == 4
 
 
-@pytest.mark.parametrize("wide", [40, 80, 160, None])
-@pytest.mark.parametrize("longest", [5, 17, 18, 60])
-def test_numbers_of_models_are_whole_at_any_width(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, wide: int | None, longest: int
+def test_speeds_that_do_not_fit_are_left_out_of_the_table(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if wide:
-        monkeypatch.setenv("COLUMNS", str(wide))
-    models = "標識_" + "m" * (longest - 5), "b", "c"
-    print_models(made_run(tmp_path, n_examples=0, models=models).models)
-    printed = capsys.readouterr().out
-    assert wide is None or max(map(cell_len, printed.splitlines())) <= wide
-    assert "…" not in printed
-    for number in ("0.800", "0.780", "0.760", "0.740", "0.720", "30.0 (36.0)", "22.0 (28.0)"):
-        assert number in printed
-    assert "threads: 1" in " ".join(printed.split())
-
-
-def test_what_a_contract_assumes_is_one_line(capsys: Output) -> None:
-    stated = preset("yolox")
-    print_assumed(stated, Path("folder/model.onnx"))
-    assert capsys.readouterr().err == ""
-    guessed = stated.sources | {"colour": "assumed (usual)", "value_range": "assumed (usual)"}
-    print_assumed(replace(stated, sources=guessed), Path("folder/model.onnx"))
-    assert capsys.readouterr().err == "model.onnx: assumed colour, value range; see blurnoise inspect\n"
+    """Each row stays one line."""
+    monkeypatch.setenv("COLUMNS", "80")
+    shape: dict[str, Any] = {"lights_lux": (0.5, 20000.0), "speeds": (0.0, 300.0, 1000.0)}
+    exposures = (0.0000312, 0.000125, 0.0005)
+    lines = _printed(capsys, tmp_path, groups={"sign": 0.95}, exposures_s=exposures, **shape)
+    (bright,) = (line for line in lines if line.startswith("  20000 lux"))
+    assert bright.count("ms") == 3
+    (heads,) = (line for line in lines if "any speed" in line)
+    assert "300 px/s" not in heads

@@ -200,3 +200,34 @@ def test_class_names_and_metadata_cannot_break_lines(tmp_path: Path, capsys: Out
     assert "\x1b" not in out
     assert "note: a b" in out
     assert "evil" in out
+
+
+def test_the_contract_is_kept_beside_the_model_and_found_there(
+    tmp_path: Path, capsys: Output, sign: Path
+) -> None:
+    path = answering(tmp_path / "m.onnx", [[9, 9, 40, 40, 0.9, 0]] * 3)
+    first = told(capsys, path, "--save-contract")
+    kept = tmp_path / "m.contract.json"
+    assert first["saved"] == str(kept)
+    again = told(capsys, path)
+    assert again["contract"] | {"sources": {}} == first["contract"] | {"sources": {}}
+    assert again["sources"]["colour"] == "file m.contract.json"
+    assert again["assumed"] == []
+    typed = told(capsys, path, "--contract", again["--contract"])
+    assert typed["contract"] | {"sources": {}} == first["contract"] | {"sources": {}}
+    assert main(["inspect", str(path), "--save-contract"]) == 2
+    assert "exists; must be a new file" in capsys.readouterr().err
+    other = tmp_path / "other.json"
+    assert told(capsys, path, "--save-contract", other)["saved"] == str(other)
+    assert other.read_bytes() == kept.read_bytes()
+
+
+def test_a_folder_is_probed_by_its_pictures(tmp_path: Path, capsys: Output, model: Path, sign: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for name in ("b.png", "a.png"):
+        (folder / name).write_bytes(sign.read_bytes())
+    facts = told(capsys, model, "--probe", folder, "-o", tmp_path / "o.png")
+    assert "variants on 2 pictures" in facts["compared"]
+    assert facts["warnings"] == []
+    assert facts["probe"]["image"] == str(folder / "a.png")

@@ -117,7 +117,7 @@ def test_help_names_every_option_and_help_all_explains_it(
     assert stated
     assert all(param.help for param in command.params)
     assert set(USUAL.get(name, ())) <= {param.name for param in command.params}
-    for asked, most in (("--help", 4500), ("--help-all", 9000)):
+    for asked, most in (("--help", 4900), ("--help-all", 9800)):
         assert main([name, asked]) == 0
         shown = capsys.readouterr().out
         words = {word.strip(",") for word in shown.split()}
@@ -159,8 +159,8 @@ def test_help_says_the_numbers_that_apply(capsys: Output) -> None:
     shown = " ".join(capsys.readouterr().out.split())
     for words in (
         "--exposure-ms auto|LIST exposure times, ms; auto: as the camera sets it for each picture "
-        "[default: 1,2,5,10,20,30,60,90]",
-        "--lux LIST light on the scene, lux [default: 0.5,50,5000]",
+        "[default: 0.03,0.1,0.3,1,3,10,30,90]",
+        "--lux LIST light on the scene, lux [default: 1,30,1000,20000]",
         "each as 1,5,10 or start:stop:step (stop included)",
     ):
         assert words in shown
@@ -255,7 +255,7 @@ def test_completion_knows_what_there_is() -> None:
         ("blurnoise sw", ["sweep"]),
         ("blurnoise sweep --thr", ["--threshold", "--threads"]),
         ("blurnoise sweep --defo", ["--defocus-px"]),
-        ("blurnoise sweep --camera imx", ["imx250", "imx250c", "imx249"]),
+        ("blurnoise sweep --camera imx", ["imx250", "imx250c", "imx250m", "imx249"]),
         ("blurnoise inspect m.onnx --contract yolov6", ["yolov6", "yolov6e2e"]),
         ("blurnoise chart s", ["slanted-edge", "siemens-star", "stop-sign"]),
         ("blurnoise sweep --target tr", ["traffic\\ light", "train", "truck"]),

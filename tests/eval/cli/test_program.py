@@ -28,15 +28,30 @@ def test_a_program_from_a_sweep(run: Path, tmp_path: Path, capsys: pytest.Captur
     assert told[0].startswith("From 2 to 40 lux this program gives stop_sign a mean confidence of 0.")
     assert max(map(len, told[:-1])) <= 80
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"program.csv", "program.json", "libcamera.json", "ae_route.json", "program.png"}
+    assert written == {
+        *("program.csv", "program.json", "program.png"),
+        *("libcamera.json", "ae_route.json", "v4l2.csv"),
+    }
     with (tmp_path / "out" / "program.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 10  # half stops, or a little less, from 2 to 40 lux
     assert all(0.0005 * 0.8 <= float(row["exposure_s"]) <= 1 / 30 for row in rows)
     mode = json.loads((tmp_path / "out" / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"][
-        "blurnoise"
+        "custom"
     ]
+    assert mode["shutter"][0] == 20
     Stages(tuple(time / 1e6 for time in mode["shutter"]), tuple(mode["gain"]))
+
+
+def test_the_best_fixed_time_is_what_the_report_recommends(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (run / "recommendations.csv").open(newline="") as file:
+        (whole,) = [row for row in csv.DictReader(file) if row["scope"] == "all"]
+    capsys.readouterr()
+    assert main(["program", str(run), "-o", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["best_fixed_s"] == float(whole["exposure_s"])
 
 
 def test_speeds_on_the_road(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,6 +74,8 @@ def test_speeds_on_the_road(run: Path, tmp_path: Path, capsys: pytest.CaptureFix
         (["--distance-m", "3"], "--distance-m = 3: goes with --speed-unit kmh"),
         (["--model", "other"], "model = 'other': must be one of stop_sign"),
         (["--targets", "cat"], "targets = 'cat'"),
+        (["--speeds", "0:0.5,800:0.2,800.0:0.3"], "speeds: 800.0 is given twice"),
+        (["--least-exposure-us", "0"], "least_exposure_s = 0"),
     ],
 )
 def test_what_it_refuses(

@@ -50,7 +50,7 @@ def told(capsys: Output, *command: str) -> dict[str, Any]:
 
 
 def test_captures_of_light_brighter_than_white(folder: Path, capsys: Output) -> None:
-    hdr = ("light.tiff", "--encoding", "linear", "--hdr", "16,64", *TAKEN)
+    hdr = ("light.tiff", "--encoding", "linear", "--camera", "imx250", "--hdr", "16,64", *TAKEN)
     light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
     frames = captured(light, IMX250, staggered(16, 64), **GIVEN)
     facts = told(capsys, *hdr, "--bit-depth", "native")
@@ -74,7 +74,7 @@ def test_a_camera_of_several_captures(folder: Path, capsys: Output) -> None:
     linear = ("light.tiff", "--encoding", "linear", *TAKEN)
     stated = told(capsys, *linear, "--camera", "hdr.yaml")
     by_file = cv2.imread("out.png")
-    asked = told(capsys, *linear, "--hdr", "16")
+    asked = told(capsys, *linear, "--camera", "imx250", "--hdr", "16")
     np.testing.assert_array_equal(by_file, cv2.imread("out.png"))
     assert {**stated, "camera": "imx250"} == asked
     (folder / "hdr.yaml").write_text("base: imx250\ncaptures: [{gain_db: 12.0}, {start_s: 0.0}]\n")

@@ -131,8 +131,12 @@ def test_pictures_may_lie_elsewhere(tmp_path: Path) -> None:
     make(tmp_path, {"data.yaml": described(path="/nowhere", val="images")})
     make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
     assert len(yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images")) == 1
-    with pytest.raises(ValueError, match="'/nowhere/images': no such folder"):
-        yolo(tmp_path / "data.yaml")
+    for path in ("/nowhere", "..", "../moved", f"{tmp_path}/../moved"):  # named by the file, not by the user
+        make(tmp_path, {"data.yaml": described(path=path, val="images")})
+        with pytest.raises(ValueError, match=r"leaves the folder .*--images"):
+            yolo(tmp_path / "data.yaml")
+    make(tmp_path, {"data.yaml": described(path=str(tmp_path / "moved"), val="images")})
+    assert len(yolo(tmp_path / "data.yaml")) == 1
     with pytest.raises(ValueError, match="must not go with images"):
         yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images", split="val")
 

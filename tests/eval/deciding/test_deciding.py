@@ -21,9 +21,11 @@ from blurnoise_eval.deciding.deciding import Precision, decided
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.engines import Answers, ThreadEngine
+from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_eval.sweep.work import Work
 from numpy.typing import NDArray
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
@@ -252,3 +254,27 @@ def test_it_decides_for_targets_that_move_alone(detector: Detector, tmp_path: Pa
     with pytest.raises(ValueError, match="needs to know where targets are"):
         decide(tmp_path / "none", detector, question, pictures=unlabelled)
     assert not (tmp_path / "none").exists()
+
+
+def test_a_grid_that_is_cheaper_is_computed(detector: Detector, tmp_path: Path, capsys: Any) -> None:
+    """Twelve conditions, where a search may ask for more: the answers are the sweep's, and it is said first."""
+    tested = (0.008, 0.016, 0.032)
+    question = Question((0.008, 0.032), QUESTION.values, tested)
+    run = decide(tmp_path / "run", detector, question, precision=Precision(), progress=True)
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first.startswith("decide: it has 12 conditions, a search would ask for up to ")
+    assert run.decided is not None
+    assert (run.decided["nodes"], len(run.decided["because"])) == (12, 1)
+    plan = SweepPlan(question.grid)
+    swept = evaluate(detector, PICTURES, CAMERA, plan, tmp_path / "sweep", threshold=0.5, threads=1)
+    assert run.data.recommendations == swept.data.recommendations
+    assert [answer["exposures_s"] for answer in run.answers] == [
+        each["exposures_s"] for each in swept.answers
+    ]
+
+
+def test_a_list_of_exposures_stays_with_the_question() -> None:
+    question = Question((0.008, 0.032), QUESTION.values, (0.008, 0.03, 0.032))
+    assert Question.from_dict(question.to_dict()) == question
+    assert question.grid["exposure_s"] == (0.008, 0.03, 0.032)
+    assert question.grid_conditions == 12

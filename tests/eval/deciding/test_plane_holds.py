@@ -22,6 +22,16 @@ def test_it_holds_for_a_camera_without_dark_current() -> None:
     assert what_breaks(CAMERA, EXPOSURES_S, ONE_WAY) == []
 
 
+@pytest.mark.parametrize("bits", [8, 10])
+@pytest.mark.parametrize("read_noise_e", [0.0, 2.45])
+def test_it_holds_where_rounding_is_coarser_than_the_noise(bits: int, read_noise_e: float) -> None:
+    """No noise dithers such a converter, and what there is none of still breaks nothing."""
+    gain = (2**bits - 7) / CAMERA.full_well_e
+    coarse = replace(CAMERA, bit_depth=bits, system_gain_dn_per_e=gain, read_noise_e=read_noise_e)
+    assert what_breaks(coarse, EXPOSURES_S, ONE_WAY) == []
+    assert what_breaks(replace(coarse, dark_current_e_s=50.0), EXPOSURES_S, ONE_WAY)
+
+
 @pytest.mark.parametrize(
     ("e_s", "temperature_c", "holds"), [(0.1, 25.0, True), (0.1, 60.0, False), (50.0, 25.0, False)]
 )

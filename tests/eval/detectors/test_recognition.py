@@ -310,7 +310,7 @@ def test_contracts_survive_json(name: str) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"color": "rgb"}, "unknown key 'color'"),
+        ({"tint": "rgb"}, "unknown key 'tint'"),
         ({"colour": "grb"}, "colour = 'grb'"),
         ({"value_range": "0-2"}, "value_range = '0-2'"),
         ({"resize": "crop"}, "resize = 'crop'"),

@@ -11,9 +11,10 @@ import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.explorer import drawn, words
 from blurnoise_eval.explorer.controls import control
-from blurnoise_eval.explorer.looking import Stop
+from blurnoise_eval.explorer.judging import Standard, Stop
 from blurnoise_eval.explorer.runs import HeatMap
 from blurnoise_eval.grid.axes import axis
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.on_picture import Sight
 
 from blurnoise import Camera, plan
@@ -65,19 +66,23 @@ def test_a_strip_has_a_dot_for_each_value_that_was_had() -> None:
 @pytest.mark.parametrize(
     ("held", "told"),
     [
-        ((0.9, 0.9, 0.9), "Exposure: the mean stays at 0.60 or above anywhere along the strip."),
-        ((0.1, 0.9, 0.1), "Exposure: the mean stays at 0.60 or above from about 9.5 to 9.5 ms, not here."),
-        ((0.9, 0.9, 0.1), "Exposure: the mean stays at 0.60 or above up to about 9.5 ms, not here."),
+        ((0.9, 0.9, 0.9), "the mean is 0.60 or more anywhere along the strip; most, 0.90 at 1.64 ms."),
+        (
+            (0.1, 0.9, 0.1),
+            "the mean is 0.60 or more from about 1.6 to 1.6 ms, not here; most, 0.90 at 1.64 ms.",
+        ),
+        ((0.9, 0.8, 0.1), "the mean is 0.60 or more up to about 1.6 ms, not here; most, 0.90 at 0.003 ms."),
         (
             (0.1, 0.2, 0.1),
-            "None of the 3 tried along exposure brings the mean to 0.60 here (highest 0.20, at 9.49 ms).",
+            "None of the 3 values of exposure tried brings the mean to 0.60; most is 0.20 at 1.64 ms.",
         ),
     ],
 )
 def test_the_sentence_of_a_strip(held: tuple[float, ...], told: str) -> None:
     along = control("exposure_s", IMX250)
     curve = [Stop(value, (each,)) for value, each in zip(along.stops(3), held, strict=True)]
-    assert words.window(curve, along, 20.0, 0.6) == told
+    standard = Standard(Criterion(0.6, kept=False), frozenset(), 1.0)
+    assert words.window(curve, along, 20.0, standard).removeprefix("Exposure: ") == told
 
 
 def test_a_heat_map_has_a_button_for_each_cell_that_was_computed() -> None:

@@ -11,7 +11,7 @@ import pytest
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.explorer.controls import control
-from blurnoise_eval.explorer.looking import Stop, Subject, found, histogram, preview, seen, strip, works
+from blurnoise_eval.explorer.looking import OWN, Subject, found, histogram, preview, seen, strip
 from blurnoise_eval.explorer.state import State
 from blurnoise_models.detector import STOP_SIGN
 
@@ -69,25 +69,22 @@ def test_a_detector_is_asked_as_in_a_sweep(signs: Subject, detector: Detector) -
     assert [row["confidence"] for row in taken.sight.targets] == own
     assert taken.confidence == pytest.approx(np.mean(own))
     assert found(taken.sight, 0.0) == (3, 3)
-    assert found(taken.clean, 0.6)[0] > found(taken.sight, 0.6)[0] > 0  # the first screen shows what is lost
+    assert taken.standard is not None
+    assert taken.standard.original == pytest.approx(
+        taken.clean.targets and np.mean([row["confidence"] for row in taken.clean.targets])
+    )
+    assert taken.standard.value(taken.confidence) < 0.9  # the first screen shows what is lost
 
 
 def test_a_strip_runs_along_any_control_and_is_what_is_seen_there(signs: Subject, detector: Detector) -> None:
     for name in ("exposure_s", "speed", "read_noise_e", "moves"):
         along = control(name, CAMERA)
-        stops = list(strip(STATE, signs, CAMERA, detector, along, 3))
-        assert [stop.value for stop in stops] == along.stops(3)
+        stops = list(strip(STATE, signs, CAMERA, detector, along, OWN, 3))
+        assert [stop.value for stop in stops[:3]] == along.stops(3)
+        assert (len(stops) > 3) is (name == "exposure_s")  # more where it keeps most
         at = along.put(STATE, stops[1].value)
         there = seen(at, signs, at.camera_of(CAMERA), detector)
         assert stops[1].mean == pytest.approx(there.confidence, abs=1e-12)
-
-
-def test_where_it_works() -> None:
-    curve = [Stop(float(x), (held,)) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))] + [Stop(6.0)]
-    assert works(curve, 0.6, 3.3) == (2.0, 4.0)
-    assert works(curve, 0.6, 0.0) == (0.0, 0.0)
-    assert works(curve, 0.6, 5.5) == (2.0, 4.0)
-    assert works(curve, 0.95, 1.0) is None
 
 
 def test_a_histogram_counts_and_tells_what_is_clipped() -> None:

@@ -11,6 +11,7 @@ import pytest
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import PictureSet, image_folder, read_picture, rendered_signs, write_picture
+from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.explorer.looking import seen
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.shelf import Shelf, cell_state
@@ -59,7 +60,12 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) ->
         row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
     )
     state = cell_state(shelf, str(row["cell_id"]), State(model=f"run/{row['model']}"))
-    shown = seen(state, shelf.subject(state), shelf.camera(state), shelf.model(state))
+    model = shelf.model(state)
+    criterion = shelf.criterion(state, model)
+    assert criterion == Decision(run.folder, progress=False).data.criterion
+    shown = seen(state, shelf.subject(state), shelf.camera(state), model, criterion=criterion)
+    assert shown.standard is not None
+    assert shown.standard.enough == criterion.level == 0.6  # rendered signs: a confidence of their own
     assert np.array_equal(shown.image, read_picture(run.folder / str(row["example"])))
     assert shown.confidence == row["target_confidence"]
     stored = run.stored(str(row["cell_id"]), str(row["model"]))

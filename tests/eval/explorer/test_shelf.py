@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import subprocess
+import sys
+import tempfile
 import threading
 import zlib
 from collections.abc import Iterator
@@ -10,16 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 from blurnoise_eval.datasets import encode
-from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer import shelf as shelves
 from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
 from blurnoise_models.detector import STOP_SIGN
-from onnx import TensorProto, helper
 
+CAMERA = b"base: imx250\nf_number: 2\n"
 PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
 
@@ -76,15 +78,15 @@ def test_a_picture_is_taken_once_and_explored(shelf: Shelf) -> None:
 def test_of_many_uploads_the_oldest_go_and_their_files_with_them(
     shelf: Shelf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(shelves._HELD, "picture", 2)
+    monkeypatch.setattr(shelves, "_HELD", 2)
     names = [shelf.take("picture", f"{number}.png", PNG) for number in range(4)]
     assert [name for name in shelf.pictures() if name in names] == names[2:]
-    assert shelf._folder is not None
-    assert len(list(shelf._folder.iterdir())) == 2
+    (folder,) = shelf._folders
+    assert len(list(folder.iterdir())) == 2
     with pytest.raises(ValueError, match="upload it again"):
         shelf.subject(State(picture=names[0]))
     shelf.close()
-    assert not shelf._folder.exists()
+    assert not folder.exists()
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "picture-00", "given-picture"])
@@ -115,114 +117,58 @@ def test_a_broken_camera_is_refused(shelf: Shelf) -> None:
     for content in (b"a: [", b"base: imx250\nf_number: -1\n", b"\xff\xfe\x00", b"- 1\n"):
         with pytest.raises(ValueError, match=r"mine\.yaml"):
             shelf.take("camera", "mine.yaml", content)
-    name = shelf.take("camera", "mine.yaml", b"base: imx250\nf_number: 2\n")
+    name = shelf.take("camera", "mine.yaml", CAMERA)
     assert shelf.camera(State(camera=name)).f_number == 2
 
 
-def endless() -> bytes:
-    """A model that multiplies for ever: a loop of 2^62 turns."""
-    body = helper.make_graph(
-        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Add", ["x", "x"], ["y"])],
-        "body",
-        [
-            helper.make_tensor_value_info("turn", TensorProto.INT64, []),
-            helper.make_tensor_value_info("go", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("x", TensorProto.FLOAT, None),
-        ],
-        [
-            helper.make_tensor_value_info("on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("y", TensorProto.FLOAT, None),
-        ],
-    )
-    graph = helper.make_graph(
-        [
-            helper.make_node("GlobalAveragePool", ["images"], ["mean"]),
-            helper.make_node("Loop", ["turns", "yes", "mean"], ["far"], body=body),
-            helper.make_node("Expand", ["far", "shape"], ["wide"]),
-            helper.make_node("Reshape", ["wide", "to"], ["output"]),
-        ],
-        "endless",
-        [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, 64, 64])],
-        [helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, 6, 84])],
-        [
-            helper.make_tensor("turns", TensorProto.INT64, [], [1 << 62]),
-            helper.make_tensor("yes", TensorProto.BOOL, [], [True]),
-            helper.make_tensor("shape", TensorProto.INT64, [4], [1, 3, 14, 12]),
-            helper.make_tensor("to", TensorProto.INT64, [3], [1, 6, 84]),
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, {"names": "{0: 'sign', 1: 'car'}"})
-    return bytes(model.SerializeToString())
+def test_visitors_see_their_own_uploads_alone(shelf: Shelf) -> None:
+    """Not by name either, whoever has it open; what was given at the start everybody sees."""
+    one, other = shelf.of("one"), shelf.of("other")
+    name, camera = one.take("picture", "a.png", PNG), one.take("camera", "a.yaml", CAMERA)
+    state = State(picture=name, camera=camera, model="none")
+    assert one.subject(state).size == (40, 52)
+    assert one.camera(state).f_number == 2
+    assert name in one.pictures()
+    assert other.pictures() == shelf.pictures()
+    assert other.cameras() == shelf.cameras()
+    for opened in (other.subject, other.camera):
+        with pytest.raises(ValueError, match="not held here"):
+            opened(state)
+    assert shelves.held(other, state, State(model="none"))[0] == State(model="none")
+    assert other.take("picture", "a.png", PNG) != name
+    assert other.files(state).where == name  # not even what the file was called
+    assert shelf.subject(State()) is one.subject(State()) is other.subject(State())
 
 
-def outside() -> bytes:
-    """A model whose weights are said to be a file of the machine."""
-    model = onnx.load(str(STOP_SIGN))
-    tensor = model.graph.initializer[0]
-    tensor.ClearField("raw_data")
-    tensor.data_location = TensorProto.EXTERNAL
-    for key, value in (("location", "../../../../../../etc/passwd"), ("offset", "0"), ("length", "64")):
-        entry = tensor.external_data.add()
-        entry.key, entry.value = key, value
-    return bytes(model.SerializeToString())
+def test_no_model_is_uploaded(shelf: Shelf) -> None:
+    with pytest.raises(KeyError):
+        shelf.take("model", "mine.onnx", Path(STOP_SIGN).read_bytes())
+    assert shelf.models() == {"built-in": "built-in stop-sign detector", "none": "no model"}
 
 
-def nameless() -> bytes:
-    """A model of a known layout whose classes nobody has named."""
-    graph = helper.make_graph(
-        [
-            helper.make_node("GlobalAveragePool", ["images"], ["mean"]),
-            helper.make_node("Expand", ["mean", "shape"], ["wide"]),
-            helper.make_node("Reshape", ["wide", "to"], ["output"]),
-        ],
-        "nameless",
-        [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, 64, 64])],
-        [helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, 6, 84])],
-        [
-            helper.make_tensor("shape", TensorProto.INT64, [4], [1, 3, 14, 12]),
-            helper.make_tensor("to", TensorProto.INT64, [3], [1, 6, 84]),
-        ],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    return bytes(model.SerializeToString())
-
-
-def test_a_model_that_does_not_say_its_contract_is_taken_with_one(
-    shelf: Shelf, monkeypatch: pytest.MonkeyPatch
+def test_folders_of_killed_explorers_are_cleared_and_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(shelves._CHECKS, "model", lambda path: open_models([path]))  # in this process: sooner
-    with pytest.raises(ValueError, match=r"nothing names them(?s:.*)contract\.json"):
-        shelf.take("model", "mine.onnx", nameless())
-    with pytest.raises(ValueError, match=r"^file own\.json: unknown key 'clases'"):
-        shelf.take("model", "mine.onnx", nameless(), ("own.json", b'{"family": "yolov8", "clases": ["a"]}'))
-    contract = b"family: yolov8\nclasses: [sign, car]\n"
-    name = shelf.take("model", "mine.onnx", nameless(), ("own.yaml", contract))
-    found = shelf.model(State(model=name))
-    assert found is not None
-    assert found.contract.to_dict()["classes"] == ["sign", "car"]
-
-
-@pytest.mark.slow
-def test_hostile_models_are_refused_and_a_sound_one_is_taken(
-    shelf: Shelf, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(shelves, "_TRIAL_CPU_S", 15)
-    hostile = {
-        "text.onnx": (b"hi there", "is a text file"),
-        "noise.onnx": (b"\x08\x07" + bytes(range(256)) * 9, "not an ONNX model"),
-        "outside.onnx": (outside(), "outside.onnx"),
-        "endless.onnx": (endless(), "endless.onnx: does not answer to a picture within 15 s of computing"),
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    kept = [f"blurnoise-explore-{process}" for process in (f"{os.getpid()}-a", "1-a", "x", "abc123")]
+    kept += ["blurnoise-explorer", f"other-{ended.pid}-a"]
+    for name in (*kept, f"blurnoise-explore-{ended.pid}-a", f"blurnoise-explore-{ended.pid}-b"):
+        (tmp_path / name / "picture-0").mkdir(parents=True)
+        (tmp_path / name / "picture-0" / "a.png").write_bytes(PNG)
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (tmp_path / f"blurnoise-explore-{ended.pid}-link").symlink_to(outside)
+    (tmp_path / f"blurnoise-explore-{ended.pid}-file").write_bytes(b"")
+    shelves.clear_stale_uploads()
+    left = {each.name for each in tmp_path.iterdir()}
+    assert left == {
+        *kept,
+        "outside",
+        f"blurnoise-explore-{ended.pid}-link",
+        f"blurnoise-explore-{ended.pid}-file",
     }
-    for name, (content, told) in hostile.items():
-        with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
-            shelf.take("model", name, content)
-        assert told in str(error.value)
-        assert "root:" not in str(error.value)
-    name = shelf.take("model", "mine.onnx", Path(STOP_SIGN).read_bytes())
-    found = shelf.model(State(model=name))
-    assert found is not None
-    assert found.name == "mine"
 
 
 def test_who_waits_for_a_picture_keeps_nobody_else_waiting(shelf: Shelf) -> None:

@@ -14,7 +14,7 @@ from blurnoise import Camera
 
 USUAL = State()
 MOVED = (
-    replace(USUAL, picture="picture-1f", camera="ar0237", model="none", seed=7, threshold=0.35, along="speed")
+    replace(USUAL, picture="picture-1f", camera="ar0237", model="none", seed=7, along="speed")
     .put("exposure_s", AUTOMATIC)
     .put("velocity_y_px_s", -12.5)
     .put("moves", 1.0)
@@ -57,8 +57,9 @@ def test_what_does_not_go_together_gives_way() -> None:
         ("exposure-ms=1e400", "exposure-ms = '1e400': must be > 0 and <= 3600000 ms, or auto"),
         ("gain=nan", "gain = 'nan': must be >= "),
         ("lux=bright", "lux = 'bright': must be >= 0 and <= 1000000000 lux"),
-        ("threshold=2", "threshold = '2': must be finite"),
-        ("threshold=nan", "threshold = 'nan': must be finite"),
+        ("threshold=0.5", "threshold = '0.5': must be one of"),
+        ("exposure-ms=own", "exposure-ms = 'own': must be > 0"),
+        ("lux=own", "lux = 'own': must be >= 0"),
         ("seed=x", "seed = 'x': must be an integer"),
         ("figure=prnu=1e400", "NAME=NUMBER"),
         ("figure=prnu", "NAME=NUMBER"),

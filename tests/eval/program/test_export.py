@@ -29,7 +29,7 @@ def program() -> Program:
 @pytest.fixture(scope="module")
 def folder(program: Program, tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("program")
-    export.write(program, LIGHTS, {"model": "made"}, where)
+    export.write(program, LIGHTS, {"model": "made"}, where, limits=Limits(), metering=METERING)
     return where
 
 
@@ -54,7 +54,7 @@ def test_the_document_reads_back(program: Program, folder: Path) -> None:
 
 def test_libcamera_takes_the_same_exposures(program: Program, folder: Path) -> None:
     """Two lists of one length, two or more, us; divided up they give the program's exposures to a us."""
-    mode = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]["blurnoise"]
+    mode = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]["custom"]
     assert len(mode["shutter"]) == len(mode["gain"]) >= 2
     read = Stages(tuple(1e-6 * time for time in mode["shutter"]), tuple(mode["gain"]))
     for light, time_s in zip(LIGHTS, program.course.exposures_s, strict=True):

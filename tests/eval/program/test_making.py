@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from blurnoise_eval.program.limits import Limits
 from blurnoise_eval.program.making import ENOUGH, Program, course, make
+from blurnoise_eval.program.reading import Material
+from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.scoring.recommendation import NEAR
 from made_planes import METERING, made_planes, made_response
 
 LIMITS = Limits(readout_s=0.003)
@@ -52,7 +56,45 @@ def test_the_fixed_time_is_the_best(program: Program) -> None:
     response = made_response()
     for time_s in np.geomspace(0.001, 0.029, 12):
         tried = course(response, METERING, [time_s] * len(response.scenario.lights_lux))
-        assert tried.value is None or tried.value <= value(program, "best fixed time") + 2e-3
+        assert tried.value is None or tried.value <= value(program, "best fixed time") + NEAR + 2e-3
+
+
+def test_a_fixed_time_that_is_known_is_taken_where_it_is_allowed(program: Program) -> None:
+    response = made_response()
+    assert make(response, METERING, LIMITS, fixed_s=0.005).best_fixed_s == 0.005
+    assert make(response, METERING, LIMITS, fixed_s=0.2).best_fixed_s == program.best_fixed_s
+
+
+@pytest.mark.parametrize(
+    ("more", "same"),
+    [
+        ({}, True),
+        ({"lights_lux": (2.0, 30.0, 300.0)}, True),  # what lies between is the program's own choice
+        ({"speeds_px_s": {0.0: 2.0, 200.0: 2.0}}, True),
+        ({"lights_lux": (2.0, 100.0)}, False),
+        ({"speeds_px_s": {0.0: 0.3, 200.0: 0.7}}, False),
+        ({"speeds_px_s": {0.0: 1.0}}, False),
+        ({"targets": {"large": 1.0}}, False),
+        ({"objective": "worst"}, False),
+    ],
+)
+def test_the_report_s_exposure_answers_the_report_s_question_alone(
+    more: dict[str, object], same: bool
+) -> None:
+    asked = {"lights_lux": (2.0, 300.0), "speeds_px_s": {0.0: 1.0, 200.0: 1.0}}
+    scenario = Scenario(**{**asked, "targets": {"large": 1.0, "small": 1.0}, **more})  # type: ignore[arg-type]
+    material = Material(
+        "made",
+        Criterion(0.9, True),
+        made_planes(),
+        METERING,
+        (2.0, 300.0),
+        (1e-3, 0.1),
+        (0.0, 200.0),
+        (),
+        0.004,
+    )
+    assert material.recommended_for(scenario) == (0.004 if same else None)
 
 
 def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.program.scenario import Scenario, chosen_targets, half_stops, named_shares
+from blurnoise_eval.program.scenario import (
+    Scenario,
+    chosen_targets,
+    half_stops,
+    named_shares,
+    scaled_note,
+)
 
 
 def scenario(**more: object) -> Scenario:
@@ -51,7 +57,9 @@ def test_what_is_not_known_in_one_case_is_not_known() -> None:
 
 def test_targets_are_found_by_part_of_their_name() -> None:
     groups = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
-    assert chosen_targets("large:3,medium", groups) == {groups[0]: 3.0, groups[1]: 1.0}
+    assert chosen_targets("large:3,medium:1", groups) == {groups[0]: 3.0, groups[1]: 1.0}
+    with pytest.raises(ValueError, match=r"targets: objects, large.* is given twice"):
+        chosen_targets("large,> 96", groups)
     assert chosen_targets(None, groups) == dict.fromkeys(groups, 1.0)
     for word in ("tiny", "px"):
         with pytest.raises(ValueError, match=f"targets = '{word}'.*large"):
@@ -59,9 +67,22 @@ def test_targets_are_found_by_part_of_their_name() -> None:
 
 
 def test_shares_are_read() -> None:
-    assert named_shares("speeds", "0:0.3, 200:0.5,800") == {"0": 0.3, "200": 0.5, "800": 1.0}
+    assert named_shares("speeds", "0:0.3, 200:0.5,800:1") == {"0": 0.3, "200": 0.5, "800": 1.0}
+    assert named_shares("speeds", "0,200") == {"0": 1.0, "200": 1.0}
+    with pytest.raises(ValueError, match="a share for every entry, or for none"):
+        named_shares("speeds", "0:0.3,200")
+    with pytest.raises(ValueError, match="speeds: 200 is given twice"):
+        named_shares("speeds", "0:0.3,200:0.2,200:0.5")
     with pytest.raises(ValueError, match="speeds"):
         named_shares("speeds", "0:x")
+
+
+def test_shares_that_are_scaled_are_named() -> None:
+    assert scaled_note("speeds", "0:3,200:5,800:2") == [
+        "speeds: shares add up to 10; each was divided by that"
+    ]
+    for text in (None, "0,200,800", "0:0.3,200:0.6,800:0.1"):
+        assert scaled_note("speeds", text) == []
 
 
 @pytest.mark.parametrize(

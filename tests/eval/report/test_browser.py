@@ -45,6 +45,7 @@ addEventListener("load", async () => {
       map: [...document.querySelectorAll(".map .xtitle, .map .ytitle")].map(each => each.textContent),
       points: count(".trade .scatterlayer .point")});
   };
+  await ready;
   look("start");
   for (const button of [...document.querySelectorAll("[data-view]")].slice(1)) {
     button.click();

@@ -40,7 +40,23 @@ NONE = (None, None)
     ("windows_s", "low", "high", "open_low", "open_high", "expected"),
     [
         ([], [], [], False, False, "no exposure works"),
-        ([[0.001, 0.022]], [NONE], [(0.019, 0.0263)], True, False, "≤ 1 (shortest tested) to 22 (19–26) ms"),
+        ([[0.001, 0.022]], [NONE], [(0.019, 0.0263)], True, False, "≤ 1 (shortest tested) to 22 (19–27) ms"),
+        (
+            [[0.001, 0.0225]],
+            [NONE],
+            [(0.0222, 0.0226)],
+            True,
+            False,
+            "≤ 1 (shortest tested) to 22.5 (22–23) ms",
+        ),
+        (
+            [[0.001, 0.02]],
+            [NONE],
+            [(0.0141, 0.3 * 0.1)],
+            True,
+            False,
+            "≤ 1 (shortest tested) to 20 (14–30) ms",
+        ),
         (
             [[0.00123, 0.064]],
             [(0.001, 0.0017)],
@@ -73,6 +89,18 @@ def test_window_text(
     assert words.window_text(answer) == expected
 
 
+@pytest.mark.parametrize(
+    ("value", "low", "high", "expected"),
+    [
+        (0.896, 0.8961, 0.8969, "0.90 (0.89–0.90)"),
+        (0.9, 0.9, 0.9, "0.90 (0.90–0.90)"),
+        (0.5, 0, 1, "0.50 (0.00–1.00)"),
+    ],
+)
+def test_intervals_hold_their_value(value: float, low: float, high: float, expected: str) -> None:
+    assert words.value_text(value, low, high) == expected
+
+
 def test_what_cannot_be_told_is_said_with_what_it_takes(tmp_path: Path) -> None:
     answer = made_run(tmp_path, n_examples=0).answers[2]
     assert words.verdict_text(answer) == "works"
@@ -81,8 +109,11 @@ def test_what_cannot_be_told_is_said_with_what_it_takes(tmp_path: Path) -> None:
         "n_pictures": 12,
         "effective_pictures": 12.0,
         "pictures_to_tell": 40,
+        "pictures_to_tell_mostly": 480,
     }
-    assert words.verdict_text(untold) == "cannot tell from 12 pictures; ~28 more would"
+    assert words.verdict_text(untold) == "cannot tell from 12 pictures; 3.3 to 40 times as many would"
+    far = untold | {"pictures_to_tell_mostly": None}
+    assert words.needed_text(far) == "at least 3.3 times as many would"
     assert words.needed_text(untold | {"pictures_to_tell": None}) == "very many more would"
     one = untold | {"pictures_to_tell": None, "n_pictures": 1, "effective_pictures": 1.0}
     assert words.needed_text(one) == "at least 7 more would"
@@ -101,7 +132,7 @@ def test_reservations_name_few_pictures_saturation_and_ends_of_the_range(tmp_pat
         "effective_pictures": 12.0,
         "saturated_at_recommended": 0.31,
     }
-    assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture's values saturated"]
+    assert words.reservations(few) == ["few: 12 pictures", "31 % of the picture saturated"]
     assert (
         words.reservations(few | {"n_pictures": 24, "effective_pictures": 17.6})[0]
         == "few: 24 pictures, which count as 17"

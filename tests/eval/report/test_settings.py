@@ -23,7 +23,7 @@ def test_the_light_alone_names_the_settings_of_a_usual_run(tmp_path: Path) -> No
     row = next(row for row in data.scores if row["exposure_s"] == 0.004 and row["velocity_x_px_s"] == 600)
     assert data.settings.condition_text(row) == "4 ms · 10 lux · 600 px/s · blur 2.4 px"
     assert data.settings.condition_text(data.scores[0]) == "untouched picture"
-    assert "combinations of target, light and speed;" in opening(data).sentences[0]
+    assert "over 2 lights, 2 speeds and 2 kinds of target," in opening(data).sentences[0]
 
 
 def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
@@ -36,7 +36,10 @@ def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
     assert findings.run_facts(data)["held"] == settings.held_text()
     row = data.scores[-1]
     assert settings.condition_text(row) == "64 ms · 200 lux · 600 px/s · 85 °C · f/2.8 · blur 38.4 px"
-    assert "combinations of target, light, temperature, f-number and speed;" in opening(data).sentences[0]
+    assert (
+        "over 2 lights, 2 temperatures, 2 f-numbers, 2 speeds and 2 kinds of target,"
+        in opening(data).sentences[0]
+    )
     rows = tables.model_answers(data, ["stop sign 100 px"])[0]["parts"][0]["rows"]
     assert [text for text, _ in rows] == [settings.text(at) for at in settings.every]
     for at, (_, cells) in zip(settings.every, rows, strict=True):
@@ -95,7 +98,8 @@ def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch
     assert "figures/confidence_f_number.png" in parsed.addresses
     text = path.read_text(encoding="utf-8")
     selects = re.findall(r'<select id="([a-z-]+)"', text)
-    assert selects == ["measure", "group", "exposure", "speed", "light", "f-number", "lines", "across", "up"]
+    axes = ["exposure", "speed", "light", "f-number"]
+    assert selects == ["measure", "group", *axes, "lines", "across", "up", "outcome"]
     assert re.findall(r'data-view="([a-z-]+)"', text) == ["exposure", "blur", "speed", "light", "f-number"]
     assert "10 lux · f/2.8" in parsed.text
     assert "held 25 °C · defocus 0 px · gain 0 dB" in parsed.text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.scoring import certainty, estimates
-from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring.estimates import Estimate, left_out, mean_of, ratio
 
 
 def test_a_mean_of_estimates_is_the_estimate_of_the_means() -> None:
@@ -63,3 +63,18 @@ def test_no_alarm_at_all_is_not_certainly_none() -> None:
     _, high = estimates.mean(alarms, np.ones(10)).interval((0.0, None))
     assert high is not None
     assert 2 < high < 12  # beyond 1, and below the worst seen
+
+
+def test_interval_reaches_down_to_that_of_the_cautious_estimate() -> None:
+    values = np.random.default_rng(0).uniform(0.3, 0.9, 20)
+    without = [np.delete(values, n).mean() for n in range(20)]
+    whole = np.array([values.mean(), *without])
+    plain, lower = left_out(whole), left_out(whole - 0.1)
+    given = left_out(whole, whole - 0.1)
+    assert given.value == plain.value
+    assert given.interval((0.0, 1.0)) == (lower.interval((0.0, 1.0))[0], plain.interval((0.0, 1.0))[1])
+    assert left_out(whole, whole + 0.1).cautious is None
+    both = mean_of([given, plain])
+    assert both.cautious is not None
+    assert both.cautious.value == pytest.approx(values.mean() - 0.05)
+    assert ratio(given, given).cautious is None

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from blurnoise_eval.scoring import exposure_window as optimum
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.crossings import windows
-from blurnoise_eval.scoring.exposure_window import NEAR_BEST, Answer, flat, recommend
+from blurnoise_eval.scoring.crossings import Curve, windows
+from blurnoise_eval.scoring.exposure_window import Answer, flat, recommend
+from blurnoise_eval.scoring.recommendation import NEAR
 from blurnoise_eval.scoring.surfaces import surfaces
 from hypothesis import given
 from hypothesis import strategies as st
@@ -45,9 +46,9 @@ def test_one_exposure() -> None:
     assert recommend((0.02,), (0.7,), 0.6) == (0.02, 0.7)
 
 
-def test_recommended_has_stops_to_spare() -> None:
-    """All equally good: the middle of the window, though the best by a hair lies at its edge."""
-    confidence = (0.9, 0.9 - NEAR_BEST / 2, 0.89, 0.2)
+def test_recommended_is_the_middle_of_what_is_equally_good() -> None:
+    """Though the best by a hair lies at its edge."""
+    confidence = (0.9, 0.9 - NEAR / 2, 0.897, 0.2)
     assert recommend(DECADES_S, confidence, 0.6) == (0.01, confidence[1])
     assert recommend(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6) == (0.001, 0.95)  # clearly best: no
 
@@ -102,7 +103,7 @@ def test_recommended_is_inside_a_window_and_works(
     exposure, value = choice
     assert value == confidence[exposures.index(exposure)]
     assert threshold <= value
-    assert value >= max(confidence) - NEAR_BEST
+    assert value >= max(confidence) - NEAR
     assert any(low <= exposure <= high for low, high in windows(exposures, confidence, threshold))
 
 
@@ -314,72 +315,22 @@ def test_as_many_pictures_as_are_asked_for_tell(mean: float) -> None:
     assert answers(rows(curves[needed * 3 // 4]), 0.6)[0].verdict == "cannot tell"
 
 
-PLATEAU = {0.001: 0.91, 0.002: 0.92, 0.005: 0.92, 0.01: 0.91, 0.02: 0.91, 0.04: 0.2}
-
-
-def chosen(curve: dict[float, float], **options: Any) -> float | None:
-    found = recommend(tuple(curve), tuple(curve.values()), 0.6, **options)
-    return None if found is None else found[0]
-
-
-@pytest.mark.parametrize(
-    "beyond",
-    [
-        {0.0005: 0.91},
-        {0.0001: 0.9, 0.0002: 0.92, 0.0005: 0.92},  # as good, far beyond
-        {0.0001: 0.5, 0.0002: 0.92, 0.0005: 0.92},  # its lower edge is seen
-        {0.0001: 0.1, 0.0005: 0.2},
-        {0.08: 0.1, 0.3: 0.7},
-    ],
-)
-def test_a_wider_range_does_not_move_what_is_recommended(beyond: dict[float, float]) -> None:
-    wider = dict(sorted({**beyond, **PLATEAU}.items()))
-    assert chosen(PLATEAU) == chosen(wider) == 0.005  # two stops below 27 ms
-
-
-def test_a_window_open_above_is_held_by_its_lower_edge() -> None:
-    """Edge at 5.6 ms: the shortest with two stops, whether 80 or 640 ms was the longest tested."""
-    dim = {0.005: 0.5, 0.01: 0.91, 0.02: 0.92, 0.04: 0.92, 0.08: 0.92}
-    assert chosen(dim) == chosen(dim | {0.16: 0.92, 0.32: 0.92, 0.64: 0.91}) == 0.04
-
-
-def test_saturation_decides_between_equals_only() -> None:
-    shares = (0.0, 0.005, 0.2, 0.3, 0.5, 0.6)
-    assert chosen(PLATEAU, saturated=shares) == 0.002
-    better = PLATEAU | {0.005: 0.96}
-    assert chosen(better, saturated=shares) == 0.005
-
-
-def test_bright_light_is_no_pull_towards_the_shortest_tested() -> None:
-    """The built-in detector, sign of 100 px, 5000 lux at rest: from 2 ms on nearly all is white, still found."""
-    near = {0.001: 0.906, 0.002: 0.911, 0.005: 0.919, 0.01: 0.925, 0.015: 0.925, 0.02: 0.919, 0.03: 0.0}
-    shares = (0.041, 0.961, 0.961, 0.961, 0.962, 0.962, 1.0)
-    wider = {0.00002: 0.918, 0.00005: 0.914, 0.0001: 0.91, 0.0002: 0.906, 0.0005: 0.905} | near
-    assert chosen(near, saturated=shares) == 0.001
-    assert chosen(wider, saturated=(0.0, 0.0, 0.0, 0.0, 0.017, *shares)) == 0.001
-
-
-def test_only_what_surely_works_is_recommended_if_anything_does() -> None:
-    sure = (False, True, False, False, True, False)
-    assert chosen(PLATEAU, sure=sure) == 0.002
-    assert chosen(PLATEAU, sure=(False,) * 6) == 0.005
-
-
 def test_regret_bounds_what_the_choice_loses() -> None:
-    """Paired: pictures differ by 0.1, but each loses 0.01 -+ 0.002 from the best exposure to the chosen one.
+    """Paired: pictures differ by 0.1, but each loses 0.004 -+ 0.002 from the best exposure to the chosen one.
 
     t(0.95, 24) = 1.711 x 0.002 / 5 above the mean loss (skewness may add a little), though the
     means' own intervals are 0.04 wide.
     """
     level, own = np.array(spread(0.8, 0.1, 25)), np.array(spread(0.0, 0.002, 25))
     own = np.random.default_rng(0).permutation(own)
-    curve = {0.01: level.tolist(), 0.04: (level + 0.01 + own).tolist(), 0.06: [0.1] * 25}
+    curve = {0.008: (level - 0.0008).tolist(), 0.01: level.tolist()}
+    curve |= {0.0125: (level + 0.004 + own).tolist(), 0.06: [0.1] * 25}
     (answer,) = answers(rows(curve), 0.6)
     assert answer.recommended_s == 0.01
     assert answer.regret_95 is not None
-    assert 0.9999 * 1.711 * 0.002 / 5 <= answer.regret_95 - 0.01 <= 1.3 * 1.711 * 0.002 / 5
+    assert 0.9999 * 1.711 * 0.002 / 5 <= answer.regret_95 - 0.004 <= 1.3 * 1.711 * 0.002 / 5
     assert answer.low is not None
-    assert answer.recommended_low == answer.low[0]
+    assert answer.recommended_low == answer.low[1]
 
 
 def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
@@ -393,11 +344,36 @@ def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
     row = flat(answer.row())
     assert row["n_windows"] == 2
     assert row["window_from_s"] == answer.windows_s[1][0]
-    assert row["window_from_low_s"] < row["window_from_s"] < row["window_from_high_s"] < 0.1
-    assert 0.1 < row["window_to_low_s"] < row["window_to_s"] < row["window_to_high_s"]
+    ends = [row[f"window_{end}_s"] for end in ("from_low", "from", "from_high", "to_low", "to", "to_high")]
+    assert ends == [0.01, pytest.approx(0.0316, rel=0.2), 0.1, 0.1, pytest.approx(0.316, rel=0.2), 1.0]
     assert not any(isinstance(value, (list, tuple)) for value in row.values())
 
 
 def test_same_rows_same_answer() -> None:
     table = rows({0.01: [0.1, 0.9, 0.4, 0.5], 0.1: [0.2, 0.8, 0.6, 0.7]})
     assert answers(table, 0.6) == answers(table, 0.6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pictures", [12, 20])
+def test_pictures_asked_for_tell_as_often_as_said(pictures: int) -> None:
+    """Of 250 untold cases, the true mean anywhere about the threshold: told with the smaller number in 30 to 75 %,
+    with the larger in 82 to 98 % (nine of ten, three standard errors of 2 to 3 %)."""
+    rng = np.random.default_rng(pictures)
+    told = np.zeros(2)
+    cases = 0
+    while cases < 250:
+        mean = rng.uniform(0.45, 0.75)
+        values = rng.beta(6 * mean, 6 * (1 - mean), 9999)
+        (answer,) = answers(rows({0.01: values[:pictures].tolist()}), 0.6)
+        asked = answer.pictures_to_tell, answer.pictures_to_tell_mostly
+        if answer.verdict != "cannot tell" or asked[0] is None or asked[1] is None or asked[1] > 3000:
+            continue
+        cases += 1
+        for place, count in enumerate(asked):
+            assert count is not None
+            curve = Curve((0.01,), values[:count, None], np.ones((count, 1)), True)
+            low, high = (float(end[0]) for end in curve.ends)
+            told[place] += low >= 0.6 or high < 0.6
+    assert 0.3 < told[0] / cases < 0.75
+    assert 0.82 < told[1] / cases < 0.98

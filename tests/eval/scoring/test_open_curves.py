@@ -87,7 +87,7 @@ def test_every_so_manyth_exposure() -> None:
         "m", "g", (), X, ((0.0, 0.0),), ("a",), np.arange(13.0)[None, :, None], np.ones((1, 13, 1)),
         np.arange(13.0)[:, None], 1, np.arange(13.0)[:, None], open=OPEN[None],
     )  # fmt: skip
-    some = surface.every(4)
+    some = surface.at(surface.exposures_s[::4])
     assert some.exposures_s == X[::4]
     assert some.sums[0, :, 0].tolist() == some.saturated[:, 0].tolist() == [0, 4, 8, 12]
     assert some.open is not None

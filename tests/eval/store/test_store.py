@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -220,28 +218,20 @@ def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
 def test_export_that_fails_keeps_the_file_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """A disk that is full half-way through the file."""
-    opened = Path.open
+    """A disk that is full when the file takes the place of the former one."""
+    replaced = Path.replace
 
-    class Full(io.BytesIO):
-        def __init__(self, path: Path) -> None:
-            super().__init__()
-            self.path = path
-
-        def writelines(self, pieces: Any) -> None:
-            with opened(self.path, "wb") as file:
-                file.write(next(iter(pieces)))
+    def full(path: Path, target: Path) -> Path:
+        if target.name == name:
             raise OSError(28, "No space left on device")
-
-    def nearly_full(path: Path, mode: str = "r", **options: Any) -> Any:
-        return Full(path) if name in path.name else opened(path, mode, **options)
+        return replaced(path, target)
 
     with Store(tmp_path, create=True) as store:
         store.add([result(0)])
         write_exports(store)
         before = (tmp_path / name).read_bytes()
         store.add([result(1)])
-        monkeypatch.setattr(Path, "open", nearly_full)
+        monkeypatch.setattr(Path, "replace", full)
         with pytest.raises(OSError, match="No space left"):
             write_exports(store)
         monkeypatch.undo()

@@ -174,6 +174,7 @@ def test_no_process_outlives_its_sweep(
     shown = datasets.image_folder(Path(pictures.source))
     command = ["sweep", "--model", str(detector.path), "--images", shown.source, "--exposure-ms", "1:60:1"]
     command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", engine, "--workers", "2"]
+    command += ["--camera", "imx250"]
     command += ["-o", str(tmp_path / "run")]
     started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
     process = subprocess.Popen(

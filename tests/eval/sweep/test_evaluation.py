@@ -19,6 +19,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.page import TABLES
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -52,7 +53,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory, model: Path, pictures: PictureSet) -> Evaluation:
-    return evaluate(model, pictures, plan=PLAN, output=tmp_path_factory.mktemp("run"), threads=2)
+    return evaluate(model, pictures, "imx250", PLAN, output=tmp_path_factory.mktemp("run"), threads=2)
 
 
 def timeless(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -70,6 +71,8 @@ def test_python_and_the_command_find_the_same(
         "--images",
         pictures.source,
         *OPTIONS,
+        "--camera",
+        "imx250",
         "--threads",
         "1",
         "--json",
@@ -105,6 +108,18 @@ def test_rows_are_as_the_tables_say(done: Evaluation) -> None:
     assert (done.outcome.computed, done.outcome.resumed) == (10, 0)
 
 
+def test_latency_is_measured_once_and_a_busy_machine_named(
+    model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = [{"median_ms": 1.5, "p95_ms": 2.0, "clock_ratio": 2.0, "threads": 1}]
+    monkeypatch.setattr(latency, "measure", lambda *_: measured.pop())
+    plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
+    with pytest.warns(RuntimeWarning, match="small: the machine was busy while latency.* 2.0 times"):
+        evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
+    again = evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
+    assert again.models[0]["latency_ms"] == 1.5
+
+
 def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: PictureSet) -> None:
     again = evaluate([Detector(model)], pictures, "imx250", PLAN, done.folder, threshold=0.2)
     assert again.outcome is not None
@@ -114,7 +129,7 @@ def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: 
     assert "wall_s" not in opened.summary
     assert opened.answers == again.answers
     with pytest.raises(StoreError, match="another plan"):
-        evaluate(model, pictures, plan=replace(PLAN, seed=1), output=done.folder)
+        evaluate(model, pictures, "imx250", replace(PLAN, seed=1), output=done.folder)
     with pytest.raises(StoreError, match="holds no"):
         Evaluation(done.folder / "nowhere")
 
@@ -204,7 +219,7 @@ def test_engine_workers_and_models_are_as_given(
 ) -> None:
     live = Detector(model)
     live.name = "mine"
-    both = evaluate([model, live], pictures, plan=PLAN, output=tmp_path, engine=ThreadEngine(3))
+    both = evaluate([model, live], pictures, "imx250", PLAN, tmp_path, engine=ThreadEngine(3))
     assert [row["model"] for row in both.models] == ["small", "mine"]
     own = [{**cell, "model": "small"} for cell in both.cells if cell["model"] == "mine"]
     assert timeless(own) == timeless(done.cells)

@@ -55,6 +55,20 @@ def test_every_condition_stands_there_once_with_its_camera(tmp_path: Path) -> No
     assert met == wanted
 
 
+def test_recommended_exposures_are_marked_and_saturation_stands_beside() -> None:
+    """Where no exposure works, the best one tested is what there is."""
+    met = [{**row, "saturated": 0.25} if not row["clean"] else row for row in rows(PLAN)]
+    exposed = [row for row in met if not row["clean"]]
+    answers = [{**row, "recommended_s": 0.01, "best_s": 0.002} for row in exposed if row["f_number"] == 2]
+    answers += [{**row, "recommended_s": None, "best_s": 0.002} for row in exposed if row["f_number"] == 4]
+    held = met_conditions(met, {"camera": IMX250.to_dict(), "plan": PLAN.to_dict()}, answers)["conditions"]
+    assert len(held) == 16
+    assert {each["saturated"] for each in held} == {0.25}
+    chosen = {(each["camera"], each["exposure_s"]) for each in held if each["recommended"]}
+    assert chosen == {(0, 0.01), (1, 0.002)}
+    assert sum(each["recommended"] for each in held) == 8
+
+
 def test_what_the_camera_sets_itself_is_auto_as_it_was_set(tmp_path: Path) -> None:
     plan = swept((0.002,), (5.0,), gain_db=(AUTOMATIC,), moves=(1.0,))
     held = table(replace(plan, auto_exposure=replace(plan.auto_exposure, target=0.3)))

@@ -1,4 +1,4 @@
-"""The share of a picture's values at a limit of the sensor."""
+"""The share of a picture's pixels at a limit of the sensor."""
 
 from __future__ import annotations
 
@@ -29,6 +29,19 @@ def test_share_of_values_at_the_well_or_at_full_scale(camera: Camera, lux_s: flo
     conditions = Conditions(exposure_s=0.01, illuminance_lux=lux_s / 0.01)
     (frame,) = frames(Scene(picture), [Cell("p", 0, conditions, 3)], camera)
     assert frame.saturated == pytest.approx(share, abs=0.002)
+
+
+@pytest.mark.parametrize("name", ["imx250", "imx250c"])
+@pytest.mark.parametrize("lux", [5000.0, 20_000.0])
+def test_a_pixel_counts_once_if_any_of_its_colours_is_at_the_limit(name: str, lux: float) -> None:
+    """10 lux s: a quarter white and a quarter red saturate, 5 % grey and black do not; demosaicing moves an edge by
+    a pixel of 40 rows."""
+    picture = np.zeros((40, 52, 3), np.uint8)
+    picture[:10], picture[10:20, :, 0], picture[20:30] = 255, 255, 64
+    for lux_s, share in ((10.0, 0.5), (0.5, 0.0)):
+        at = Conditions(exposure_s=lux_s / lux, illuminance_lux=lux)
+        (frame,) = frames(Scene(picture), [Cell("p", 0, at, 3)], Camera.preset(name))
+        assert frame.saturated == pytest.approx(share, abs=0.03)
 
 
 def test_an_untouched_picture_has_none() -> None:

@@ -280,6 +280,7 @@ def test_classes_that_the_model_does_not_know_count_for_nothing(detector: Detect
         data = results.read_run(store, Criterion(0.6, kept=False))
         assert [answer["group"] for answer in data.answers] == ["a stop sign"]
         unknown, without = data.manifest["warnings"]
+        assert "3 pictures show about 1 scene " in data.manifest["repeated"]
         assert "does not know 1 of the labels (person)" in unknown
         assert "2 pictures" in without
 

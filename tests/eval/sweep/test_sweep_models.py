@@ -283,6 +283,39 @@ def test_latency_is_that_of_the_whole_answer(first: Detector, monkeypatch: pytes
     assert latency.measure(first, unreadable) == {}
 
 
+class Clocks:
+    """Of the wall and of the processor; a model's calls move them, the first with each picture by much more."""
+
+    def __init__(self, wall_s: float, cpu_s: float) -> None:
+        self.step, self.now, self.seen = (wall_s, cpu_s), [5.0, 2.0], set[int]()
+
+    def perf_counter(self) -> float:
+        return self.now[0]
+
+    def process_time(self) -> float:
+        return self.now[1]
+
+    def detect(self, image: NDArray[np.uint8]) -> None:
+        slower = 1 if hash(image.tobytes()) in self.seen else 50
+        self.seen.add(hash(image.tobytes()))
+        self.now = [now + slower * step for now, step in zip(self.now, self.step, strict=True)]
+
+
+@pytest.mark.parametrize(("wall_s", "busy"), [(0.05, True), (0.021, False)])
+def test_latency_is_cpu_time_without_warm_up(
+    first: Detector, monkeypatch: pytest.MonkeyPatch, wall_s: float, busy: bool
+) -> None:
+    clocks = Clocks(wall_s, 0.02)
+    monkeypatch.setattr(latency, "time", clocks)
+    monkeypatch.setattr(first, "detect", clocks.detect)
+    measured = latency.measure(first, pictures(SIGN, count=6))
+    assert measured["pictures"] == 6
+    assert (measured["median_ms"], measured["p95_ms"]) == pytest.approx((20.0, 20.0))
+    assert measured["clock_ratio"] == pytest.approx(wall_s / 0.02)
+    assert (measured["clock_ratio"] > latency.BUSY) == busy
+    assert 10 <= measured["runs"] <= 60
+
+
 def test_latency_of_a_failing_model_is_unknown(first: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first, "detect", Failing(first, range(100)))
     assert latency.measure(first, LABELLED) == {}

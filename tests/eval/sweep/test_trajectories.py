@@ -176,7 +176,7 @@ def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest
 
 def test_a_log_that_is_no_text_is_named(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(b"time_s\xcb\xff")
-    with pytest.raises(ValueError, match=r"trajectory = .*log\.csv'?: is no text"):
+    with pytest.raises(ValueError, match=r"trajectory = .*log\.csv: not UTF-8 text"):
         StatedTrajectory.parse(str(tmp_path / "log.csv"))
 
 

@@ -69,6 +69,21 @@ def test_short_works_one_after_the_other_are_told_as_one(
     assert not capsys.readouterr().err
 
 
+def test_what_was_done_before_is_no_speed(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+    """900 of 1000 steps were done before; the others take 2 s each."""
+    now = [100.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: now[0])
+    with ProgressBar("sweep", 1000) as advance:
+        now[0] += 11.0
+        advance.already(900)
+        for _ in range(10):
+            now[0] += 2.0
+            advance(1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "sweep: 900 of 1000, 90 %"
+    assert lines[1] == "sweep: 905 of 1000, 90 %, 0.238/s, 7 min left"
+
+
 def test_a_night_is_told_once_a_minute(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
     assert 470 < len(told(monkeypatch, capsys, 8 * 3600, 1.0)) < 490
 

@@ -1,6 +1,10 @@
 // What needs no server: the loupe over both pictures, the untouched picture while a key or button is held, copying,
 // and the two pictures' sources, set once they have arrived, so that nothing flickers.
 (() => {
+  const here = new URL(location);
+  here.searchParams.delete("token");  // a cookie stands for it by now
+  history.replaceState(null, "", here);
+
   const ZOOM = 5;
   const all = selector => [...document.querySelectorAll(selector)];
 
@@ -50,8 +54,15 @@
         area.remove();
       }
     },
-    choose(kind) {
-      document.querySelector(`.upload-${kind} input[type=file]`)?.click();
+    async upload(url, input) {
+      const [file] = input.files;
+      input.value = "";
+      if (!file) return;
+      try {
+        await fetch(`${url}?name=${encodeURIComponent(file.name)}`, {method: "POST", body: file});
+      } catch {
+        // the connection is closed on a file that is too large; the page says so
+      }
     },
     turn() {
       emitEvent("turn", !document.body.classList.contains("body--dark"));

@@ -155,7 +155,7 @@ def _draw_exposure_lines(
     key_of: Callable[[Point], Key] = lambda point: point[:3],
 ) -> list[str]:
     """One line per exposure, points at ``place``; lines only where speeds share no two directions."""
-    exposures = sorted({point.exposure_s for point in measured})
+    exposures = sorted({point.exposure_s for point in measured}.intersection(data.exposures_s))
     shown = spread(exposures, MAX_LINES)
     joined = one_velocity_per_speed(point.velocity_px_s for point in measured)
     style = _style(data) if joined else "o"

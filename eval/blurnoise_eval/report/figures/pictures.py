@@ -18,7 +18,7 @@ _PANELS = (
     ("applied_gain_db", "Gain / dB"),
     ("snr_db", "SNR of the mean light / dB"),
     ("brightness", "Mean of the picture, 0-1"),
-    ("saturated", "Share of saturated values"),
+    ("saturated", "Share of saturated pixels"),
 )
 
 

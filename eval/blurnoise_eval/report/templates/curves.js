@@ -43,7 +43,7 @@ function failureTrace(model, now) {
     hovertemplate: "%{text}<extra></extra>", marker: {size: 11, color: here.map(f => colours[f.line]),
       symbol: here.map(f => f.returned ? "diamond-open" : "diamond"), line: {width: 1.5, color: here.map(f => f.returned ? colours[f.line] : "#fff")}},
     error_x: {type: "data", symmetric: false, array: here.map(f => height(end(f)) - height(f.x)), arrayminus: here.map(f => height(f.x) - height(f.low ?? f.x)),
-      color: "#4a545d", thickness: 1, width: 3}};
+      color: colour("soft"), thickness: 1, width: 3}};
 }
 
 // The line through the points: straight in px of blur, as failure points are read from it, hence bent on that axis.
@@ -60,7 +60,7 @@ function between(line, view) {
 function drawCurve(panel, now) {
   const {view, lines, measure} = now, rows = standing(rowsOf(panel.model, now), now.fixed), traces = [], shapes = [];
   const {texts, colours} = run.axes[lines], overExposure = view === views.exposure;
-  const level = (y, dash) => ({type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: {color: "#444", width: 1.2, dash}});
+  const level = (y, dash) => ({type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: {color: colour("soft"), width: 1.2, dash}});
   if (measure === null) shapes.push(level(run.threshold, "dash"));
   const clean = cleanOf(panel.model, now);
   if (clean !== null && clean !== undefined) shapes.push(level(clean, "dot"));

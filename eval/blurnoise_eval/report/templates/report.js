@@ -61,8 +61,9 @@ function chooseMap() {
   draw();
 }
 
-if (run.trades.length) drawTrades();
-if (byId("curves")) {
+function start() {
+  if (run.trades.length) drawTrades();
+  if (!byId("curves")) return;
   for (const id of ["model", "measure", "group"]) byId(id)?.addEventListener("change", draw);
   for (const select of document.querySelectorAll("[data-axis]")) select.addEventListener("change", draw);
   byId("lines").addEventListener("change", () => { hidden.clear(); draw(); });
@@ -75,7 +76,24 @@ if (byId("curves")) {
   layLines();
   draw();
 }
-byId("seen-by")?.addEventListener("change", event => {
-  for (const figure of document.querySelectorAll(".pictures figure"))
-    figure.hidden = event.target.value !== "all" && figure.dataset.model !== event.target.value;
-});
+
+// The library of charts is packed in the page, which asks the network for nothing.
+async function load() {
+  const packed = Uint8Array.from(atob(byId("plotly").textContent), letter => letter.charCodeAt(0));
+  const text = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  document.head.append(Object.assign(document.createElement("script"), {textContent: text}));
+  start();
+}
+const ready = byId("plotly") ? load() : Promise.resolve();
+
+function filterExamples() {
+  const [model, outcome] = ["seen-by", "outcome"].map(id => byId(id)?.value ?? "all");
+  let shown = 0;
+  for (const figure of document.querySelectorAll(".pictures figure")) {
+    figure.hidden = (model !== "all" && figure.dataset.model !== model) || (outcome !== "all" && figure.dataset.outcome !== outcome);
+    shown += !figure.hidden;
+  }
+  if (byId("shown")) byId("shown").textContent = `${shown} shown`;
+}
+for (const id of ["seen-by", "outcome"]) byId(id)?.addEventListener("change", filterExamples);
+filterExamples();

@@ -1,0 +1,65 @@
+"""The light that a sensor for each colour is worth, compared with one sensor behind a Bayer pattern.
+
+Domain: cameras with ``cfa="none"``. Noise is that of the luminance (Rec. 709) of a developed white or grey surface
+(white balance and colour matrix, without their clipping), per area, at spatial frequencies far below the pattern's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from blurnoise.camera import Camera
+from blurnoise.colour import Cfa, FilterCurves, behind_generic_filters, normalised
+from blurnoise.radiometry import filter_electrons
+from blurnoise.spectra import Curve
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_PATTERN: Cfa = "RGGB"
+
+
+class Stops(NamedTuple):
+    """How much more light the Bayer camera needs for the same noise of brightness, in stops.
+
+    in_the_dark: where read noise dominates. in_the_light: where shot noise does.
+    """
+
+    in_the_dark: float
+    in_the_light: float
+
+
+def behind_bayer(camera: Camera) -> Camera:
+    """The same sensor, one for all colours, behind a Bayer pattern, with the colour matrix of ``imx250c``.
+
+    A curve of quantum efficiency gets the filters of :func:`blurnoise.colour.behind_generic_filters`. A number is
+    taken as measured behind filters already, as those of the presets are. Raises ``ValueError`` for a camera with
+    a mosaic or one plane of light.
+    """
+    own = camera.quantum_efficiency
+    if camera.cfa != "none" or isinstance(own, FilterCurves):
+        raise ValueError(f"camera: cfa = {camera.cfa!r}: must be 'none', a sensor for each colour")
+    filtered = behind_generic_filters(own) if isinstance(own, Curve) else FilterCurves(own, own, own)
+    ccm = Camera.preset("imx250c").ccm
+    return replace(camera, cfa=_PATTERN, quantum_efficiency=replace(filtered, clear=None), ccm=ccm)
+
+
+def worth(camera: Camera, illuminant: str | Curve = "D55") -> Stops:
+    """The light that the camera's three sensors save, see :func:`behind_bayer`; 0 stops if they collect nothing.
+
+    A filter before a share s of the pixels collects e electrons of white where a whole sensor collects E. White
+    balance divides by e and the matrix M mixes, so shot noise has the variance sum(w^2 / (s e)), w = Y M, where
+    three sensors have sum(Y^2 / E); read noise has sum(w^2 / (s e^2)) where they have sum(Y^2 / E^2).
+    """
+    bayer = behind_bayer(camera)
+    whole_e, each_e = filter_electrons(camera, illuminant)[""], filter_electrons(bayer, illuminant)
+    electrons = np.array([each_e[letter] for letter in "RGB"])
+    if not whole_e > 0 or not electrons.all():
+        return Stops(0.0, 0.0)
+    share = np.array([_PATTERN.count(letter) / len(_PATTERN) for letter in "RGB"])
+    mixed = (_LUMINANCE @ np.array(normalised(bayer.ccm))) ** 2 / (_LUMINANCE @ _LUMINANCE)
+    relative = electrons / whole_e
+    shot, read = (mixed / (share * relative)).sum(), (mixed / (share * relative**2)).sum()
+    return Stops(math.log2(read) / 2, math.log2(shot))

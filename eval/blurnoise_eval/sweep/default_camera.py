@@ -1,0 +1,99 @@
+"""The camera of pictures whose user names none: a colour camera for colours, a monochrome one for grey.
+
+The built-in detector has a sensor for each colour: it was not trained on the noise of colours. The reason for
+a choice is the source of the camera's name, so a run's manifest and page have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from torch import Tensor
+
+from blurnoise.camera import Camera
+from blurnoise.colour import PLANES, Cfa
+from blurnoise.encoding import srgb_from_linear
+from blurnoise.three_sensors import worth
+from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
+from blurnoise_eval.detectors.detector import model_sha256
+from blurnoise_eval.scoring.on_picture import Model
+
+COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
+"""Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""
+_DEFAULT, _BUILT_IN = "chosen: default, ", "the built-in detector knows no colour noise"
+_SAMPLED = 8  # pictures that are looked at
+_GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
+_MOST_PX = 256  # a side, of which colours are looked at
+
+
+def default_camera(*, colour: bool, built_in: bool = False, cfa: Cfa | None = None) -> Camera:
+    """The camera of pictures in colour or grey; cfa: filters that the user asks for, in place of its own.
+
+    built_in: whether the built-in detector is evaluated. ``sources["name"]`` says why it is this camera.
+    """
+    if cfa is not None:
+        name = THREE_SENSORS if cfa in PLANES else COLOUR
+        reason = f"cfa = {cfa}"
+    elif built_in:
+        name, reason = THREE_SENSORS, _BUILT_IN
+    elif colour:
+        name, reason = COLOUR, "pictures in colour"
+    else:
+        name, reason = MONOCHROME, "grey pictures"
+    camera = Camera.preset(name)
+    camera = camera if cfa is None else replace(camera, cfa=cfa)
+    return replace(camera, sources={**camera.sources, "name": f"{_DEFAULT}{reason}"})
+
+
+def default_for(models: Sequence[Model], pictures: PictureSet, cfa: Cfa | None = None) -> Camera:
+    """The camera of a run; some pictures are read to see whether they are in colour."""
+    built_in = any(is_built_in(model) for model in models)
+    colour = built_in or cfa is not None or in_colour(pictures)
+    return default_camera(colour=colour, built_in=built_in, cfa=cfa)
+
+
+def is_built_in(model: Model) -> bool:
+    """Whether this is the built-in detector, wherever its file is."""
+    from blurnoise_models.detector import STOP_SIGN
+
+    return model.sha256 == model_sha256(STOP_SIGN)
+
+
+def in_colour(pictures: PictureSet) -> bool:
+    """Whether any of some pictures, evenly spread over the set, is in colour; True if none can be read."""
+    some = [image for _, image in sample(pictures, _SAMPLED)]
+    return not some or not all(map(is_grey, some))
+
+
+def is_grey(image: Image) -> bool:
+    """Whether the colours of (H, W, C) are the same, within 2 of 255, in all but 1 % of the pixels."""
+    step = max(1, max(image.shape[:2]) // _MOST_PX)
+    seen = eight_bit(image[::step, ::step])
+    spread = seen.max(-1).astype(int) - seen.min(-1)
+    return bool(np.mean(spread > _GREY_DN) <= _COLOURED_SHARE)
+
+
+def is_grey_light(light: Tensor) -> bool:
+    """The same of linear light (1, C, H, W), as the picture that it gives."""
+    coded = srgb_from_linear(light[0].clamp(0.0, 1.0)).mul(255.0).round().byte()
+    return is_grey(coded.permute(1, 2, 0).numpy())
+
+
+def camera_text(camera: Camera, *, colour: bool) -> str | None:
+    """A line on the camera of pictures in colour or grey: why it is the default, or what three sensors are worth.
+
+    None for a camera that the user named, unless it has a sensor for each colour and the pictures are in colour.
+    """
+    source = camera.sources.get("name", "")
+    reason = source.removeprefix(_DEFAULT) if source.startswith(_DEFAULT) else ""
+    if camera.cfa != "none" or not colour:
+        return f"camera: {camera.name}, the default for {reason}" if reason else None
+    if reason == _BUILT_IN:
+        return f"camera: {camera.name}, three sensors: {reason}"
+    dark, light = worth(camera)
+    return (
+        f"camera: {camera.name}, a sensor for each colour: worth {dark:.1f} (in the dark) to {light:.1f} stops "
+        "of light against one with filters (Bayer)"
+    )

@@ -1,0 +1,108 @@
+"""The table of a run's models: how well each does in the original pictures, and how much of that it keeps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.curves import Endurance, mean_auc
+from blurnoise_eval.scoring.estimates import Estimate, ratio, through
+from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
+from blurnoise_eval.scoring.plane import mean_over_plane
+
+_UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
+
+
+def model_rows(
+    models: Sequence[dict[str, Any]],
+    scores: list[dict[str, Any]],
+    performances: list[Estimate],
+    curves: list[Endurance],
+    grid_s: Sequence[float],
+    labelled: bool,
+) -> list[dict[str, Any]]:
+    """The rows of the table of models, by the conditions of the grid where there is one.
+
+    With what each lacks in mPC compared with the best: ``mpc_behind``.
+    Its interval is of the difference paired by picture, together for all models at 95 % (Bonferroni).
+    """
+    known: dict[str, list[tuple[dict[str, Any], Estimate]]] = {model["name"]: [] for model in models}
+    for row, each in zip(scores, performances, strict=True):
+        on_grid = not grid_s or row["clean"] or row["exposure_s"] in grid_s
+        if each.value is not None and on_grid:
+            known[row["model"]].append((row, each))
+    mpc = {
+        name: mean_of_estimates([each for row, each in own if not row["clean"]])
+        for name, own in known.items()
+    }
+    first = max(mpc.values(), key=lambda each: each.value or 0.0)
+    confidence = 1 - (1 - certainty.CONFIDENCE) / max(len(models) - 1, 1)
+    return [
+        _summary(model, scores, known[model["name"]], mpc[model["name"]], curves, labelled)
+        | _behind(first, mpc[model["name"]], confidence)
+        for model in models
+    ]
+
+
+def _behind(first: Estimate, own: Estimate, confidence: float) -> dict[str, float | None]:
+    found = dict.fromkeys(("mpc_behind", "mpc_behind_low", "mpc_behind_high"))
+    if own is first or own.value is None or first.value is None:
+        return found
+    behind = first.value - own.value
+    ends = []
+    if own.departures is not None and first.departures is not None:
+        apart = first.departures - own.departures
+        ends = [float(end) for end in certainty.interval(behind, apart, confidence)]
+    low, high = ends if ends and all(map(math.isfinite, ends)) else (None, None)
+    return found | {"mpc_behind": behind, "mpc_behind_low": low, "mpc_behind_high": high}
+
+
+def _summary(
+    model: dict[str, Any],
+    scores: list[dict[str, Any]],
+    told: list[tuple[dict[str, Any], Estimate]],
+    mpc: Estimate,
+    curves: list[Endurance],
+    labelled: bool,
+) -> dict[str, Any]:
+    """One row of the table of models. mPC: mean over the grid's conditions, all weighted alike;
+    uniform: over the plane that they cover, whatever the grid. Of a detector without labels P is None: it is 1.
+
+    P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
+    """
+    own = [row for row in scores if row["model"] == model["name"]]
+    p = next((each for row, each in told if row["clean"]), Estimate(None))
+    against_itself = model["kind"] == "detector" and not labelled
+    exposed = [(row, each) for row, each in told if not row["clean"]]
+    uniform = through([each for _, each in exposed], partial(_over_plane, [row for row, _ in exposed]))
+    rpc = ratio(mpc, p)
+    held = [each for each in curves if each.model == model["name"]]
+    untouched = next((row for row in own if row["clean"]), {})
+    latency = model.get("latency", {})
+    return {
+        "model": model["name"],
+        "kind": model["kind"],
+        "measure": "AP" if model["kind"] == "detector" else "exact match",
+        **(Estimate(None) if against_itself else p).columns("p", (0.0, 1.0)),
+        **mpc.columns("mpc", (0.0, 1.0)),
+        **rpc.columns("rpc", None),
+        **uniform.columns("mpc_uniform", (0.0, 1.0)),
+        "auc_exposure": mean_auc(held, "exposure_s"),
+        "auc_blur": mean_auc(held, "blur_px"),
+        **{
+            f"{name}{end}": untouched.get(f"{name}{end}")
+            for name in _UNTOUCHED
+            for end in ("", "_low", "_high")
+        },
+        "latency_ms": latency.get("median_ms"),
+        "latency_p95_ms": latency.get("p95_ms"),
+        "latency_threads": latency.get("threads"),
+    }
+
+
+def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> float | None:
+    of_row = iter(values)  # in the order of the rows
+    return mean_over_plane(rows, lambda row: next(of_row))

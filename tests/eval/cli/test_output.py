@@ -1,0 +1,53 @@
+"""Standard output that is closed, full or no longer read: a line at most, no traceback."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.deciding.nodes import Line
+from blurnoise_eval.deciding.realised import _nearest
+from blurnoise_eval.detectors.opening import _tell_apart
+from blurnoise_models import training
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")
+@pytest.mark.parametrize(
+    ("output", "code", "told"), [(">/dev/full", 2, "No space left on device"), (">&-", 0, "")]
+)
+def test_output_that_cannot_be_written_is_a_line(output: str, code: int, told: str) -> None:
+    run = f'"{sys.executable}" -c "from blurnoise_eval.cli import main; raise SystemExit(main())" --help {output}'
+    done = subprocess.run(run, shell=True, capture_output=True, text=True)
+    assert done.returncode == code
+    assert "Traceback" not in done.stderr
+    assert told in done.stderr
+    assert done.stderr.count("\n") <= 1
+
+
+def test_errors_after_two_dashes_name_their_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--", "sweep", "--limit", "0", "-o", "run"]) == 2
+    assert capsys.readouterr().err == "blurnoise: error: --limit = 0: must be >= 1\n"
+
+
+def test_a_speed_next_to_nothing_has_an_exposure() -> None:
+    place = (3.0, 5.0)
+    found = _nearest(place, Line(5.0, (1e-320, 0.0)), 0.001, 0.09)
+    assert all(0.001 <= exposure_s <= 0.09 for exposure_s in found)
+
+
+def test_equal_names_get_numbers_that_nobody_has() -> None:
+    class Model:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+    models = [Model(name) for name in ("a", "a", "a-2", "a", "b")]
+    _tell_apart(models)  # type: ignore[arg-type]
+    assert [model.name for model in models] == ["a", "a-3", "a-2", "a-4", "b"]
+
+
+def test_a_training_has_an_end() -> None:
+    with pytest.raises(ValueError, match="pictures = 1000000000000: must be >= 320 and <= 1000000000"):
+        training.check(10**12, 0)

@@ -1,0 +1,112 @@
+"""Contracts as they are typed and as files hold them: each way back gives the contract itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.detectors.contract import (
+    COCO80,
+    PRESETS,
+    Contract,
+    ModelError,
+    contract_document,
+    contract_option,
+    load_contract,
+    parse_contract,
+    preset,
+)
+
+OLD_YOLOX = replace(
+    preset("yolox"), colour="rgb", value_range="0-1", mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225)
+)
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [
+        "yolox,colour=rgb,value_range=0-1,mean=0.485/0.456/0.406,std=0.229/0.224/0.225",
+        "yolox, color=rgb, range=0-1, mean=0.485/0.456/0.406, std=0.229/0.224/0.225",
+    ],
+)
+def test_what_differs_is_typed_after_the_preset(typed: str) -> None:
+    found = load_contract(typed)
+    assert found == OLD_YOLOX
+    assert found.sources["colour"] == "--contract yolox,..."
+    assert found.sources["resize"] == "preset yolox"
+
+
+@pytest.mark.parametrize(
+    ("typed", "field", "value"),
+    [
+        ("yolox,size=416x640", "input_size_px", (416, 640)),
+        ("yolox,size=320", "input_size_px", (320, 320)),
+        ("yolox,iou=none", "nms_iou", None),
+        ("yolox,iou=0.5", "nms_iou", 0.5),
+        ("yolox,pad=0", "pad_value", 0),
+        ("nanodet,mean=none", "mean", None),
+        ("yolox,classes=stop sign/yield", "classes", ("stop sign", "yield")),
+        ("detr,classes=coco80", "classes", COCO80),
+    ],
+)
+def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
+    assert getattr(load_contract(typed), field) == value
+
+
+@pytest.mark.parametrize(
+    ("typed", "words"),
+    [
+        ("yolox,mean=0.5", "mean = .*: must be three numbers"),
+        ("yolox,mean=a/b/c", "mean = 'a/b/c': must be typed as in yolox,colour=rgb"),
+        ("yolox,tint=rgb", "unknown key 'tint'"),
+        ("yolox,colour=grb", "colour = 'grb'"),
+        ("yolo99,colour=rgb", "contract 'yolo99': neither a file nor a preset"),
+        ("yolox,colour", "contract 'yolox,colour': neither a file nor a preset"),
+    ],
+)
+def test_what_cannot_be_typed(typed: str, words: str) -> None:
+    with pytest.raises(ModelError, match=words):
+        load_contract(typed)
+
+
+def test_a_file_is_varied_like_a_preset(tmp_path: Path) -> None:
+    path = tmp_path / "mine.json"
+    path.write_text('{"family": "yolox", "classes": ["a", "b"], "pad_value": 7}')
+    found = load_contract(f"{path},colour=rgb")
+    assert (found.colour, found.pad_value, found.classes) == ("rgb", 7, ("a", "b"))
+
+
+def test_a_file_may_say_what_differs_from_its_base() -> None:
+    stated = {"base": "yolox", "color": "rgb", "range": "0-1", "mean": OLD_YOLOX.mean, "std": OLD_YOLOX.std}
+    assert parse_contract(stated, "file x") == OLD_YOLOX
+    assert parse_contract({"base": "yolox", "classes": ["a"]}, "file x").classes == ("a",)
+    with pytest.raises(ModelError, match="'color' and 'colour' are one field"):
+        parse_contract({"base": "yolox", "color": "rgb", "colour": "bgr"}, "file x")
+    with pytest.raises(ModelError, match="family 'yolo99' is unknown"):
+        parse_contract({"base": "yolo99"}, "file x")
+
+
+CONTRACTS: dict[str, Contract] = {
+    **PRESETS,
+    "old yolox": OLD_YOLOX,
+    "own classes": replace(OLD_YOLOX, classes=("stop, sign", "a/b"), nms_iou=None, input_size_px=(32, 64)),
+}
+
+
+@pytest.mark.parametrize("name", CONTRACTS)
+def test_what_is_written_is_read_again(name: str, tmp_path: Path) -> None:
+    contract = CONTRACTS[name]
+    path = tmp_path / "m.contract.json"
+    path.write_text(json.dumps(contract_document(contract)))
+    assert load_contract(path) == contract
+    shown: dict[str, Any] = json.loads(json.dumps(contract.to_dict()))  # as inspect --json prints it
+    assert parse_contract(shown, "file x") == contract
+    typed = contract_option(contract)
+    if name == "own classes":
+        assert typed is None
+    else:
+        assert typed is not None
+        assert load_contract(typed) == contract

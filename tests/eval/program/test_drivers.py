@@ -1,0 +1,235 @@
+"""The files in drivers: each read back and driven by a small model of its metering, from starlight to the sun."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.program import export, v4l2
+from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.making import EARLY_GAIN_DB, Program, make
+from blurnoise_eval.program.stages import Stages
+from made_planes import METERING, made_response
+
+REAL = sorted((Path(__file__).parents[4] / "shared/real/libcamera").glob("*.json"))
+LIMITS = Limits()
+TARGET = 0.18
+LINE_S = 14.8e-6
+FAST = {0.0: 0.1, 1500.0: 0.9}
+PIXELS = np.random.default_rng(2).gamma(
+    1.2, 1 / 1.2, 4000
+)  # linear light, mean 1, long tailed as pictures are
+
+
+def mean_of(light_lux: float, total_s: float) -> float:
+    """The picture's mean at an exposure times gain, white is 1 and clips."""
+    return float(np.minimum(PIXELS * TARGET * total_s / METERING.total_s(light_lux), 1.0).mean())
+
+
+class Libcamera:
+    """Its metering of a scene at rest: gain to the target, damped, divided over the mode's stages."""
+
+    def __init__(self, mode: dict[str, list[float]], least_s: float) -> None:
+        assert len(mode["shutter"]) == len(mode["gain"]) >= 2
+        self.times = [max(1e-6 * time, least_s) for time in mode["shutter"]]  # limitShutter
+        self.gains = mode["gain"]
+
+    def settled(self, light_lux: float) -> tuple[float, float]:
+        """Time and gain after 80 frames."""
+        time_s, gain, wanted = 1e-3, 1.0, 0.0  # its default start
+        for frame in range(80):
+            more = 1.0
+            for _ in range(8):
+                step = min(10.0, TARGET / (mean_of(light_lux, time_s * gain * more) + 0.001))
+                more *= step
+                if step < 1.01:
+                    break
+            target = min(time_s * gain * more, self.times[-1] * self.gains[-1])
+            speed = 1.0 if frame <= 10 else 0.2
+            wanted = speed * target + (1 - speed) * wanted
+            time_s, gain = self.divided(wanted)
+        return time_s, gain
+
+    def divided(self, total_s: float) -> tuple[float, float]:
+        time_s, gain = self.times[0], self.gains[0]
+        if time_s * gain < total_s:
+            for stage in range(1, len(self.gains)):
+                if self.times[stage] * gain >= total_s:
+                    return total_s / gain, gain
+                time_s = self.times[stage]
+                if self.gains[stage] * time_s >= total_s:
+                    return time_s, total_s / time_s
+                gain = self.gains[stage]
+        return time_s, gain
+
+
+@pytest.fixture(scope="module", params=[None, FAST], ids=["slow", "fast"])
+def program(request: pytest.FixtureRequest) -> Program:
+    more = {} if request.param is None else {"speeds_px_s": request.param}
+    return make(made_response(**more), METERING, LIMITS)
+
+
+@pytest.fixture
+def folder(program: Program, tmp_path: Path) -> Path:
+    lights = made_response().scenario.lights_lux
+    export.write(program, lights, {}, tmp_path, limits=LIMITS, metering=METERING)
+    return tmp_path
+
+
+def mode_of(folder: Path, name: str = "custom") -> dict[str, list[float]]:
+    found = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]
+    assert list(found) == [name]
+    return found[name]  # type: ignore[no-any-return]
+
+
+def lights(program: Program) -> Iterator[float]:
+    """From the darkest that the stages meet to the brightest, a third of a stop apart."""
+    unity, stages = METERING.total_s(1.0), program.stages
+    low, high = unity / (stages.times_s[-1] * stages.gains[-1]), unity / stages.times_s[0]
+    yield from np.geomspace(low, high, math.ceil(3 * math.log2(high / low)) + 1).tolist()
+
+
+def test_libcamera_meters_from_dark_to_daylight(program: Program, folder: Path) -> None:
+    driver = Libcamera(mode_of(folder), LIMITS.least_exposure_s)
+    for light in lights(program):
+        time_s, gain = driver.settled(light)
+        assert mean_of(light, time_s * gain) == pytest.approx(TARGET, rel=0.03), light
+        taken = program.stages.divided(time_s * gain)
+        assert (time_s, gain) == pytest.approx(taken, rel=2e-3, abs=1e-6), light
+
+
+def test_a_first_stage_of_what_was_tested_would_overexpose_daylight(program: Program, folder: Path) -> None:
+    mode = mode_of(folder)
+    mode["shutter"] = [max(1e6 * program.tested_s, 1000.0), *mode["shutter"][1:]]
+    time_s, gain = Libcamera(mode, LIMITS.least_exposure_s).settled(20_000.0)
+    assert mean_of(20_000.0, time_s * gain) > 0.8
+
+
+def test_stages_differ_and_gain_waits_for_time(program: Program, folder: Path) -> None:
+    mode = mode_of(folder)
+    stages = list(zip(mode["shutter"], mode["gain"], strict=True))
+    assert all(before != after for before, after in pairwise(stages))
+    assert stages[0] == (20, 1.0)
+    longest = mode["shutter"][-1]
+    assert all(20 * math.log10(gain) <= EARLY_GAIN_DB + 1e-3 for time, gain in stages if time < longest)
+
+
+def test_only_what_is_brighter_than_tested_is_extrapolated(program: Program, folder: Path) -> None:
+    """All other exposures lie between the shortest and the longest that the made run knows about."""
+    told = json.loads((folder / "libcamera.json").read_text())
+    assert told["extrapolated_below_us"] == pytest.approx(1e6 * program.tested_s)
+    response = made_response()
+    low_s, high_s = response.exposures_s
+    assert program.tested_s == pytest.approx(max(low_s, LIMITS.least_exposure_s))
+    assert max(mode_of(folder)["shutter"]) <= 1e6 * high_s + 1
+    darkest = METERING.total_s(response.scenario.lights_lux[0])
+    last = mode_of(folder)["shutter"][-1] * mode_of(folder)["gain"][-1]
+    assert 1e-6 * last <= darkest * 2 ** (1 / 8)  # a step of the lattice
+
+
+def test_rounded_stages_are_one() -> None:
+    stages = Stages((20e-6, 1e-3, 1.0000001e-3, 5e-3), (1.0, 2.0, 2.000001, 8.0))
+    assert export.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
+    alike = Stages((1e-3, 1.0000001e-3), (1.0, 1.000001))
+    assert len(export.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
+
+
+def test_limits_hold_for_the_first_stage() -> None:
+    made = make(made_response(), METERING, Limits(mains_hz=50.0))
+    assert made.stages.times_s[0] == pytest.approx(0.01)
+    assert not made.extrapolates(made.stages.times_s[0])
+
+
+@pytest.mark.parametrize("name", export.MODES)
+def test_the_mode_has_a_name_that_can_be_selected(program: Program, tmp_path: Path, name: str) -> None:
+    lux = made_response().scenario.lights_lux
+    export.write(program, lux, {}, tmp_path, limits=LIMITS, metering=METERING, mode=name)
+    mode_of(tmp_path, name)
+    how = json.loads((tmp_path / "program.json").read_text())["how_to_use"]
+    assert [len(lines) for lines in how.values()] == [2, 2]
+    assert f"--exposure {name}" in how["libcamera"][1]
+
+
+@pytest.mark.skipif(not REAL, reason="no tuning files")
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
+def test_in_real_tuning_files(program: Program, folder: Path, path: Path) -> None:
+    """Beside their own modes, in every channel; those meter daylight too, by the same model."""
+    (agc,) = (entry["rpi.agc"] for entry in json.loads(path.read_text())["algorithms"] if "rpi.agc" in entry)
+    for channel in agc.get("channels", [agc]):
+        modes = {**channel["exposure_modes"], "custom": mode_of(folder)}
+        for name in ("normal", "custom"):
+            driver = Libcamera(modes[name], 20e-6)
+            time_s, gain = driver.settled(5000.0)
+            assert mean_of(5000.0, time_s * gain) == pytest.approx(TARGET, rel=0.03)
+
+
+def gain_of(sensor: str, code: int) -> float:
+    """What a sensor makes of a code."""
+    decoded = {
+        "imx219": lambda: 256 / (256 - code),
+        "imx296": lambda: 10 ** (code / 200),
+        "imx477": lambda: 1024 / (1024 - code),
+        "ov5647": lambda: code / 16,
+    }
+    return decoded[sensor]()
+
+
+def read_rows(path: Path) -> list[dict[str, Any]]:
+    with path.open(newline="") as file:
+        return [{key: float(value) for key, value in row.items() if value} for row in csv.DictReader(file)]
+
+
+def stepped(rows: list[dict[str, Any]], light: float, exposed: Any) -> dict[str, Any]:
+    """The row at which a loop of software settles: the nearest total to what the mean asks for."""
+    row = rows[len(rows) // 2]
+    for _ in range(40):
+        wanted = exposed(row) * TARGET / mean_of(light, exposed(row))
+        row = min(rows, key=lambda each: abs(math.log(1e-6 * each["total_exposure_us"] / wanted)))
+    return row
+
+
+@pytest.mark.parametrize("sensor", [None, *v4l2.GAIN_CODES])
+def test_v4l2_meters(program: Program, tmp_path: Path, sensor: str | None) -> None:
+    """Rows are half a stop apart: a quarter to either side, and what units, lines and codes round."""
+    limits = Limits(line_time_s=LINE_S)
+    lux = made_response().scenario.lights_lux
+    export.write(program, lux, {}, tmp_path, limits=limits, metering=METERING)
+    rows = read_rows(tmp_path / "v4l2.csv")
+
+    def by_usb(row: dict[str, Any]) -> float:
+        return 100e-6 * row["exposure_time_absolute"] * row["gain"]  # type: ignore[no-any-return]
+
+    def by_lines(row: dict[str, Any]) -> float:
+        analogue = gain_of(str(sensor), int(row[f"analogue_gain_{sensor}"]))
+        digital = max(1.0, row["gain_with_lines"] / analogue)
+        return LINE_S * row["exposure_lines"] * analogue * digital  # type: ignore[no-any-return]
+
+    for light in lights(program):
+        if METERING.total_s(light) < 100e-6 and sensor is None:
+            continue  # below the unit of a USB camera
+        row = stepped(rows, light, by_usb if sensor is None else by_lines)
+        total = (by_usb if sensor is None else by_lines)(row)
+        rounded = 0.02 + LINE_S / METERING.total_s(light)
+        assert abs(math.log2(total / METERING.total_s(light))) < 0.25 + rounded, light
+    marked = [row["extrapolated"] for row in rows]
+    assert marked == sorted(marked, reverse=True)
+    assert marked[0] == (LIMITS.least_exposure_s < program.tested_s)
+
+
+def test_v4l2_counts_and_codes() -> None:
+    assert v4l2.gain_code("imx219", 2.0) == 128
+    assert v4l2.gain_code("imx477", 8.0) == 896
+    assert v4l2.gain_code("imx296", 10.0) == 200
+    assert v4l2.gain_code("imx296", 100.0) == 239
+    assert v4l2.gain_code("ov5647", 3.5) == 56
+    for sensor in v4l2.GAIN_CODES:
+        codes = [v4l2.gain_code(sensor, gain) for gain in np.geomspace(1, 300, 60)]
+        assert codes == sorted(codes)
+        assert gain_of(sensor, codes[20]) <= np.geomspace(1, 300, 60)[20]

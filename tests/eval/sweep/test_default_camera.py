@@ -1,0 +1,133 @@
+"""The default camera: of one sensor, in colour or grey as the pictures are; that of the built-in detector."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval import cli, datasets
+from blurnoise_eval.cli import given
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.default_camera import camera_text, default_camera, in_colour, is_grey
+from blurnoise_eval.sweep.evaluation import Evaluation, evaluate, usual_detector
+from small_sweeps import small_detector
+
+from blurnoise import Camera
+
+PLAN = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (100.0,)})
+Output = pytest.CaptureFixture[str]
+
+
+def made(*, colour: bool, seed: int = 1) -> np.ndarray:
+    """Of 45 x 63 px, at random."""
+    grey = np.random.default_rng(seed).integers(0, 256, (45, 63, 1)).astype(np.uint8)
+    return np.concatenate([grey, grey, 255 - grey if colour else grey], axis=-1)
+
+
+def folder_of(folder: Path, *colours: bool) -> PictureSet:
+    folder.mkdir(exist_ok=True)
+    for place, colour in enumerate(colours):
+        datasets.write_picture(folder / f"{place}.png", made(colour=colour, seed=place))
+    return datasets.image_folder(folder)
+
+
+def manifest(done: Evaluation) -> dict[str, object]:
+    with Store(done.folder, shared=True) as store:
+        return dict(store.about("manifest")["camera"])
+
+
+@pytest.mark.parametrize(
+    ("colours", "name"),
+    [((True, True), "imx250c"), ((False, False), "imx250m"), ((False, True), "imx250c")],
+)
+def test_pictures_choose_the_camera_and_the_manifest_says_why(
+    tmp_path: Path, colours: tuple[bool, ...], name: str
+) -> None:
+    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", *colours)
+    camera = manifest(evaluate(model, pictures, plan=PLAN, output=tmp_path / "run"))
+    assert camera["name"] == name
+    assert camera["sources"]["name"].startswith("chosen: default, ")  # type: ignore[index]
+    each = [in_colour(replace(pictures, pictures=(picture,))) for picture in pictures]
+    assert each == list(colours)
+
+
+def test_the_built_in_detector_keeps_three_sensors_whatever_the_pictures(tmp_path: Path) -> None:
+    pictures = folder_of(tmp_path / "pictures", True)
+    camera = manifest(evaluate(usual_detector(), pictures, plan=PLAN, output=tmp_path / "run"))
+    assert camera["name"] == "imx250"
+    assert "built-in" in camera["sources"]["name"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
+def test_a_named_camera_wins(tmp_path: Path, named: str) -> None:
+    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", True)
+    camera = manifest(evaluate(model, pictures, named, PLAN, tmp_path / "run"))
+    assert camera == Camera.preset(named).to_dict()
+
+
+def test_a_run_of_another_camera_is_not_resumed(tmp_path: Path) -> None:
+    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", True)
+    evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
+    with pytest.raises(
+        StoreError, match=r"another camera \(it has imx250, this is imx250c; --camera names one\)"
+    ):
+        evaluate(model, pictures, plan=PLAN, output=tmp_path / "run")
+    again = evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
+    assert again.outcome is not None
+    assert again.outcome.resumed == 2
+    brighter = replace(Camera.preset("imx250"), f_number=1.2)
+    with pytest.raises(StoreError, match=r"another camera \(f_number\)"):
+        evaluate(model, pictures, brighter, PLAN, tmp_path / "run")
+
+
+def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding() -> None:
+    grey, colour = made(colour=False), made(colour=True)
+    assert is_grey(grey)
+    assert is_grey(grey[..., :1])
+    assert not is_grey(colour)
+    rounded = grey.copy()
+    rounded[..., 2] = np.clip(rounded[..., 2].astype(int) - 2, 0, 255)
+    assert is_grey(rounded)
+    overlaid = grey.copy()
+    overlaid[:3, :8] = (255, 0, 0)  # 24 of 2835 px
+    assert is_grey(overlaid)
+    overlaid[:9, :8] = (255, 0, 0)
+    assert not is_grey(overlaid)
+    assert not is_grey(colour.astype(np.uint16) * 257)
+    assert is_grey(grey.astype(np.uint16) * 257)
+
+
+def test_three_sensors_read_what_they_are_worth() -> None:
+    """The stops are those of blurnoise.three_sensors, with a test of its own."""
+    for camera in (Camera.preset("imx250"), given.camera(None, cfa="none")):
+        told = camera_text(camera, colour=True)
+        assert told is not None
+        assert "worth 2.3 (in the dark) to 3.3 stops" in told
+    assert "built-in" in str(camera_text(default_camera(colour=True, built_in=True), colour=True))
+    assert camera_text(Camera.preset("imx250"), colour=False) is None
+    assert camera_text(Camera.preset("imx250c"), colour=True) is None
+    assert camera_text(default_camera(colour=True), colour=True) == (
+        "camera: imx250c, the default for pictures in colour"
+    )
+    assert camera_text(replace(Camera.preset("imx250c"), sources={"name": "mine"}), colour=True) is None
+
+
+@pytest.mark.parametrize(("cfa", "name"), [("none", "imx250"), ("mono", "imx250"), ("GBRG", "imx250c")])
+def test_colour_filters_without_a_camera_find_a_sensor_for_them(cfa: str, name: str) -> None:
+    camera = given.camera(None, cfa=cfa)  # type: ignore[arg-type]
+    assert (camera.name, camera.cfa) == (name, cfa)
+
+
+@pytest.mark.parametrize(("colour", "name"), [(True, "imx250c"), (False, "imx250m")])
+def test_simulate_and_explore_choose_alike(tmp_path: Path, capsys: Output, colour: bool, name: str) -> None:
+    folder_of(tmp_path, colour)
+    out = str(tmp_path / "seen.png")
+    for command in (["simulate"], ["explore", "--model", "none"]):
+        assert cli.main([*command, str(tmp_path / "0.png"), "-o", out, "--json"]) == 0
+        assert f'"camera": "{name}"' in capsys.readouterr().out
+    assert cli.main(["explore", "-o", out, "--json"]) == 0
+    assert '"camera": "imx250"' in capsys.readouterr().out

@@ -1,0 +1,150 @@
+"""A run's identity: the content of everything that reaches a pixel or a box, and the software that computed it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from blurnoise_eval import datasets
+from blurnoise_eval.cli.sweep import sweep
+from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import run_folder
+from blurnoise_eval.sweep.evaluation import evaluate
+from blurnoise_eval.sweep.merging import merge
+
+GRID: Mapping[str, Any] = {"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (100.0,)}
+PLAN = SweepPlan(GRID)
+TARGET = Target(
+    "stop sign",
+    "signs",
+    (20.0, 20.0, 60.0, 60.0),
+    annotation={"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 60.0]]},
+)
+CHANGED: Mapping[str, Any] = {
+    "label": "car",
+    "group": "cars",
+    "box_xyxy": (20.0, 20.0, 61.0, 60.0),
+    "area_px2": 5.0,
+    "crowd": True,
+    "text": "STOP",
+    "annotation": {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 59.0]]},
+}
+IN_IDENTITY = {
+    "--model", "--contract", "--dictionary", "--text-detector",  # model: its sha256 and contract
+    "--images", "--coco", "--yolo", "--bdd", "--text", "--plates",  # pictures, choice of targets, annotations
+    "--camera", "--trajectory",  # camera, and the plan
+}  # fmt: skip
+HARMLESS = {"--output"}
+NAMES_FILES = re.compile(r"FILE|DIR|PATH|RUN|\.onnx|\bfile\b|\bfolder\b")
+
+
+def image() -> Any:
+    return np.random.default_rng(3).integers(0, 255, (80, 90, 3), np.uint8)
+
+
+def pictures(*targets: Target, name: str = "a.png") -> PictureSet:
+    return PictureSet(
+        "coco", "a", (Picture(name, targets or (TARGET,), image, name, 1),), {"stop sign": 1, "car": 2}
+    )
+
+
+def cutting(**how: Any) -> SweepPlan:
+    return SweepPlan({**GRID, "moves": ("targets",)}, objects=Objects(**how))
+
+
+def swept(run: Path, shown: PictureSet, plan: SweepPlan, part: str | None = None) -> None:
+    evaluate(pictures=shown, plan=plan, output=run, threads=1, part=part, refine=False)
+
+
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("cut") / "run"
+    swept(run, pictures(), cutting(mattes="segmentation"))
+    return run
+
+
+def test_every_option_that_names_a_file_is_known() -> None:
+    app = typer.Typer()
+    app.command()(sweep)
+    named = {
+        option
+        for parameter in typer.main.get_command(app).params
+        for option in parameter.opts
+        if option.startswith("--")
+        and NAMES_FILES.search(f"{parameter.metavar} {getattr(parameter, 'help', '')}")
+    }
+    assert named == IN_IDENTITY | HARMLESS
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(Target)])
+def test_every_field_of_a_target_is_in_the_identity(cut: Path, name: str) -> None:
+    changed = replace(TARGET, **{name: CHANGED[name]})
+    from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_models.detector import STOP_SIGN
+
+    from blurnoise.camera import Camera
+
+    with Store(cut) as store:
+        camera = Camera.from_dict(store.about("manifest")["camera"])
+        model, plan = Detector(STOP_SIGN), cutting(mattes="segmentation")
+        run_folder.open_run(store, [model], camera, pictures(), plan, {})
+        with pytest.raises(StoreError, match=r"another (choice of targets|annotations)"):
+            run_folder.open_run(store, [model], camera, pictures(changed), plan, {})
+        for harmless in run_folder.HARMLESS:
+            also = replace(TARGET, annotation={**TARGET.annotation, harmless: 7})
+            run_folder.open_run(store, [model], camera, pictures(also), plan, {})
+
+
+def test_a_replaced_plate_is_another_run(tmp_path: Path) -> None:
+    plan, plates = cutting(plates=str(tmp_path)), tmp_path / "a.png"
+    datasets.write_picture(plates, image())
+    swept(tmp_path / "run", pictures(), plan)
+    datasets.write_picture(plates, image())  # the same in a new file
+    swept(tmp_path / "run", pictures(), plan)
+    datasets.write_picture(plates, 255 - image())
+    with pytest.raises(StoreError, match=r"another picture 'a\.png' or its plate"):
+        swept(tmp_path / "run", pictures(), plan)
+
+
+@pytest.mark.parametrize("name", ["torch", "blurnoise"])
+def test_other_software_is_named(cut: Path, tmp_path: Path, name: str) -> None:
+    import shutil
+
+    run = shutil.copytree(cut, tmp_path / "run")
+    with Store(run) as store:
+        manifest = store.about("manifest")
+        assert manifest["versions"][name]
+        manifest["versions"][name] = "0.0.7"
+        store.set_about("manifest", manifest)
+    with pytest.raises(StoreError, match=rf"another software \({name} 0\.0\.7 there, .* here\)"):
+        swept(run, pictures(), cutting(mattes="segmentation"))
+    with pytest.raises(StoreError, match=rf"differs from .* in software \({name} .*0\.0\.7"):
+        merge([cut, run], tmp_path / "merged")
+
+
+def test_parts_of_other_sets_are_not_merged(tmp_path: Path) -> None:
+    names = [f"{number}.png" for number in range(4)]
+
+    def whole(*targets: Target, prefix: str = "") -> PictureSet:
+        every = [pictures(*targets, name=f"{prefix}{name}").pictures[0] for name in names]
+        listed = tuple(replace(each, image_id=place) for place, each in enumerate(every, start=1))
+        return replace(pictures(), pictures=listed)
+
+    swept(tmp_path / "1", whole(), PLAN, "1/2")
+    swept(tmp_path / "2", whole(), PLAN, "2/2")
+    swept(tmp_path / "chosen", whole(replace(TARGET, group="all")), PLAN, "2/2")
+    swept(tmp_path / "other", whole(prefix="b"), PLAN, "2/2")
+    with pytest.raises(StoreError, match=r"differs from .* in choice of targets;"):
+        merge([tmp_path / "1", tmp_path / "chosen"], tmp_path / "run")
+    with pytest.raises(StoreError, match=r"differs from .* in pictures"):
+        merge([tmp_path / "1", tmp_path / "other"], tmp_path / "run")
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "run")

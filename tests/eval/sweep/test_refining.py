@@ -1,0 +1,231 @@
+"""Refining: further exposures about the ends of windows, by a score whose ends are known in closed form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import AUTOMATIC
+from blurnoise_eval.grid.conditions import Cell, SweepPlan
+from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.sweep.asked import asked
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
+from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.sweep.refining import STOPS
+from blurnoise_eval.sweep.work import Work
+from signs_in_memory import CAMERA, matched_detector, picture, picture_set
+from stored_rows import clean_result, result
+
+EXPOSURES_S = (0.001, 0.003, 0.01, 0.03, 0.1)
+LIGHTS_LUX, SPEEDS_PX_S = (5.0, 50.0), (0.0, 300.0)
+PLAN = SweepPlan(
+    {
+        "exposure_s": EXPOSURES_S,
+        "illuminance_lux": LIGHTS_LUX,
+        "velocity_x_px_s": SPEEDS_PX_S,
+        "gain_db": (AUTOMATIC,),
+    }
+)
+PICTURES = picture_set(*(picture(f"{number}.png", labels=None) for number in range(24)))
+KEPT, STEEP = 0.9, 12.0  # of the logistic curves, per stop
+
+
+def ends_of(lux: float, speed_px_s: float) -> tuple[float, float]:
+    """Where what is kept of the score is 0.9: more light moves the lower end down, speed the upper end."""
+    return 0.02 / math.sqrt(lux), 0.057 if speed_px_s == 0 else 5.2 / speed_px_s
+
+
+def kept_at(exposure_s: float, lux: float, speed_px_s: float) -> float:
+    """Logistic in log exposure at either end, where it is 0.9."""
+    low_s, high_s = ends_of(lux, speed_px_s)
+    odds = math.log(KEPT / (1 - KEPT))
+    rise = 1 / (1 + math.exp(-odds - STEEP * math.log2(exposure_s / low_s)))
+    return rise / (1 + math.exp(-odds + STEEP * math.log2(exposure_s / high_s)))
+
+
+@dataclass
+class ClosedForm:
+    """An engine that computes no picture: every target scores 0.9 of what is kept. after: blocks until it is
+    interrupted."""
+
+    after: int | None = None
+    cells: int = 0
+    blocks: int = 0
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Iterator[tuple[Block, list[CellResult]]]:
+        for block in blocks:
+            if self.blocks == self.after:
+                raise KeyboardInterrupt
+            self.blocks += 1
+            self.cells += len(block.cells)
+            yield block, [scored(work.models[0].name, cell) for cell in block.cells]
+
+
+def scored(model: str, cell: Cell) -> CellResult:
+    shared = {"cell_id": cell.cell_id, "image": cell.image, "model": model, "repeat": cell.repeat}
+    if cell.conditions is None:
+        found = clean_result(0, **shared)
+        kept = 1.0
+    else:
+        at = cell.conditions.on(CAMERA)
+        found = result(0, **shared, **at, blur_px=0.0)
+        kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
+    return replace(found, targets=tuple({**row, "confidence": 0.9 * kept} for row in found.targets))
+
+
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
+    return matched_detector(tmp_path_factory.mktemp("model"))
+
+
+def swept(folder: Path, detector: Detector, engine: ClosedForm | None = None, **options: Any) -> Evaluation:
+    options = {"keep": KEPT, "refine": True} | options
+    return evaluate(detector, PICTURES, CAMERA, PLAN, folder, engine=engine or ClosedForm(), **options)
+
+
+@pytest.fixture(scope="module")
+def refined(detector: Detector, tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    return swept(tmp_path_factory.mktemp("run"), detector)
+
+
+def rows(run: Evaluation) -> list[Any]:
+    with Store(run.folder) as store:
+        found = [(cell["cell_id"], cell["image"], cell["exposure_s"]) for cell in store.cells()]
+        return [sorted(found, key=repr), asked(store)]
+
+
+def test_every_end_lies_in_its_interval(refined: Evaluation) -> None:
+    """Seven of the eight ends stand between two tested exposures, 1.6 to 1.7 stops apart; one is below the shortest.
+    Straight lines between these miss most of them by more than a quarter of a stop."""
+    seen = 0
+    for answer in refined.answers:
+        (window,) = answer["windows_s"]
+        bounds = answer["windows_low_s"][0], answer["windows_high_s"][0]
+        true = ends_of(answer["illuminance_lux"], answer["velocity_x_px_s"])
+        for end, (low, high), exact in zip(window, bounds, true, strict=True):
+            if exact < EXPOSURES_S[0]:
+                continue
+            seen += 1
+            assert low <= exact <= high
+            assert abs(math.log2(end / exact)) < STOPS
+            x = answer["exposures_s"]
+            about = next((a, b) for a, b in pairwise(x) if a <= exact <= b)
+            assert math.log2(about[1] / about[0]) < STOPS + 0.03
+    assert seen == 8
+
+
+def test_without_it_ends_are_as_wide_as_the_grid(detector: Detector, tmp_path: Path) -> None:
+    engine = ClosedForm()
+    plain = swept(tmp_path, detector, engine, refine=False)
+    assert engine.cells == 24 * (1 + 5 * 4)
+    for answer in plain.answers:
+        assert answer["exposures_s"] == EXPOSURES_S
+        for bounds, exact in zip(
+            (answer["windows_low_s"][0], answer["windows_high_s"][0]),
+            ends_of(answer["illuminance_lux"], answer["velocity_x_px_s"]),
+            strict=True,
+        ):
+            low, high = bounds
+            assert low <= exact <= high
+            assert {low, high} <= set(EXPOSURES_S)
+
+
+def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) -> None:
+    """Less than a third of a grid of quarter stops, 27 exposures for each of four lines."""
+    with Store(refined.folder) as store:
+        more = [at for batch in asked(store) for at in batch.conditions]
+    assert len(set(more)) == len(more) == refined.summary["refined"]
+    assert 8 * 3 <= len(more) <= 4 * 27 / 3
+    assert refined.summary["missing_cells"] == 0
+    assert refined.outcome is not None
+    assert refined.outcome.computed == 24 * (1 + 20 + len(more))
+    lines = {(at.illuminance_lux, at["velocity_x_px_s"]) for at in more}
+    assert lines == {(lux, speed) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S}
+
+
+def test_scores_of_the_grid_stay_those_of_the_grid(
+    refined: Evaluation, detector: Detector, tmp_path: Path
+) -> None:
+    """mPC, areas over blur, curves over other axes, and what training draws from."""
+    plain = swept(tmp_path, detector, refine=False)
+    (ours,), (theirs,) = refined.models, plain.models
+    assert ours["mpc"] == theirs["mpc"]
+    assert ours["auc_blur"] == theirs["auc_blur"]
+    blurs = [
+        [row["exposure_s"] for row in run.curves if row["axis"] == "blur_px"] for run in (refined, plain)
+    ]
+    assert blurs[0] == blurs[1]
+    assert refined.data.exposures_s == list(EXPOSURES_S)
+    assert "refined" in refined.summary
+    refined.report()
+
+
+def test_asked_again_it_computes_nothing(refined: Evaluation, detector: Detector) -> None:
+    before, engine = rows(refined), ClosedForm()
+    swept(refined.folder, detector, engine)
+    assert engine.cells == 0
+    assert rows(refined) == before
+
+
+@pytest.mark.parametrize("after", [50, 110])
+def test_stopped_it_goes_on_with_the_same_cells(
+    refined: Evaluation, detector: Detector, tmp_path: Path, after: int
+) -> None:
+    """In the grid, which has 96 blocks, or while it is refined."""
+    stopped = 0
+    while True:
+        try:
+            run = swept(tmp_path, detector, ClosedForm(after))
+            break
+        except KeyboardInterrupt:
+            stopped += 1
+    assert stopped
+    assert rows(run) == rows(refined)
+
+
+def test_a_part_refines_nothing_and_the_merged_run_does(
+    refined: Evaluation, detector: Detector, tmp_path: Path
+) -> None:
+    for part in ("1/2", "2/2"):
+        assert swept(tmp_path / part[0], detector, part=part).summary["refined"] == 0
+    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "run")
+    assert Evaluation(tmp_path / "run", keep=KEPT).summary["refined"] == 0
+    whole = swept(tmp_path / "run", detector)
+    assert [set(map(repr, each)) for each in rows(whole)] == [set(map(repr, each)) for each in rows(refined)]
+
+
+def test_merged_runs_keep_what_was_refined(refined: Evaluation, tmp_path: Path) -> None:
+    merge([refined.folder], tmp_path / "run")
+    joined = Evaluation(tmp_path / "run", keep=KEPT)
+    assert (joined.summary["refined"], joined.summary["missing_cells"]) == (refined.summary["refined"], 0)
+
+
+def test_the_command_announces_its_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of eight rendered signs, which stand still."""
+    command = [
+        "sweep",
+        "--limit",
+        "8",
+        "--exposure-ms",
+        "0.05,1,30",
+        "--lux",
+        "20",
+        "--dx",
+        "0",
+        "--threads",
+        "1",
+    ]
+    assert main([*command, "-o", str(tmp_path / "run")]) == 0
+    told = capsys.readouterr().err
+    with Store(tmp_path / "run") as store:
+        assert ("refine: " in told) == bool(asked(store))
+    assert main([*command, "--no-refine", "-o", str(tmp_path / "plain")]) == 0
+    assert "refine: " not in capsys.readouterr().err
