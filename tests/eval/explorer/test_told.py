@@ -54,21 +54,15 @@ def test_both_give_the_picture(name: str, tmp_path: Path, monkeypatch: pytest.Mo
     same(STATES[name], Shelf(STOP_SIGN), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize(
-    "kinds", [("picture", "camera"), pytest.param(("picture", "model"), marks=pytest.mark.slow)]
-)
-def test_of_files_of_ones_own(
-    kinds: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_files_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Uploaded, they are the files that they were."""
     rng = np.random.default_rng(0)
     write_picture(tmp_path / "mine.png", rng.integers(0, 255, (48, 70, 3), np.uint8))
     Camera.preset("mt9m034").save(tmp_path / "own.yaml")
-    (tmp_path / "net.onnx").write_bytes(STOP_SIGN.read_bytes())
     shelf = Shelf(STOP_SIGN)
     try:
-        own = {"picture": "mine.png", "camera": "own.yaml", "model": "net.onnx"}
-        names = {kind: shelf.take(kind, own[kind], (tmp_path / own[kind]).read_bytes()) for kind in kinds}
+        own = {"picture": "mine.png", "camera": "own.yaml"}
+        names = {kind: shelf.take(kind, name, (tmp_path / name).read_bytes()) for kind, name in own.items()}
         same(State(**names), shelf, tmp_path, monkeypatch)
     finally:
         shelf.close()

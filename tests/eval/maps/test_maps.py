@@ -120,10 +120,8 @@ def sweep(tmp_path: Path, *conditions: str) -> Path:
     """A run of the matched filter before one small rendered sign."""
     model = matched_filter.build(tmp_path / "small.onnx", sizes_px=(100, 50, 32), input_px=160)
     run = tmp_path / "run"
-    assert (
-        main(["sweep", "--model", str(model), "--limit", "2", *conditions, "--threads", "1", "-o", str(run)])
-        == 0
-    )
+    words = ["--limit", "2", "--no-refine", "--threads", "1", "-o", str(run)]
+    assert main(["sweep", "--model", str(model), *conditions, *words]) == 0
     return run
 
 
