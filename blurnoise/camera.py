@@ -16,7 +16,7 @@ import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise import camera_files, capture, colour, gain, presets, tone
+from blurnoise import camera_files, capture, colour, gain, tone
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import LIMITS, within
@@ -274,7 +274,7 @@ class Camera:
         relative ``quantum_efficiency: {csv: path}`` starts. Raises ``TypeError`` or ``ValueError`` naming
         the field, its value and what is allowed.
         """
-        return cls(**camera_files.completed(values, fields(cls), source, Path(folder)))
+        return cls(**camera_files.completed(values, fields(cls), PRESETS, source, Path(folder)))
 
     @classmethod
     def load(cls, path: str | Path) -> Camera:
@@ -300,9 +300,8 @@ class Camera:
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
-        values: dict[str, object] = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        values["lens"] = self.lens.to_dict()
-        return {name: camera_files.plain(value) for name, value in values.items()}
+        values: dict[str, object] = camera_files.plain(self)
+        return values
 
 
 class Amplified(NamedTuple):
@@ -340,5 +339,7 @@ def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int
     return gain, offset_e
 
 
-PRESETS: Mapping[str, Camera] = {figures["name"]: Camera(**figures) for figures in presets.FIGURES}
+PRESETS: dict[str, Camera] = {}
 """Cameras by name."""
+for _name in camera_files.PRESETS:
+    PRESETS[_name] = Camera.from_dict(camera_files.preset(_name))

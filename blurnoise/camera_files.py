@@ -3,8 +3,9 @@
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
 {wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; one that is cut
 short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`). Behind a mosaic it is
-{red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the
-figures of :class:`blurnoise.lens.Lens`.
+{red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the figures of
+:class:`blurnoise.lens.Lens`, whose curves may be {csv: path, column: 1, unit: ...}. The presets are such files in
+``data/cameras``.
 """
 
 from __future__ import annotations
@@ -12,30 +13,37 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import yaml
 from annotated_types import Ge, Le
 
-from blurnoise import presets
 from blurnoise._core.checks import known, one_of, shown
 from blurnoise._core.documents import read_document
 from blurnoise._core.files import write_whole
+from blurnoise._core.samples import read_samples
 from blurnoise._core.validation import Text, check_fields
 from blurnoise.capture import Capture
 from blurnoise.colour import FilterCurves, marked
 from blurnoise.gain import ConversionGain
-from blurnoise.lens import Lens
+from blurnoise.lens import Distortion, Lens, Mtf, RelativeIllumination
 from blurnoise.spectra import Curve
 
+PRESETS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _SETTINGS = ("captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality")
 _NO_FIGURES = ("name", *_SETTINGS, "sources")
-_ROWS = (("conversion_gains", ConversionGain), ("captures", Capture))
-T = TypeVar("T")
-_BASES = {figures["name"]: figures for figures in presets.FIGURES}
+_ROWS: Mapping[str, Any] = {"conversion_gains": ConversionGain, "captures": Capture}
+_PARTS: Mapping[str, Any] = {
+    "lens": Lens,
+    "mtf": Mtf,
+    "relative_illumination": RelativeIllumination,
+    "distortion": Distortion,
+}
+_CURVES = (Curve, Mtf, RelativeIllumination)
 
 
 @dataclass
@@ -56,6 +64,12 @@ class _Table:
     column: Annotated[int, Ge(1), Le(1 << 16)] = 1
 
 
+def preset(name: str) -> Any:
+    """What the file of a preset states."""
+    text = resources.files("blurnoise").joinpath("data", "cameras", f"{name}.yaml").read_text("utf-8")
+    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+
+
 def read(path: Path) -> Any:
     """What a camera file states, named after the file where it states no ``name``.
 
@@ -69,40 +83,38 @@ def read(path: Path) -> Any:
     return {"name": path.stem, **values} if isinstance(values, dict) else values
 
 
-def completed(stated: object, entries: Sequence[Field[Any]], source: str, folder: Path) -> dict[str, Any]:
+def completed(
+    stated: object, entries: Sequence[Field[Any]], presets: Mapping[str, Any], source: str, folder: Path
+) -> dict[str, Any]:
     """The fields ``entries`` of the camera that ``stated`` and its base make, with a source for each figure.
 
-    ``source`` is noted for every figure without one in ``stated["sources"]``; ``folder`` is where the path of
-    a quantum efficiency's table starts. Raises ``TypeError`` or ``ValueError`` naming the field.
+    presets: cameras by name. ``source`` is noted for every figure without one in ``stated["sources"]``; ``folder``
+    is where the path of a curve's table starts. Raises ``TypeError`` or ``ValueError`` naming the field.
     """
     if not isinstance(stated, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(stated).__name__}")
     names = [entry.name for entry in entries]
     for name in stated:
         known("field", name, ("base", *names))
-    own = _checked(_Stated, {name: stated[name] for name in ("base", "sources") if name in stated})
+    own = _Stated(**{name: stated[name] for name in ("base", "sources") if name in stated})
+    check_fields(own)
     figures = [name for name in names if name not in _NO_FIGURES]
     base: Mapping[str, Any] = {"sources": dict.fromkeys(figures, "assumed: the default, none was stated")}
     if own.base is not None:
-        base = _BASES[one_of("base", own.base, sorted(_BASES))]
+        base = vars(presets[one_of("base", own.base, sorted(presets))])
     values = {**base, **{name: value for name, value in stated.items() if name != "base"}}
     required = [entry.name for entry in entries if entry.default is entry.default_factory is MISSING]
     if missing := [name for name in required if name not in values]:
         raise ValueError(
-            f"missing {', '.join(missing)}; state them, or a base: one of {', '.join(sorted(_BASES))}"
+            f"missing {', '.join(missing)}; state them, or a base: one of {', '.join(sorted(presets))}"
         )
     values["sources"] = base["sources"] | {name: source for name in figures if name in stated} | own.sources
     if isinstance(values["quantum_efficiency"], Mapping):
-        curves = values["quantum_efficiency"] = _curves(values["quantum_efficiency"], folder)
+        curves = values["quantum_efficiency"] = _spectra(values["quantum_efficiency"], folder)
         told = values["sources"].get("quantum_efficiency", "")
         if (mark := marked(curves)) and mark not in told:
             values["sources"]["quantum_efficiency"] = f"{told}; marked: {mark}"
-    for name, kind in _ROWS:
-        if isinstance(values.get(name), Sequence):
-            values[name] = tuple(_row(name, kind, stated) for stated in values[name])
-    if isinstance(values.get("lens"), Mapping):
-        values["lens"] = _lens(values["lens"], folder)
-    return values
+    return {name: _records(name, value, folder) for name, value in values.items()}
 
 
 def write(path: Path, values: Mapping[str, object]) -> None:
@@ -119,75 +131,71 @@ def within(where: str, error: Exception) -> Exception:
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
-def plain(value: object) -> object:
-    """A camera's field as :func:`completed` takes it, of mappings, lists and what JSON has."""
+def plain(value: Any) -> Any:
+    """A camera, or a part of it, as :func:`completed` takes it: mappings, lists and what JSON has."""
     if isinstance(value, FilterCurves):
         return {name: plain(curve) for name, curve in value.stated()}
-    if isinstance(value, (Capture, ConversionGain, Curve)):
+    if is_dataclass(value):
         return {entry.name: plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, tuple):
         return [plain(each) for each in value]
     return dict(value) if isinstance(value, Mapping) else value
 
 
-def _curves(stated: Mapping[str, Any], folder: Path) -> Curve | FilterCurves:
-    names = [entry.name for entry in fields(FilterCurves)]
-    if not stated.keys() & {*names}:
-        return _curve(stated, folder)
+def _spectra(stated: Mapping[str, Any], folder: Path) -> Any:
+    """A quantum efficiency: a curve, or one for each filter."""
     name = "quantum_efficiency"
+    filters = [entry.name for entry in fields(FilterCurves)]
+    if not stated.keys() & {*filters}:
+        return _record(name, Curve, stated, folder)
     for key in stated:
-        known(f"{name}: filter", key, names)
+        known(f"{name}: filter", key, filters)
     each = {
-        key: _curve(curve, folder, f"{name}.{key}") if isinstance(curve, Mapping) else curve
+        key: _record(f"{name}.{key}", Curve, curve, folder) if isinstance(curve, Mapping) else curve
         for key, curve in stated.items()
     }
     return FilterCurves(**each)
 
 
-def _curve(stated: Mapping[str, Any], folder: Path, name: str = "quantum_efficiency") -> Curve:
+def _records(name: str, stated: Any, folder: Path) -> Any:
+    """The value of a field: mappings of it become the records they stand for."""
+    if name in _ROWS and isinstance(stated, list):
+        return tuple(_record(name, _ROWS[name], each, folder) for each in stated)
+    if name in _PARTS and stated is not None and not isinstance(stated, _PARTS[name]):
+        return _record(name, _PARTS[name], stated, folder)
+    return stated
+
+
+def _record(name: str, kind: Any, stated: object, folder: Path) -> Any:
+    """A record of the figures that a file states. Raises as the record does, with its name before it."""
     try:
-        if "csv" in stated and stated.keys() <= {"csv", "column"}:
-            table = _checked(_Table, stated)
-            return Curve.from_csv(folder / table.csv, table.column)
-        if stated.keys() == {"wavelengths_nm", "values"}:
-            samples = _checked(_Samples, stated)
-            return Curve(samples.wavelengths_nm, samples.values)
-    except OSError as error:
-        raise ValueError(f"{name}: csv {shown(stated['csv'])} cannot be read: {error.strerror}") from None
+        if not isinstance(stated, Mapping):
+            raise TypeError(f"must map figures to values, got {type(stated).__name__}")
+        names = [entry.name for entry in fields(kind)]
+        if kind in _CURVES and "csv" in stated:
+            stated = _tabulated(stated, names[0], folder)
+        for key in stated:
+            known("figure", key, [*names, *(("csv", "column") if kind in _CURVES else ())])
+        needed = [entry.name for entry in fields(kind) if entry.default is MISSING]
+        if missing := [each for each in needed if each not in stated]:
+            raise ValueError(f"missing {', '.join(missing)}")
+        if kind is Curve:
+            check_fields(_Samples(**stated))
+        return kind(**{key: _records(key, value, folder) for key, value in stated.items()})
     except (TypeError, ValueError, csv.Error) as error:
         raise within(name, error) from None
-    raise ValueError(
-        f"{name} = {shown(stated)}: must be a number, {{wavelengths_nm, values}} or {{csv, column}}"
-    )
 
 
-def _row(of: str, kind: type[Any], stated: object) -> object:
-    """A row of the field ``of`` that states its own fields; anything else is left for the camera to refuse."""
-    if not isinstance(stated, Mapping):
-        return stated
-    names = [entry.name for entry in fields(kind)]
-    required = [entry.name for entry in fields(kind) if entry.default is MISSING]
+def _tabulated(stated: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:
+    """What a curve states, with the samples of its CSV file in the place of the file's name."""
+    table = _Table(**{name: stated[name] for name in ("csv", "column") if name in stated})
+    check_fields(table)
     try:
-        for name in stated:
-            known("field", name, names)
-        if missing := [name for name in required if name not in stated]:
-            raise ValueError(f"missing {', '.join(missing)}")
-        return kind(**stated)
-    except (TypeError, ValueError) as error:
-        raise within(of, error) from None
-
-
-def _lens(stated: Mapping[str, Any], folder: Path) -> Lens:
-    try:
-        return Lens.from_dict(stated, folder)
-    except (TypeError, ValueError) as error:
-        raise within("lens", error) from None
-
-
-def _checked(kind: type[T], stated: Mapping[str, Any]) -> T:
-    record = kind(**stated)
-    check_fields(record)
-    return record
+        at, values = read_samples(folder / table.csv, table.column, f"one of {positions}")
+    except OSError as error:
+        raise ValueError(f"csv {shown(table.csv)} cannot be read: {error.strerror}") from None
+    others = {name: value for name, value in stated.items() if name not in ("csv", "column")}
+    return {positions: at, "values": values, **others}
 
 
 def _kind(path: Path) -> str:

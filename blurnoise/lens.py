@@ -6,24 +6,20 @@ camera of the same focal length. Figures that are 0 or None leave their effect o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
 
 from blurnoise import distortion
-from blurnoise._core.checks import in_range, known, shown
+from blurnoise._core.checks import in_range, shown
 from blurnoise._core.limits import limited, within
-from blurnoise._core.samples import read_samples
-from blurnoise._core.validation import Figure, Text, check_fields
+from blurnoise._core.validation import Figure, check_fields
 from blurnoise.distortion import Floats
 from blurnoise.transfer import Measured
 
-T = TypeVar("T", bound="Mtf | RelativeIllumination")
 _Share = Annotated[Figure, Ge(0), Le(1)]
 _LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do
 
@@ -151,29 +147,6 @@ class Lens:
         """(cx, cy) of the same."""
         return self.distortion.centre_px if self.distortion else ()
 
-    @classmethod
-    def from_dict(cls, stated: Mapping[str, Any], folder: Path) -> Lens:
-        """The lens that a camera file states; curves may be {csv: path, column: 1, unit: ...}, as in ``folder``.
-
-        Raises ``TypeError`` or ``ValueError`` naming the figure.
-        """
-        values = dict(_known(cls, stated))
-        for name, kind in (("mtf", Mtf), ("relative_illumination", RelativeIllumination)):
-            if values.get(name) is not None:
-                values[name] = _curve(name, kind, values[name], folder)
-        if values.get("distortion") is not None:
-            values["distortion"] = _record("distortion", Distortion, values["distortion"])
-        return cls(**values)
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain values that :meth:`from_dict` reads back."""
-        return {
-            name: {key: list(each) if isinstance(each, tuple) else each for key, each in value.items()}
-            if isinstance(value, dict)
-            else value
-            for name, value in asdict(self).items()
-        }
-
 
 SAME_EVERYWHERE = Lens()
 """A lens that adds nothing to the camera's figures."""
@@ -187,53 +160,3 @@ def _check_positions(name: str, positions: tuple[float, ...], values: tuple[floa
     if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
         raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
     in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
-
-
-def _curve(name: str, kind: type[T], stated: object, folder: Path) -> T:
-    if not isinstance(stated, Mapping) or "csv" not in stated:
-        return _record(name, kind, stated)
-    table = _record(name, _Table, stated)
-    position = fields(kind)[0].name
-    try:
-        at, values = read_samples(folder / table.csv, table.column, f"one of {position}")
-    except OSError as error:
-        raise ValueError(f"{name}: csv {shown(table.csv)} cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
-    unit = {} if table.unit is None else {"unit": table.unit}
-    return _record(name, kind, {position: at, "values": values, **unit})
-
-
-@dataclass
-class _Table:
-    csv: Text
-    column: Annotated[int, Ge(1), Le(1 << 16)] = 1
-    unit: Text | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-R = TypeVar("R")
-
-
-def _record(name: str, kind: type[R], stated: object) -> R:
-    """A part of the lens from what a file states. Raises as the part does, with its name before it."""
-    try:
-        if not isinstance(stated, Mapping):
-            raise TypeError(f"must map figures to values, got {type(stated).__name__}")
-        return kind(**_known(kind, stated))
-    except (TypeError, ValueError) as error:
-        refusal = TypeError if isinstance(error, TypeError) else ValueError
-        raise refusal(f"{name}: {error}") from None
-
-
-def _known(kind: Any, stated: Mapping[str, Any]) -> Mapping[str, Any]:
-    """``stated``, if it names fields of ``kind`` only, and all that have no default."""
-    entries = fields(kind)
-    for each in stated:
-        known("figure", each, [entry.name for entry in entries])
-    needed = [entry.name for entry in entries if entry.default is MISSING]
-    if missing := [each for each in needed if each not in stated]:
-        raise ValueError(f"missing {', '.join(missing)}")
-    return stated

@@ -28,7 +28,7 @@ LONGEST_LINES = 450
 
 FLOORS: dict[str, list[set[str]]] = {
     "blurnoise": [
-        {"_core", "data", "spectra", "psf", "charts", "encoding", "motion", "presets", "transfer", "metrics"},
+        {"_core", "data", "spectra", "psf", "charts", "encoding", "motion", "transfer", "metrics"},
         {"camera", "camera_files", "fourier"},
         {"radiometry", "blur"},
         {"operating_point"},

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from blurnoise import Camera, Curve, plan, presets
+import blurnoise
+from blurnoise import Camera, Curve, plan
 from blurnoise.camera import PRESETS
 from blurnoise.colour import FilterCurves
 from blurnoise.radiometry import electrons_per_lux_s
@@ -44,8 +45,9 @@ def written(path: Path, values: Any) -> Path:
     return path
 
 
-def test_presets_are_the_figures_and_cameras_the_presets() -> None:
-    assert list(PRESETS) == [figures["name"] for figures in presets.FIGURES]
+def test_every_file_of_the_package_is_a_preset() -> None:
+    files = Path(blurnoise.__file__).parent.joinpath("data", "cameras").glob("*.yaml")
+    assert sorted(PRESETS) == sorted(file.stem for file in files)
     assert all(camera.name == name for name, camera in PRESETS.items())
 
 
@@ -144,7 +146,7 @@ def test_quantum_efficiency_from_csv(tmp_path: Path, column: int | None, values:
         ({"sources": {"gain": "x"}}, ValueError, "sources: field 'gain' is unknown"),
         ({"sources": {"f_number": 3}}, TypeError, "sources.f_number = 3: must be text"),
         ({"quantum_efficiency": 60}, ValueError, "quantum_efficiency = 60.0: must be finite and >= 0 and <= 1"),
-        ({"quantum_efficiency": {"nm": [1]}}, ValueError, "{wavelengths_nm, values} or {csv, column}"),
+        ({"quantum_efficiency": {"nm": [1]}}, ValueError, "'nm' is unknown; Known are wavelengths_nm, values, csv, column"),
         ({"quantum_efficiency": {"csv": "no.csv"}}, ValueError, "csv 'no.csv' cannot be read: No such file"),
         ({"quantum_efficiency": {"csv": "bad.csv"}}, ValueError, "bad.csv, line 2"),
         ({"quantum_efficiency": {"csv": "bytes.csv"}}, ValueError, "quantum_efficiency: "),

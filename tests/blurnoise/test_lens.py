@@ -67,7 +67,7 @@ def test_curves_of_tables(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lens", "others", "named"),
     [
-        (3, {}, "lens = 3: must be a Lens"),
+        (3, {}, "lens: must map figures to values, got int"),
         ({"field_curvature_px": 60}, {}, "lens: field_curvature_px = 60.0: must be finite and >= -50 and <= 50"),
         ({"field_curvature_px": "1"}, {}, "lens: field_curvature_px = '1': must be a number"),
         ({"lateral_red": 0.2}, {}, "lens: lateral_red = 0.2: must be"),
