@@ -172,10 +172,10 @@ def _record(name: str, kind: Any, stated: object, folder: Path) -> Any:
         if not isinstance(stated, Mapping):
             raise TypeError(f"must map figures to values, got {type(stated).__name__}")
         names = [entry.name for entry in fields(kind)]
-        if kind in _CURVES and "csv" in stated:
-            stated = _tabulated(stated, names[0], folder)
         for key in stated:
             known("figure", key, [*names, *(("csv", "column") if kind in _CURVES else ())])
+        if kind in _CURVES and "csv" in stated:
+            stated = _tabulated(stated, names[0], folder)
         needed = [entry.name for entry in fields(kind) if entry.default is MISSING]
         if missing := [each for each in needed if each not in stated]:
             raise ValueError(f"missing {', '.join(missing)}")
@@ -188,14 +188,16 @@ def _record(name: str, kind: Any, stated: object, folder: Path) -> Any:
 
 def _tabulated(stated: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:
     """What a curve states, with the samples of its CSV file in the place of the file's name."""
+    if stated.keys() & {positions, "values"}:
+        raise ValueError(f"csv: holds {positions} and values; they must not stand beside it")
     table = _Table(**{name: stated[name] for name in ("csv", "column") if name in stated})
     check_fields(table)
     try:
         at, values = read_samples(folder / table.csv, table.column, f"one of {positions}")
     except OSError as error:
         raise ValueError(f"csv {shown(table.csv)} cannot be read: {error.strerror}") from None
-    others = {name: value for name, value in stated.items() if name not in ("csv", "column")}
-    return {positions: at, "values": values, **others}
+    unit = {"unit": stated["unit"]} if "unit" in stated else {}
+    return {positions: at, "values": values, **unit}
 
 
 def _kind(path: Path) -> str:

@@ -301,5 +301,5 @@ def test_a_camera_file_states_captures(tmp_path: Path) -> None:
     plain = fused(light, IMX250, staggered(16, 256), **given)
     assert torch.equal(fused(light, camera, camera.captures, **given), plain)
     (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
-    with pytest.raises(ValueError, match="captures: field 'ratio' is unknown"):
+    with pytest.raises(ValueError, match="captures: figure 'ratio' is unknown"):
         Camera.load(tmp_path / "bad.yaml")

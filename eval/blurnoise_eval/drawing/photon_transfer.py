@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise import camera_files
 from blurnoise._core.checks import one_of
 from blurnoise.camera import PRESETS, Camera
 from blurnoise.colour import FilterCurves
@@ -111,7 +112,7 @@ def _shown(value: object) -> str:
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
         return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
     if isinstance(value, Lens):
-        stated = {name: figure for name, figure in value.to_dict().items() if figure}
+        stated = {name: figure for name, figure in camera_files.plain(value).items() if figure}
         return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
     if not isinstance(value, Curve):
         return f"{value:.5g}" if isinstance(value, float) else str(value)
