@@ -3,7 +3,8 @@ smaller.
 
 Domain: n >= 1. A mean of n^2 pixels holds n^2 times the charge before it is full, at a system gain n^2 times lower;
 what is independent from pixel to pixel (read noise, DSNU, PRNU) averages: by variance n^2 e^2 of electrons, PRNU / n.
-Lengths in px shrink by n. Exact but for rounding, which is finer than 1/12 DN^2 in an average.
+Lengths in px shrink by n, those of a lens's calibration included. Exact but for rounding, which is finer than 1/12
+DN^2 in an average.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 
 from blurnoise._core.checks import integer
 from blurnoise.camera import Camera
+from blurnoise.lens import Lens
 
 
 def binned(camera: Camera, n: int) -> Camera:
@@ -38,5 +40,19 @@ def binned(camera: Camera, n: int) -> Camera:
         row_time_s=camera.row_time_s * n,
         width_px=max(1, round(camera.width_px / n)),
         height_px=max(1, round(camera.height_px / n)),
-        lens=replace(camera.lens, field_curvature_px=camera.lens.field_curvature_px / n),
+        lens=_binned_lens(camera.lens, n),
     )
+
+
+def _binned_lens(lens: Lens, n: int) -> Lens:
+    """The lens in px of n times the side. Pixel centres are whole numbers: the corner of the sensor is -1/2."""
+    distortion, mtf = lens.distortion, lens.mtf
+    if distortion is not None:
+        distortion = replace(
+            distortion,
+            focal_px=tuple(focal / n for focal in distortion.focal_px),
+            centre_px=tuple((centre + 0.5) / n - 0.5 for centre in distortion.centre_px),
+        )
+    if mtf is not None and mtf.unit == "cycles/px":
+        mtf = replace(mtf, frequencies=tuple(frequency * n for frequency in mtf.frequencies))
+    return replace(lens, field_curvature_px=lens.field_curvature_px / n, distortion=distortion, mtf=mtf)

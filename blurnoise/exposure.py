@@ -163,7 +163,14 @@ class ExposedScene:
         return out
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frame]:
-        """The only picture under each exposure, developed to 8 bits; neighbours share what they have in common."""
+        """The only picture under each exposure, developed to 8 bits; neighbours share what they have in common.
+
+        Raises ``ValueError`` where the scene has several pictures.
+        """
+        if len(self.light) != 1:
+            raise ValueError(
+                f"light: has {len(self.light)} pictures; must be one, which every exposure is of"
+            )
         after_effects: dict[Hashable, Tensor] = {}
         for shared, group in groupby(self._planned(exposures), key=lambda each: each.alike):
             started = time.perf_counter()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import cv2
@@ -140,8 +141,8 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
     labels = np.where(inside, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
     if min(inside.sum(), (~inside).sum()) < _FEWEST_PIXELS:
         return boxed
-    cv2.setRNGSeed(0)  # of this thread
-    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK)
+    with ThreadPoolExecutor(1) as worker:
+        worker.submit(_grab_cut, small, labels).result()
     own = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     outlines = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     cv2.drawContours(own, outlines, -1, 1, cv2.FILLED)  # what has the background's colours within is its own
@@ -152,6 +153,12 @@ def of_object_in(picture: NDArray[np.uint8], box_xyxy: Sequence[float]) -> Matte
         own.astype(np.float32), part.shape[1::-1], interpolation=cv2.INTER_LINEAR
     )
     return np.asarray(found * boxed, np.float32)
+
+
+def _grab_cut(picture: NDArray[np.uint8], labels: NDArray[np.uint8]) -> None:
+    """Improve the labels, by random numbers of OpenCV's that are the thread's own."""
+    cv2.setRNGSeed(0)
+    cv2.grabCut(picture, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), _CUTS, cv2.GC_INIT_WITH_MASK)
 
 
 def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:

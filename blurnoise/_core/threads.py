@@ -13,9 +13,19 @@ WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
 _PIECE = 1 << 17  # values: they stay in a core's cache, and threads seldom wait for each other's Python
 _pools: dict[int, ThreadPoolExecutor] = {}
+_pools_lock = threading.Lock()
 _state = threading.local()
-if hasattr(os, "register_at_fork"):  # a forked process has the pools, but not their threads
-    os.register_at_fork(after_in_child=_pools.clear)
+
+
+def _forget_pools() -> None:
+    """In a forked process, which has the pools, but not their threads."""
+    global _pools_lock
+    _pools_lock = threading.Lock()
+    _pools.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_pools)
 
 
 def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: int) -> None:
@@ -33,7 +43,10 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
         _state.working = True
         work(job)
 
-    pool = _pools.setdefault(threads, ThreadPoolExecutor(threads))
+    with _pools_lock:
+        if threads not in _pools:
+            _pools[threads] = ThreadPoolExecutor(threads)
+        pool = _pools[threads]
     futures = [pool.submit(marked, job) for job in todo]
     errors = [future.exception() for future in futures]
     for error in errors:

@@ -6,6 +6,7 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -20,7 +21,7 @@ from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise.camera import Camera
 from blurnoise.radiometry import dark_electrons, mean_quantum_efficiency
 from blurnoise.sensor import fused, stages
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 from blurnoise.spectra import Curve
 
 Fidelity = Literal["auto", "full"]
@@ -113,14 +114,15 @@ def read_out(
     seeds = rng.item_seeds(generator, batch)
     gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)
     differentiable = torch.is_grad_enabled() and any(each.requires_grad for each in (scene, white, dark))
-    law = _law(camera, fidelity, noise, differentiable)
+    active = stages.active(camera, without, noisy=noise)
+    law = _law(camera, fidelity, noise, differentiable, active)
     if not differentiable:  # threads below would else start with gradients on
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
 
     def frames(of: slice) -> Frames:
         light, drawn = scene[of], seeds[of]
         field = own = None
-        if law in ("merged", "counts"):
+        if law in ("merged", "apart", "counts"):
             field = rng.standard_normal(drawn, light) if normal is None else normal[of]
         if law == "merged":  # else drawn where the well may be full
             own = None if read is None else read[of]
@@ -129,13 +131,11 @@ def read_out(
         means = _over(white[of]), _over(dark[of])
         return Frames(camera, law, *means, drawn, quantised, field, own, gain, offset_e)
 
-    active = stages.active(camera, without)
     on_cpu = scene.device.type == "cpu"
     if differentiable or not quantised or not on_cpu or not fused.supports(active):
         dn, at = scene, frames(slice(None))
-        for stage in stages.STAGES:
-            if stage.name not in without:
-                dn = stage.apply(dn, at)
+        for stage in active:
+            dn = stage.apply(dn, at)
         seen = dn if tones is None else look_up(tones, dn)
         return seen if differentiable or out is None else out.copy_(seen)
     if out is None:
@@ -197,12 +197,17 @@ def _targets(out: Tensor) -> tuple[list[fused.Plane], bool]:
     raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
 
 
-def _law(camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool) -> Law:
+def _law(
+    camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool, active: Sequence[SensorStage]
+) -> Law:
     """How shot and read noise are drawn."""
     if not noise:
         return "none"
-    if differentiable:  # counts have no derivative
-        return "merged"
-    if fidelity == "full":
+    if fidelity == "full" and not differentiable:  # counts have no derivative
         return "exact"
-    return "merged" if camera.read_noise_e >= MERGE_READ_NOISE_E else "counts"
+    if camera.read_noise_e < MERGE_READ_NOISE_E and not differentiable:
+        return "counts"
+    after_shot = active[active.index(stages.SHOT_NOISE) + 1 :]
+    last = stages.READ_NOISE if stages.READ_NOISE in after_shot else stages.FULL_WELL
+    between = after_shot[: after_shot.index(last)]
+    return "merged" if all(stage is stages.FULL_WELL for stage in between) else "apart"

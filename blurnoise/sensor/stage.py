@@ -18,8 +18,11 @@ from blurnoise.operating_point import OperatingPoint
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
-Law = Literal["none", "merged", "counts", "exact"]
-"""How shot and read noise are drawn: not, in one normal draw, as counts made of one, as Poisson counts."""
+Law = Literal["none", "merged", "apart", "counts", "exact"]
+"""How shot and read noise are drawn: not; in one normal draw; in one each; as counts made of one, as Poisson counts.
+
+"apart" is "merged" for stages of one's own between shot and read noise, which shall not find read noise there yet.
+"""
 
 
 class Cut(NamedTuple):
@@ -89,9 +92,9 @@ class SensorStage(ABC):
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
     to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
-    draws: it is noise, over frames; it does nothing under the law "none" and takes a stream of random numbers of its
-    own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene differ by
-    it; what draws does, without saying so.
+    draws: it is noise, over frames; under the law "none" it is passed over. It takes a stream of random numbers of
+    its own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene
+    differ by it; what draws does, without saying so.
     """
 
     name: str

@@ -126,6 +126,8 @@ class ShotNoise(SensorStage):
             read = rng.standard_normal(at.seeds, signal, "read") if at.read is None else at.read
             charge = noisy_electrons(signal, 0.0, at.normal).clamp(0.0, at.camera.well_limit_e)
             return torch.where(full, charge + at.camera.read_noise_e * read, drawn)
+        if at.law == "apart":
+            return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
         return rng.poisson_of_normal(signal, at.normal)
 
     def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
@@ -318,12 +320,13 @@ STAGES: tuple[SensorStage, ...] = (
 )
 
 
-def active(camera: Camera, without: frozenset[str] = frozenset()) -> list[SensorStage]:
-    """The stages that do something in this camera and are not left out, in order."""
+def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:
+    """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``."""
     return [
         stage
         for stage in STAGES
         if stage.name not in without
+        and (noisy or not stage.draws)
         and (not stage.figures or any(getattr(camera, figure) for figure in stage.figures))
     ]
 

@@ -10,6 +10,7 @@ from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, simulate
 from blurnoise.binning import binned
+from blurnoise.lens import Distortion, Lens, Mtf
 
 CAMERA = replace(
     Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0
@@ -47,6 +48,33 @@ def test_blur_shrinks_with_the_picture() -> None:
     full = avg_pool2d(simulate(edge, quiet, velocity_px_s=(1600.0, 0.0), **at), 2)
     small = simulate(avg_pool2d(edge, 2), binned(quiet, 2), velocity_px_s=(800.0, 0.0), **at)
     assert float((full - small).abs().max()) < 0.02 * float(full.max())
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens(distortion=Distortion("opencv", (-0.05, 0.01, 0.0, 0.0), (160.0, 160.0), (70.5, 40.5))),
+        Lens(mtf=Mtf((0.0, 0.1, 0.5), (1.0, 0.5, 0.02), "cycles/px")),
+    ],
+    ids=["calibrated distortion", "MTF in cycles/px"],
+)
+def test_a_lens_in_pixels_shrinks_with_them(lens: Lens) -> None:
+    """Bars stand where the averages have them, and are as sharp."""
+    quiet = replace(
+        Camera.preset("imx250"), read_noise_e=0.0, lens=lens, width_px=256, height_px=128, hfov_deg=60.0
+    )
+    bars = torch.zeros(1, 1, 128, 256)
+    bars[..., 32:64], bars[..., 160:224] = 1.0, 1.0
+    at = {
+        "exposure_s": 0.01,
+        "illuminance_lux": 20.0,
+        "noise": False,
+        "quantised": False,
+        "encoding": "linear",
+    }
+    full = avg_pool2d(simulate(bars, quiet, **at), 2)
+    small = simulate(avg_pool2d(bars, 2), binned(quiet, 2), **at)
+    assert float((full - small)[..., 4:-4, 4:-4].abs().mean()) < 0.01 * float(full.max())
 
 
 def test_one_is_the_camera_itself_and_none_is_refused() -> None:

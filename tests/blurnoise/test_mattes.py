@@ -43,7 +43,10 @@ def test_an_object_is_found_in_its_box_by_its_colours() -> None:
     found = mattes.of_object_in(picture, box)
     assert np.minimum(found, inside).sum() / np.maximum(found, inside).sum() > 0.93
     cv2.setRNGSeed(99)  # whatever was drawn before
+    drawn = cv2.randu(np.zeros(8, np.float32), 0, 1)
+    cv2.setRNGSeed(99)
     assert np.array_equal(mattes.of_object_in(picture, box), found)
+    assert np.array_equal(cv2.randu(np.zeros(8, np.float32), 0, 1), drawn)  # and whatever is drawn after
 
 
 def test_what_does_not_reach_all_sides_of_its_box_is_the_box() -> None:

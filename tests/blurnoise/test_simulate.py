@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from blurnoise import Camera, blur, photoelectrons, simulate
+from blurnoise import Camera, ExposedScene, Exposure, blur, photoelectrons, simulate
 from blurnoise.encoding import linear_from_srgb, srgb_from_linear
 from blurnoise.picture.develop import develop
 from blurnoise.sensor import readout as sensor
@@ -173,6 +173,12 @@ def test_bad_input_is_named(changes: dict[str, object], words: str) -> None:
     arguments = {**good, **changes}
     with pytest.raises(ValueError, match=words):
         simulate(arguments.pop("image"), CAMERA, **arguments)
+
+
+def test_frames_are_of_one_picture() -> None:
+    scene = ExposedScene(torch.rand(2, 1, 8, 9))
+    with pytest.raises(ValueError, match="light: has 2 pictures; must be one"):
+        next(scene.frames([Exposure(Camera.preset("imx250"), 0.01, 50.0)]))
 
 
 def test_srgb_round_trip_and_known_values() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -89,6 +90,40 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fideli
     more = moments.frame(photo, CAMERA, **point)
     assert float(more.mean - plain.mean) == pytest.approx(dn)
     assert float(more.variance > plain.variance) == (place == 3)  # shot noise of it, or none
+
+
+@pytest.mark.parametrize("differentiable", [False, True])
+def test_the_full_well_clips_what_a_new_stage_before_it_adds(
+    monkeypatch: pytest.MonkeyPatch, differentiable: bool
+) -> None:
+    """4000 e- and 3000 more are the 5000 of the well, whose noise is read noise alone, 2.45 e-, and rounding."""
+    camera = replace(Camera.preset("imx250"), full_well_e=5000.0)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:4], Pedestal(3000.0), *stages.STAGES[4:]))
+    scene = torch.full((1, 1, 60, 80), 4000.0, requires_grad=differentiable)
+    dn = read_out(scene, camera, exposure_s=0.01, temperature_c=25.0, generator=[1]).detach()
+    gain = camera.system_gain_dn_per_e
+    assert float(dn.mean()) == pytest.approx(5000 * gain + camera.black_level_dn, abs=0.5)
+    expected = math.sqrt((gain * camera.read_noise_e) ** 2 + 1 / 12)
+    assert float(dn.std()) == pytest.approx(expected, rel=5 / math.sqrt(2 * dn.numel()))
+
+
+@pytest.mark.parametrize("quantised", [True, False])
+def test_a_stage_without_its_figure_or_without_noise_does_nothing(
+    monkeypatch: pytest.MonkeyPatch, quantised: bool
+) -> None:
+    """Whatever the route, and whether or not the stage looks for itself."""
+
+    class Unasked(Pedestal):
+        figures = ("dsnu_e",)
+
+    class Noisy(Pedestal):
+        draws = True
+
+    camera = replace(CAMERA, dsnu_e=0.0)
+    taken: dict[str, Any] = {"noise": False, "quantised": quantised, "fidelity": "full", **CONDITIONS}
+    before = simulate(picture(), camera, **taken)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Unasked(), Noisy(), *stages.STAGES[6:]))
+    assert torch.equal(simulate(picture(), camera, **taken), before)
 
 
 def test_what_is_small_is_left_out_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,16 +6,18 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from blurnoise._core import threads
 from blurnoise._core.threads import side_by_side
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_every_job_is_done_once(threads: int) -> None:
+@pytest.mark.parametrize("workers", [1, 3])
+def test_every_job_is_done_once(workers: int) -> None:
     done: list[int] = []
-    side_by_side(done.append, range(50), threads)
+    side_by_side(done.append, range(50), workers)
     assert sorted(done) == list(range(50))
 
 
@@ -42,6 +44,20 @@ def test_the_first_error_is_raised_after_all_have_ended() -> None:
     with pytest.raises(ValueError, match="job 1"):
         side_by_side(work, range(6), 2)
     assert sorted(done) == [0, 2, 3, 4, 5]
+
+
+def test_threads_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+
+    def executor(count: int) -> ThreadPoolExecutor:
+        made.append(count)
+        return ThreadPoolExecutor(count)
+
+    monkeypatch.setattr(threads, "ThreadPoolExecutor", executor)
+    monkeypatch.setattr(threads, "_pools", {})
+    for _ in range(3):
+        side_by_side(lambda _: None, range(4), 2)
+    assert made == [2]
 
 
 @pytest.mark.slow
