@@ -35,8 +35,11 @@ def explore(
     ] = None,
     picture: Annotated[str | None, Option(metavar="NAME", help="of a run: one of its pictures")] = None,
     images: Annotated[
-        Path | None, Option(metavar="DIR", help="of a run: where its pictures are, if not where they were")
+        Path | None, Option(metavar="DIR", help="of a run over a folder: where its pictures are")
     ] = None,
+    trust: Annotated[
+        bool, Option("--trust", help="of a run of your own: open pictures and models where it says they are")
+    ] = False,
     model: Annotated[
         str | None,
         Option(
@@ -77,7 +80,7 @@ def explore(
     """
     if output is None and not _installed():
         raise ValueError(_EXTRA)
-    shelf, state = _asked(where, sign, cell, picture, images, model, camera, figure or [], grid, seed)
+    shelf, state = _asked(where, sign, cell, picture, images, trust, model, camera, figure or [], grid, seed)
     if output is not None:
         _write(shelf, state, output, as_json)
         return
@@ -105,6 +108,7 @@ def _asked(
     cell: str | None,
     picture: str | None,
     images: Path | None,
+    trust: bool,
     model: str | None,
     camera: str | None,
     figures: list[str],
@@ -126,8 +130,10 @@ def _asked(
         if len(grid.get(axis.name, ())) > 1:
             raise ValueError(f"{axis.option}: must be one value here; a sweep takes several")
     is_run = where is not None and (where.is_dir() or where.name == RUN_FILE)
-    run = Run(where if where.is_dir() else where.parent, images) if is_run and where is not None else None
-    of_run = {"cell": cell, "picture": picture, "images": images}
+    run = None
+    if is_run and where is not None:
+        run = Run(where if where.is_dir() else where.parent, images, trusted=trust)
+    of_run = {"cell": cell, "picture": picture, "images": images, "trust": trust or None}
     for name, value in of_run.items():
         if value is not None and run is None:
             raise ValueError(f"{name}: goes with a run")

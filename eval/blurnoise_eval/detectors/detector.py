@@ -23,6 +23,7 @@ from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
 from blurnoise_eval.detectors.model_files import external_files, fetched, fetched_file
 from blurnoise_eval.detectors.non_finite import NonFinite
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.storage import Location, is_url
 
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
@@ -300,7 +301,8 @@ def model_sha256(path: Path) -> str:
 
 
 def file_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file, read a block at a time."""
+    """Hexadecimal SHA-256 of a file, read a block at a time. Raises ``OSError``."""
+    check_regular(path)
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(1 << 20):

@@ -1,7 +1,8 @@
 """A finished run in the explorer: its heat map, and any cell's picture, computed anew from the cell's seed.
 
-A run keeps no pictures but their names, contents' hashes and boxes: they are opened again where the run says they
-were, or in ``images``, and are refused where their content is another.
+A run keeps no pictures but their names, contents' hashes and boxes. They are opened again in ``images``, or, of a run
+that is trusted, where it says they were, and are refused where their content is another. Of any other run no file
+outside its folder is opened.
 """
 
 from __future__ import annotations
@@ -55,11 +56,14 @@ class HeatMap:
 class Run:
     """A run's folder, read. Raises :class:`StoreError` for one without a run.
 
-    images: where its pictures are, if not where they were.
+    images: where its pictures are, if not where they were. trusted: labels, pictures, plates and models may be opened
+    where the run says they are.
     """
 
-    def __init__(self, folder: str | Path, images: str | Path | None = None) -> None:
-        self.folder, self._images = Path(folder), images
+    def __init__(
+        self, folder: str | Path, images: str | Path | None = None, *, trusted: bool = False
+    ) -> None:
+        self.folder, self.images, self.trusted = Path(folder), images, trusted
         with Store(self.folder, shared=True) as store:
             self.manifest: dict[str, Any] = store.about("manifest")
             if self.manifest is None:
@@ -198,17 +202,17 @@ class Run:
         told = self._plan.get("trajectory")
         if told is None:
             return None
-        with suppress(ValueError, OSError):
-            stated = StatedTrajectory.parse(told)
-            if stated.identity == told:
-                longest = max(self._plan["grid"]["exposure_s"])
-                return stated, self._auto.limit_s if longest == math.inf else longest
+        with suppress(ValueError):
+            stated = StatedTrajectory(told)
+            longest = max(self._plan["grid"]["exposure_s"])
+            return stated, self._auto.limit_s if longest == math.inf else longest
         raise ValueError(f"run = {str(self.folder)!r}: moved along {told!r}, a file that it does not keep")
 
     # -- pictures and models that the run names --------------------------------------------------------------
 
     def picture(self, name: str) -> Picture:
-        """A picture of the run, opened again. Raises ``ValueError`` where it is not there, or another by now."""
+        """A picture of the run, opened again. Raises ``ValueError`` where it is not there, or another by now, and for
+        files outside of a run that is not trusted."""
         if name not in self._held:
             raise ValueError(f"picture = {name!r}: is none of the run's")
         identity, content = self._held[name]
@@ -216,6 +220,8 @@ class Run:
         if rendered:
             picture = _rendered(name, rendered, self.manifest["images"]["source"])
         else:
+            if self.objects.plates is not None:
+                self._check_trusted("plates", self.objects.plates)
             every = {each.name: each for each in self._opened}
             if name not in every:
                 raise ValueError(f"picture = {name!r}: is not in {self._opened.source}")
@@ -227,10 +233,13 @@ class Run:
     @cached_property
     def _opened(self) -> PictureSet:
         kind, source = self.manifest["images"]["kind"], self.manifest["images"]["source"]
-        folder = Path(self._images) if self._images else None
+        folder = Path(self.images) if self.images else None
+        if kind == "folder" and folder:
+            return datasets.image_folder(folder)
+        self._check_trusted("images", source, " --images names the folder." * (kind == "folder"))
         where = Path(source)
         if kind == "folder":
-            return datasets.image_folder(folder or where)
+            return datasets.image_folder(where)
         opener: Any = {
             "coco": datasets.coco,
             "yolo": datasets.yolo,
@@ -250,19 +259,26 @@ class Run:
         from blurnoise_models.detector import STOP_SIGN
 
         (told,) = (model for model in self.manifest["models"] if model["name"] == name)
-        path = Path(told["file"]).expanduser()
-        if not path.is_file() and told["sha256"] == model_sha256(STOP_SIGN):
-            path = STOP_SIGN
+        path = STOP_SIGN
+        if told["sha256"] != model_sha256(STOP_SIGN):
+            self._check_trusted("model", told["file"], " --model names one.")
+            path = Path(told["file"]).expanduser()
         if not path.is_file():
             raise ValueError(f"model = {told['file']!r}: the run's model is no longer there")
+        if model_sha256(path) != told["sha256"]:
+            raise ValueError(f"model = {told['file']!r}: is not what it was when the run was computed")
         opened: Model = (
             Detector(path, contract=parse_contract(told["contract"], "the run's contract"))
             if told.get("kind") == "detector"
             else open_models([path])[0]
         )
-        if opened.sha256 != told["sha256"]:
-            raise ValueError(f"model = {told['file']!r}: is not what it was when the run was computed")
         return opened
+
+    def _check_trusted(self, name: str, told: str, otherwise: str = "") -> None:
+        if not self.trusted:
+            raise ValueError(
+                f"{name} = {told!r}: outside the run's folder; --trust opens what a run of your own names.{otherwise}"
+            )
 
 
 def _key(row: Mapping[str, Any]) -> Key:
@@ -274,4 +290,7 @@ def _rendered(name: str, told: re.Match[str], source: str) -> Picture:
     sizes: Sequence[float] = [float(size) for size in told["sizes"].split("-")]
     make = datasets.rendered_texts if source.startswith("texts") else datasets.rendered_signs
     made = make(sizes, count=int(told["number"]) + 1, seed=int(told["seed"]))
-    return next(each for each in made if each.name == name)
+    for picture in made:
+        if picture.name == name:
+            return picture
+    raise ValueError(f"picture = {name!r}: is none of {source}")

@@ -163,15 +163,15 @@ class Shelf:
 
     def files(self, state: State) -> Files:
         """What the state's names stand for on disk; an upload is the file that it was."""
-        where = ""
+        where, images, trusted = "", "", False
         if state.picture.startswith(f"{OF_RUN}/") and self.run:
-            where = str(self.run.folder)
+            where, images, trusted = str(self.run.folder), str(self.run.images or ""), self.run.trusted
         elif not is_sign(state.picture):
             where = self._typed("picture", state.picture)
         camera = (
             "" if state.camera in PRESETS or state.camera == OF_RUN else self._typed("camera", state.camera)
         )
-        return Files(where, camera, self._model_file(state))
+        return Files(where, images, trusted, camera, self._model_file(state))
 
     def _model_file(self, state: State) -> str:
         """ "" for what is looked through where no model is named: the run's first, the built-in one elsewhere."""

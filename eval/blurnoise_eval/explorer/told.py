@@ -14,9 +14,12 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 @dataclass(frozen=True)
 class Files:
     """What a state's names stand for on disk: the picture's file or the run, the camera's, the model's; none
-    for what is built in. model: none for a run's first model, too, and BUILT_IN for the built-in one before a run."""
+    for what is built in. model: none for a run's first model, too, and BUILT_IN for the built-in one before a run.
+    images, trusted: as of :class:`~blurnoise_eval.explorer.runs.Run`."""
 
     where: str = ""
+    images: str = ""
+    trusted: bool = False
     camera: str = ""
     model: str = ""
 
@@ -24,6 +27,8 @@ class Files:
 def command(state: State, files: Files, output: str = "seen.png") -> str:
     """What to type for this picture."""
     words = ["blurnoise", "explore", *([files.where] if files.where else [])]
+    words += ["--images", files.images] if files.images else []
+    words += ["--trust"] if files.trusted else []
     if state.cell:
         words += ["--cell", state.cell]
     else:
@@ -83,8 +88,10 @@ def _scene(state: State, files: Files) -> tuple[list[str], list[str]]:
     if of_run:
         imports += ["from blurnoise_eval.explorer.runs import Run"]
         name = state.picture.removeprefix(f"{OF_RUN}/")
+        given = f", {files.images!r}" if files.images else ""
+        given += ", trusted=True" if files.trusted else ""
         made += [
-            f"run = Run({files.where!r})",
+            f"run = Run({files.where!r}{given})",
             f"picture = run.picture({name!r})",
             "scene = run.scene(picture)",
         ]

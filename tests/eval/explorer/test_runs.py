@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import builtins
+import io
 import json
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -123,14 +127,59 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None
     )
     row = next(row for row in rows(run) if row["example"] and not row["clean"])
     kept = read_picture(run.folder / str(row["example"]))
-    assert np.array_equal(run.frame(str(row["cell_id"])).image, kept)
+    with pytest.raises(ValueError, match=r"outside the run's folder; --trust .* --images"):
+        run.frame(str(row["cell_id"]))
+    assert np.array_equal(Run(run.folder, trusted=True).frame(str(row["cell_id"])).image, kept)
     moved = folder.rename(tmp_path / "moved")
     with pytest.raises(ValueError, match="pictures"):
-        Run(run.folder).frame(str(row["cell_id"]))
+        Run(run.folder, trusted=True).frame(str(row["cell_id"]))
     assert np.array_equal(Run(run.folder, moved).frame(str(row["cell_id"])).image, kept)
     write_picture(moved / "a.png", 255 - picture.load())
     with pytest.raises(ValueError, match="is not what it was"):
         Run(run.folder, moved).frame(str(row["cell_id"]))
+
+
+@pytest.mark.parametrize("what", ["images", "labels", "plates", "model", "trajectory"])
+def test_files_outside_a_foreign_run_are_not_opened(
+    what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does a pipe hold up a run that is trusted."""
+    folder = shutil.copytree(run.folder, tmp_path / "run")
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with Store(folder) as store:
+        manifest, identity = store.about("manifest"), store.about("identity")
+        if what in ("images", "labels", "plates"):
+            manifest["images"] |= {"kind": "coco" if what == "labels" else "folder", "source": str(pipe)}
+            name = run.pictures[0]
+            store.note_picture(name, f"{name} 1 2 3 4", store.pictures()[name][1])
+        if what == "plates":
+            identity["plan"]["objects"] = {"plates": str(pipe)}
+        if what == "model":
+            manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
+        if what == "trajectory":
+            identity["plan"]["trajectory"] = str(pipe)
+        store.set_about("manifest", manifest)
+        store.set_about("identity", identity)
+    opened: list[str] = []
+    for holder, name in ((builtins, "open"), (io, "open"), (os, "stat")):
+        honest = getattr(holder, name)
+
+        def recorded(path: Any, *args: Any, honest: Any = honest, name: str = name, **named: Any) -> Any:
+            if str(path) == str(pipe):
+                opened.append(name)
+                assert name == "stat"
+            return honest(path, *args, **named)
+
+        monkeypatch.setattr(holder, name, recorded)
+    for trusted, told in ((False, "--trust" if what != "trajectory" else "moved along"), (True, str(pipe))):
+        assert opened == []
+        found = Run(folder, trusted=trusted)
+        looked = {
+            "trajectory": lambda found=found: found._path,
+            "model": lambda found=found: found.model(run.models[0]),
+        }.get(what, lambda found=found: found.picture(run.pictures[0]))
+        with pytest.raises((ValueError, OSError), match=told):
+            looked()
 
 
 def test_what_is_no_cell_is_refused(run: Run, tmp_path: Path) -> None:
