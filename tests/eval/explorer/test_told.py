@@ -75,7 +75,9 @@ def test_before_a_run_its_own_model_and_the_built_in_one_are_no_files(
     own = model_sha256(STOP_SIGN)
     files = {"a": ("gone.onnx", own), "b": ("b.onnx", "0"), "c": ("moved.onnx", own)}
     models = [{"name": name, "file": file, "sha256": told} for name, (file, told) in files.items()]
-    run = SimpleNamespace(folder=Path("run"), models=("a", "b", "c"), manifest={"models": models})
+    run = SimpleNamespace(
+        folder=Path("run"), images=None, trusted=False, models=("a", "b", "c"), manifest={"models": models}
+    )
     monkeypatch.setattr(shelf, "run", run)
     state = State(picture="run/p", camera="run")
     states = {name: replace(state, model=name) for name in MODELS}
