@@ -47,7 +47,7 @@ def bdd(
         pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(known, pictures)
     categories = {label: place for place, label in enumerate(sorted(known), start=1)}
-    return PictureSet("bdd", str(file), pictures, categories, selection.notes())
+    return PictureSet("bdd", str(file), pictures, categories, selection.notes(), selection.chosen)
 
 
 def _frame(

@@ -72,7 +72,7 @@ def coco(
         pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(categories.values(), pictures)
     ids = {label: category_id for category_id, label in categories.items()}
-    return PictureSet("coco", str(file), pictures, ids, selection.notes())
+    return PictureSet("coco", str(file), pictures, ids, selection.notes(), selection.chosen)
 
 
 def _by_id(entries: Iterable[tuple[int, T]], name: str) -> dict[int, T]:

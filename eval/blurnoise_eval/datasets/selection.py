@@ -52,6 +52,15 @@ class Selection:
         """Whether a picture with these targets counts; crowds alone are no reason to look at it."""
         return not self._labels or self._keep_empty or not all(target.crowd for target in targets)
 
+    @property
+    def chosen(self) -> str:
+        """The choice in words; "" for all boxes."""
+        return (
+            ", ".join([*sorted(self._labels), *["pictures without them"] * self._keep_empty])
+            if self._labels
+            else ""
+        )
+
     def check(self, known: Collection[str], pictures: Sequence[object]) -> None:
         """Raise ``ValueError`` for a label that the set does not know, or where no picture is left."""
         if unknown := [label for label in self._labels if label not in known]:

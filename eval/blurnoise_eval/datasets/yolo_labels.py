@@ -72,7 +72,7 @@ def yolo(
     notes = selection.notes()
     if unlabelled:
         notes += (f"without a label file, and so without an object: {unlabelled} of the pictures",)
-    return PictureSet("yolo", str(path), pictures, categories, notes)
+    return PictureSet("yolo", str(path), pictures, categories, notes, selection.chosen)
 
 
 def _description(path: Location) -> tuple[Location, dict[Any, Any]]:

@@ -140,11 +140,20 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "run": findings.run_facts(data),
         "contracts": [_contract(model) for model in manifest["models"]],
         "camera": findings.sourced(camera),
-        "versions": {name: findings.shown(value) for name, value in manifest.get("versions", {}).items()},
+        "versions": _versions(manifest),
         "hardware": {name: findings.shown(value) for name, value in manifest.get("hardware", {}).items()},
         "plotly_packed": base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9)).decode("ascii"),
         "kept_curve": None if told.model is None else kept_curve(data, told.model),
     }
+
+
+def _versions(manifest: dict[str, Any]) -> dict[str, str]:
+    """What computed the run, with ``computed_by`` of its cells; of several the versions of each."""
+    every: dict[str, dict[str, str]] = manifest.get("software") or {"": manifest.get("versions", {})}
+    facts = {"computed_by": ", ".join(every)} if any(every) else {}
+    for key, told in every.items():
+        facts |= {f"{key}: {name}" if len(every) > 1 else name: findings.shown(told[name]) for name in told}
+    return facts
 
 
 def _contract(model: dict[str, Any]) -> dict[str, Any]:

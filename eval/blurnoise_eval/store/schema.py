@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 9  # of the tables below
+VERSION = 10  # of the tables below
 
 
 def _added(table: str, *columns: str) -> str:
     return "".join(f"ALTER TABLE {table} ADD COLUMN {column};" for column in columns)
 
 
+_SOFTWARE = "CREATE TABLE IF NOT EXISTS software (computed_by TEXT PRIMARY KEY, versions TEXT);"
 _STEPS = {
     3: _added("cells", "saturated REAL")
     + _added("targets", "confidence_swept REAL")
@@ -27,6 +28,7 @@ _STEPS = {
         for table in ("cells", "targets")
     ),
     8: _added("pictures", "look TEXT"),
+    9: _added("cells", "computed_by TEXT") + _SOFTWARE,
 }
 UPGRADES = {first: "".join(_STEPS[step] for step in sorted(_STEPS) if step >= first) for first in _STEPS}
 """What makes the tables of an older version those below, but for the order of columns and what an index holds; what
@@ -52,7 +54,8 @@ CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
   detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
   snr_db REAL, brightness REAL, invented_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
-  example TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
+  example TEXT, computed_by TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
+{_SOFTWARE}
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,

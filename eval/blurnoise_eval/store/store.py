@@ -7,12 +7,13 @@ A run in a folder that cannot be written can be read.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
 import sqlite3
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from itertools import groupby
@@ -65,6 +66,7 @@ class Store:
     def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
         self.folder = folder
         self.revision = 0
+        self._software: dict[str, str] = {}
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
@@ -138,8 +140,16 @@ class Store:
         """
         self.revision += 1
         with self._transaction() as db:
-            cells = [{**result.cell, "detections": _pack(result.detections)} for result in results]
+            cells = [
+                {
+                    **result.cell,
+                    "computed_by": self._software.get("computed_by"),
+                    "detections": _pack(result.detections),
+                }
+                for result in results
+            ]
             _insert(db, "cells", cells)
+            _insert(db, "software", [self._software] * bool(cells and self._software))
             _insert(db, "targets", [target for result in results for target in result.targets])
             read = {(cell["image"],) for cell in cells}
             db.executemany("DELETE FROM skipped WHERE image = ?", read)
@@ -156,11 +166,24 @@ class Store:
             counted[result.cell["model"]] += result.non_finite_values
         return {"wall_s": held["wall_s"] + wall_s, "non_finite_values": counted}
 
+    def computes_with(self, versions: Mapping[str, str]) -> None:
+        """State the software that computes the cells added from now on; their ``computed_by`` is a digest of it."""
+        told = json.dumps(dict(versions), sort_keys=True)
+        self._software = {
+            "computed_by": hashlib.blake2b(told.encode(), digest_size=4).hexdigest(),
+            "versions": told,
+        }
+
+    def software(self) -> dict[str, dict[str, str]]:
+        """By ``computed_by`` of cells the versions of what computed them; cells of earlier runs state none."""
+        every = self.rows("SELECT * FROM software ORDER BY computed_by")
+        return {row["computed_by"]: json.loads(row["versions"]) for row in every}
+
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
         self.revision += 1
         with self._transaction() as db:
-            for table in ("cells", "targets", "pictures", "skipped"):
+            for table in ("cells", "targets", "pictures", "skipped", "software"):
                 names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
                 columns, marks = ", ".join(names), ", ".join("?" * len(names))
                 into = f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({marks})"
@@ -172,7 +195,7 @@ class Store:
         """Forget everything: the store is as new."""
         self.revision += 1
         with self._transaction() as db:
-            for table in ("about", "cells", "targets", "skipped"):
+            for table in ("about", "cells", "targets", "skipped", "software"):
                 db.execute(f"DELETE FROM {table}")
 
     def skip(self, image: str, reason: str) -> None:

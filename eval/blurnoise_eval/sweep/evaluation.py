@@ -322,6 +322,7 @@ class Evaluation:
             "targets_found": self.data.manifest.get("targets_found", {}),
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
+            "software": self.data.manifest["software"],
             "models": self.models,
             "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
         }

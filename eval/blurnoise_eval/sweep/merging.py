@@ -115,11 +115,10 @@ def _identity(stores: Sequence[Store]) -> dict[str, Any]:
         plans = [{**dict.fromkeys(_PLAN), **held["plan"]} for held in (identity, each[0])]
         keys = {name for plan in plans for name in plan} - set(_PLAN)
         differing += sorted(name for name in keys if plans[0].get(name) != plans[1].get(name))
-        one, other = (
-            (held.about("manifest")["images"]["kind"], held.about("manifest")["images"]["labelled"])
-            for held in (store, first)
-        )
-        differing += ["kind of pictures"] * (one != other)
+        one, other = (held.about("manifest")["images"] for held in (first, store))
+        differing += ["kind of pictures"] * any(one[name] != other[name] for name in ("kind", "labelled"))
+        if (before := one.get("chosen", "")) != (now := other.get("chosen", "")):
+            differing.append(f"choice of targets ({before or 'all'} there, {now or 'all'} here)")
         if software := other_software(computed_by(first), computed_by(store)):
             differing.append(software)
         whole = next((of for of in each if _count(of) == _count(identity)), identity)

@@ -98,13 +98,14 @@ def open_run(
         told: dict[str, Callable[..., str]] = {"model": _contracts, "camera": _cameras}
         differing = [told[key](held[key], identity[key]) if key in told else key for key in differing]
         raise _another(store, " and ".join(differing))
-    if queries.has_answers(store) and (other := other_software(computed_by(store), versions())):
+    if queries.has_answers(store) and (other := other_software(computed_by(store), [versions()])):
         raise _another(store, other)
     for picture in _replaced(pictures, plan.objects, store):
         raise _another(
             store, f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
         )
     write_truth(pictures, store.folder)
+    store.computes_with(versions())
     store.set_about("identity", identity)
     before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
     store.set_about(
@@ -119,6 +120,7 @@ def open_run(
                 "count": len(pictures),
                 "labelled": pictures.labelled,
                 "notes": list(pictures.notes),
+                "chosen": pictures.chosen,
             },
             "seed": plan.seed,
             "grey_anchor": plan.grey_anchor,
@@ -153,20 +155,21 @@ def _cameras(held: dict[str, Any], asked: dict[str, Any]) -> str:
     return f"camera ({', '.join(name for name in held if held[name] != asked.get(name))})"
 
 
-def computed_by(store: Store) -> dict[str, str]:
-    """Versions of the software that computed the run."""
-    found: dict[str, str] = (store.about("manifest") or {}).get("versions", {})
-    return found
+def computed_by(store: Store) -> list[Mapping[str, str]]:
+    """Versions of the software that computed the run's cells; where these state none, the run's own."""
+    return [*store.software().values()] or [(store.about("manifest") or {}).get("versions", {})]
 
 
-def other_software(held: Mapping[str, str], asked: Mapping[str, str]) -> str | None:
+def other_software(held: Sequence[Mapping[str, str]], asked: Sequence[Mapping[str, str]]) -> str | None:
     """'software' with the versions that differ; None where none do. What an old run does not say is not compared."""
-    both = [
-        f"{name} {held[name]} there, {asked[name]} here"
-        for name in held
-        if held[name] != asked.get(name, held[name])
-    ]
-    return f"software ({', '.join(both)})" if both else None
+    told = {
+        f"{name} {version} there, {other[name]} here": None
+        for one in held
+        for other in asked
+        for name, version in one.items()
+        if version != other.get(name, version)
+    }
+    return f"software ({', '.join(told)})" if told else None
 
 
 def _another(store: Store, what: str) -> StoreError:
@@ -273,6 +276,7 @@ def read_run(
         "withheld_models": unfit,
     }
     manifest["plan"] = store.about("identity")["plan"]
+    manifest["software"] = store.software()
     manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
     if not manifest["images"]["labelled"]:
         manifest["targets_found"] = queries.labels_when_clean(store)

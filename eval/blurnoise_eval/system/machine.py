@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
+from functools import cache
 from importlib import metadata
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +25,21 @@ def hardware() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages on which the bits of a result depend."""
-    return {name: metadata.version(name) for name in _PACKAGES}
+    """Versions of the packages on which the bits of a result depend; of blurnoise its sources, too, see
+    :func:`sources`."""
+    return {**{name: metadata.version(name) for name in _PACKAGES}, "sources": sources()}
+
+
+@cache
+def sources() -> str:
+    """What tells two commits of one version apart: a hash of the Python files of simulator and harness."""
+    digest = hashlib.blake2b(digest_size=6)
+    for package in ("blurnoise", "blurnoise_eval"):
+        folder = Path(str(files(package)))
+        for file in sorted(folder.rglob("*.py")):
+            text = file.read_bytes().replace(b"\r\n", b"\n")
+            digest.update(f"{package} {file.relative_to(folder).as_posix()} {len(text)}\n".encode() + text)
+    return digest.hexdigest()
 
 
 def usable_cores() -> int:

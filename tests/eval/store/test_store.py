@@ -38,7 +38,7 @@ def test_cells_and_detections_come_back(tmp_path: Path) -> None:
         with pytest.raises(KeyError):
             store.detections("cell0", "another")
         cells = list(store.cells())
-        assert cells[0] == result(0, detections=found).cell
+        assert cells[0] == {**result(0, detections=found).cell, "computed_by": None}
         assert list(store.targets())[1] == result(1).targets[0]
 
 

@@ -146,6 +146,25 @@ def test_another_picture_under_a_name_is_refused(tmp_path: Path) -> None:
         merge([tmp_path / "0", tmp_path / "1"], tmp_path / "run")
 
 
+def test_other_choices_of_targets_over_other_pictures_are_refused(tmp_path: Path) -> None:
+    for name, labels in (("a", ("stop sign",)), ("b", ()), ("c", ("stop sign",))):
+        (tmp_path / name).mkdir()
+        cv2.imwrite(str(tmp_path / name / f"{name}.png"), np.zeros((80, 90, 3), np.uint8))
+        box = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [20, 20, 40, 40]}
+        known = [{"id": 1, "name": "stop sign"}, {"id": 2, "name": "car"}]
+        listed = {
+            "images": [{"id": 1, "file_name": f"{name}.png"}],
+            "categories": known,
+            "annotations": [box],
+        }
+        (tmp_path / name / "labels.json").write_text(json.dumps(listed))
+        found = datasets.coco(tmp_path / name / "labels.json", labels=labels)
+        evaluate(pictures=found, plan=PLAN, output=tmp_path / f"run-{name}", threads=1)
+    with pytest.raises(StoreError, match=r"in choice of targets \(stop sign there, all here\)"):
+        merge([tmp_path / "run-a", tmp_path / "run-b"], tmp_path / "run")
+    assert merge([tmp_path / "run-a", tmp_path / "run-c"], tmp_path / "run").pictures == 2
+
+
 @pytest.mark.slow
 def test_what_is_there_stays(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["merge", str(runs / "1"), "-o", str(runs / "2")]) == 2

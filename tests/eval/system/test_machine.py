@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from blurnoise_eval.system import machine
 from blurnoise_eval.system.machine import hardware, is_out_of_memory, usable_cores
 
 
@@ -32,3 +34,14 @@ def test_who_lacks_memory_is_understood() -> None:
             allocate((1 << 28, 1 << 28))
         assert is_out_of_memory(raised.value)
     assert not is_out_of_memory(RuntimeError("some other fault"))
+
+
+def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "files", lambda package: tmp_path)
+    (tmp_path / "below").mkdir()
+    found = []
+    for text in (b"a = 1\n", b"a = 1\r\n", b"a = 2\n"):
+        (tmp_path / "below" / "code.py").write_bytes(text)
+        found.append(machine.sources.__wrapped__())
+    assert found[0] == found[1] != found[2]
+    assert found[0] != machine.versions()["sources"]
