@@ -52,6 +52,7 @@ def test_no_motion_is_the_picture_itself() -> None:
 @settings(max_examples=40, deadline=None)
 @given(MOTIONS, st.sampled_from(OURS))
 @example((0.0, 0.3), "transfer")
+@example((-30.0, 0.0009), "transfer")
 @example((21.213203, 21.213204), "tiles")
 def test_flux_centroid_and_spread_of_a_spot(motion: tuple[float, float], method: Method) -> None:
     """A spot is stretched along the line itself: sum and centroid kept, covariance + d d^T / 12, every sign."""

@@ -207,14 +207,29 @@ def test_black_beyond_the_border_begins_alike_on_all_sides(
     assert float((seen - exact).abs().max()) < 0.08
 
 
-@pytest.mark.parametrize("length_px", [0.2, 0.5, 0.7, 1.5])
-def test_it_is_no_worse_than_no_blur(length_px: float) -> None:
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0])
+@pytest.mark.parametrize("length_px", [0.05, 0.2, 0.5, 0.7, 1.5, 2.0])
+def test_short_paths_are_worth_their_blur(length_px: float, angle_deg: float) -> None:
     """Of a picture whose power falls with the frequency as a photograph's, f^-2, against the transfer function."""
     f = torch.fft.fftfreq(128, dtype=torch.float64)
     noise = torch.fft.fft2(torch.randn(128, 128, generator=torch.Generator().manual_seed(3)).double())
     image = torch.fft.ifft2(noise / torch.hypot(f[:, None], f).clamp_min(1 / 128)).real
     image = ((image - image.min()) / (image.max() - image.min())).float()[None, None]
-    flow = torch.tensor([length_px, 0.0])[:, None, None].expand(2, 128, 128)
-    truth = motion_blur(image, (length_px, 0.0), border="circular", method="transfer")
-    off = float((flow_blur(image, flow, border="circular") - truth).square().mean())
-    assert off <= float((image - truth).square().mean())
+    along = length_px * math.cos(math.radians(angle_deg)), length_px * math.sin(math.radians(angle_deg))
+    truth = motion_blur(image, along, border="circular", method="transfer")
+    off = float((flow_blur(image, uniform(*along, image), border="circular") - truth).square().mean())
+    assert off <= (0.8 if angle_deg else 0.3) ** 2 * float((image - truth).square().mean())
+
+
+@pytest.mark.parametrize("longest_px", [0.0, 3.0, 9.0, 20.0])
+@pytest.mark.parametrize("length_px", [0.1, 0.6, 1.3, 2.0, 5.3])
+def test_a_spot_spreads_by_the_variance_of_its_path(length_px: float, longest_px: float) -> None:
+    """L^2 / 12, also where others of its band move by more, and no more than 0.002 px^2 across it."""
+    away = torch.arange(61, dtype=torch.float64) - 30
+    spot = torch.exp(-(away[:, None] ** 2 + away**2) / 8)[None, None].float()
+    flow = uniform(length_px, 0.0, spot).clone()
+    flow[0, :, :2] = max(longest_px, length_px)
+    for seen in (flow_blur(spot, flow), flow_blur(spot.double(), flow.double())):
+        share = seen[0, 0].double() / seen.sum()
+        assert float((share * away**2).sum()) - 4 == pytest.approx(length_px**2 / 12, abs=2e-3)
+        assert float((share * away[:, None] ** 2).sum()) - 4 == pytest.approx(0.0, abs=2e-3)
