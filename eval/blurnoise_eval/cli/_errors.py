@@ -30,6 +30,7 @@ _SPOKEN: tuple[tuple[str, str, float], ...] = (
     ("speed_px_s", "--speed", 1.0),
     ("frame_rate_hz", "--frame-rate", 1.0),
     ("frame_rate_hz", "--fps", 1.0),
+    ("timeout_s", "--model-timeout-s", 1.0),
     ("gain_max_db", "--most-gain-db", 1.0),
 )
 """The library's name, the option for it, and how much of the library's unit one of the option's is."""

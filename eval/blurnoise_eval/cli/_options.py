@@ -25,6 +25,7 @@ FAMILIES = (
     "mmdeploy", "nanodet", "nanodetplus", "fastestdet", "yolofastestv2", "anchors", "torchvision", "tfod", "ppocr",
 )  # fmt: skip
 MATTES = ("auto", "segmentation", "grabcut", "box")
+MODEL_TIMEOUT_S = 60.0
 ENGINE_NAMES = ("threads", "processes", "ray")
 BOXES = ("object", "half", "swept")
 SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
@@ -272,6 +273,9 @@ CacheGb = Annotated[
         help="of pictures and models read by URL, how much this machine keeps (default: BLURNOISE_CACHE_GB, else 5; "
         "in BLURNOISE_CACHE, else ~/.cache/blurnoise)",
     ),
+]
+ModelTimeout = Annotated[
+    float, Option(metavar="S", help="how long loading a model, and its first answer, may take")
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
 

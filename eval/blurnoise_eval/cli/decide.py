@@ -33,8 +33,8 @@ from blurnoise_eval.grid.axes import EGO, EXPOSURE
 _asked = partial(Option, rich_help_panel="What is asked; LIST is 1,5,10 or start:stop:step, RANGE low:high")
 _stops = partial(Option, rich_help_panel="When it is enough")
 _SUBJECT = (
-    "model", "contract", "ocr", "dictionary", "text_detector", "images", "coco", "yolo", "split", "bdd", "text",
-    "target", "keep_empty", "limit", "max_megapixels",
+    "model", "contract", "ocr", "dictionary", "text_detector", "model_timeout_s", "images", "coco", "yolo",
+    "split", "bdd", "text", "target", "keep_empty", "limit", "max_megapixels",
 )  # fmt: skip
 _VEHICLE = ("height_m", "pitch_deg", "heading_deg", "plane_m", "hfov_deg", "lens", "yaw_deg_s")
 

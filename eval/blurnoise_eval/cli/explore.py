@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options
+from blurnoise_eval.cli._options import MODEL_TIMEOUT_S, CameraName, Grid, Json, ModelTimeout, axis_options
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.terminal import say
 
@@ -47,6 +47,7 @@ def explore(
             help="a detector or text recogniser (default: the built-in detector, or the run's first)",
         ),
     ] = None,
+    model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     camera: CameraName = None,
     figure: Annotated[
         list[str] | None,
@@ -80,7 +81,9 @@ def explore(
     """
     if output is None and not _installed():
         raise ValueError(_EXTRA)
-    shelf, state = _asked(where, sign, cell, picture, images, trust, model, camera, figure or [], grid, seed)
+    shelf, state = _asked(
+        where, sign, cell, picture, images, trust, model, model_timeout_s, camera, figure or [], grid, seed
+    )
     if output is not None:
         _write(shelf, state, output, as_json)
         return
@@ -110,6 +113,7 @@ def _asked(
     images: Path | None,
     trust: bool,
     model: str | None,
+    timeout_s: float,
     camera: str | None,
     figures: list[str],
     grid: Grid,
@@ -141,7 +145,11 @@ def _asked(
         raise ValueError("sign: goes without a picture or a run")
     opened = model not in (None, NO_MODEL, BUILT_IN)
     shelf = Shelf(
-        STOP_SIGN, image=None if is_run else where, run=run, model=Path(str(model)) if opened else None
+        STOP_SIGN,
+        image=None if is_run else where,
+        run=run,
+        model=Path(str(model)) if opened else None,
+        timeout_s=timeout_s,
     )
     shown: dict[str, Any] = {"picture": "given-picture" if where else f"sign-{1 if sign is None else sign}"}
     shown["model"] = "given-model" if opened else model or BUILT_IN

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from blurnoise_eval.cli._options import MODEL_TIMEOUT_S
+
 if TYPE_CHECKING:
     from torch import Tensor
 
@@ -234,6 +236,7 @@ def models(
     ocr: Literal["crop", "find"] | None = None,
     dictionary: Location | None = None,
     text_detector: Location | None = None,
+    timeout_s: float = MODEL_TIMEOUT_S,
 ) -> list[Model]:
     """The user's detectors and text recognisers, or the built-in detector. Equal names get a number.
 
@@ -251,7 +254,8 @@ def models(
         finder, recogniser = _packaged()
         paths, text_detector = [recogniser], finder if ocr == "find" else None
     stated: list[str | None] = [*contracts] or [None]
-    return list(open_models(paths or [STOP_SIGN], stated, dictionary=dictionary, text_detector=text_detector))
+    further: Any = {"dictionary": dictionary, "text_detector": text_detector, "timeout_s": timeout_s}
+    return list(open_models(paths or [STOP_SIGN], stated, **further))
 
 
 def _packaged() -> tuple[Path, Path]:
@@ -338,11 +342,19 @@ def subject(
     ocr: Literal["crop", "find"] | None,
     dictionary: Location | None,
     text_detector: Location | None,
+    model_timeout_s: float,
     target: Sequence[str] | None,
     **sets: Any,
 ) -> tuple[list[Model], PictureSet]:
     """Models and pictures as a sweep's options name them; sets: the other arguments of :func:`pictures`."""
-    opened = models(model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector)
+    opened = models(
+        model or (),
+        contract or (),
+        ocr=ocr,
+        dictionary=dictionary,
+        text_detector=text_detector,
+        timeout_s=model_timeout_s,
+    )
     return opened, pictures(targets=target or (), reads=read(opened), **sets)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import FAMILIES, Json, one_of
+from blurnoise_eval.cli._options import FAMILIES, MODEL_TIMEOUT_S, Json, ModelTimeout, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
 from blurnoise_eval.system.layout import table_lines
 from blurnoise_eval.system.storage import Location, location
@@ -60,6 +60,7 @@ def inspect(
             "finds it)",
         ),
     ] = None,
+    model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     as_json: Json = False,
 ) -> None:
     """Show a model's inputs, outputs and metadata, the family it belongs to and why, every
@@ -86,21 +87,21 @@ def inspect(
     if output and not probe:
         raise ValueError("output: goes with --probe, whose picture it shows")
     from blurnoise_eval.detectors.contract import contract_document
-    from blurnoise_eval.detectors.detector import open_session
     from blurnoise_eval.detectors.model_files import fetched
     from blurnoise_eval.detectors.ocr import is_recogniser
+    from blurnoise_eval.detectors.session import Session
     from blurnoise_eval.system.files import write_whole
 
     probed = _pictures(probe) if probe else []
     named, model = model, fetched(model)
-    session = open_session(model)
+    session = Session(model, timeout_s=model_timeout_s).bare
     reads = contract == "ppocr" or is_recogniser(model)
     if reads and (output or save_contract is not None):
         name = "output: nothing is drawn" if output else "save-contract: none is written"
         raise ValueError(f"{name} for a text recogniser")
     kept = None if save_contract is None else _contract_file(save_contract, named)
     look = _look_at_reader if reads else _look_at_detector
-    network, facts, found = look(model, contract, probed, output)
+    network, facts, found = look(model, contract, model_timeout_s, probed, output)
     read_by: Any = network.contract
     if kept is not None:
         write_whole(kept, (json.dumps(contract_document(read_by), indent=1) + "\n").encode())
@@ -154,6 +155,7 @@ def _contract_file(stated: str, model: Location) -> Path:
 def _look_at_detector(
     model: Path,
     contract: str | None,
+    timeout_s: float,
     probed: list[tuple[Location, NDArray[np.uint8]]],
     output: Path | None,
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
@@ -164,7 +166,7 @@ def _look_at_detector(
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.formats import probe as drawn
 
-    detector = Detector(model, contract=contract)
+    detector = Detector(model, contract=contract, timeout_s=timeout_s)
     facts: dict[str, Any] = {
         "recognised": _recognised(detector),
         "unknown": [detector.family.UNKNOWN] if detector.family.UNKNOWN else [],
@@ -189,13 +191,14 @@ def _look_at_detector(
 def _look_at_reader(
     model: Path,
     contract: str | None,
+    timeout_s: float,
     probed: list[tuple[Location, NDArray[np.uint8]]],
     _output: Path | None,
 ) -> tuple[Recogniser, dict[str, Any], dict[str, Any] | None]:
     """The text recogniser, what is known of it, and what it reads in the first picture, taken as one line of text."""
     from blurnoise_eval.detectors.ocr import Recogniser
 
-    recogniser = Recogniser(model, contract=contract)
+    recogniser = Recogniser(model, contract=contract, timeout_s=timeout_s)
     why = "graph: one picture in, a row of class probabilities per step out"
     facts: dict[str, Any] = {"recognised": why, "unknown": [], "warnings": []}
     if not probed:

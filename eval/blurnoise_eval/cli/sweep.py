@@ -11,6 +11,7 @@ from blurnoise_eval.cli import given, vehicle
 from blurnoise_eval.cli._options import (
     ENGINE_NAMES,
     FAMILIES,
+    MODEL_TIMEOUT_S,
     Address,
     Boxes,
     CacheGb,
@@ -22,6 +23,7 @@ from blurnoise_eval.cli._options import (
     Json,
     Mains,
     Mattes,
+    ModelTimeout,
     ObjectKmh,
     ObjectM,
     ObjectSpeed,
@@ -85,6 +87,7 @@ def sweep(
             help="find text with this (PP-OCR's) before it is read; without it the known boxes are read",
         ),
     ] = None,
+    model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     images: Annotated[
         Location | None,
         _what(
@@ -212,7 +215,12 @@ def sweep(
         Part.parse(part)
     workers = threads if address else given.threads(threads)
     models = given.models(  # before a folder is made
-        model or (), contract or (), ocr=ocr, dictionary=dictionary, text_detector=text_detector
+        model or (),
+        contract or (),
+        ocr=ocr,
+        dictionary=dictionary,
+        text_detector=text_detector,
+        timeout_s=model_timeout_s,
     )
     pictures = given.pictures(
         images=images,

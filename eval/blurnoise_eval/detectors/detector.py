@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError, exported_fields, stated_contract
@@ -23,6 +22,7 @@ from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
 from blurnoise_eval.detectors.model_files import external_files, fetched, fetched_file
 from blurnoise_eval.detectors.non_finite import NonFinite
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.session import TIMEOUT_S, Session
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.storage import Location, is_url
 
@@ -40,8 +40,9 @@ class Detector:
 
     ``contract``: a :class:`Contract`, a contract file or the name of a preset; None looks beside the model
     and into its metadata, then recognises the family from the graph (see ``contract.assumptions``).
-    ``threads``: cores that one inference may use. Raises :class:`ModelError` for a file that is no model, a
-    graph of no known family, or a contract that does not fit it.
+    ``threads``: cores that one inference may use. ``timeout_s``: how long loading and the first answer may take.
+    Raises :class:`ModelError` for a file that is no model, a graph of no known family, or a contract that does not
+    fit it, ``TimeoutError``.
 
     Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of its files, ``contract``,
     ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
@@ -50,22 +51,28 @@ class Detector:
     """
 
     def __init__(
-        self, path: str | Location, *, contract: Contract | str | Path | None = None, threads: int = 1
+        self,
+        path: str | Location,
+        *,
+        contract: Contract | str | Path | None = None,
+        threads: int = 1,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
-        self._opened_again = partial(Detector, path, contract=contract, threads=threads)
+        self._opened_again = partial(Detector, path, contract=contract, threads=threads, timeout_s=timeout_s)
         self.path = fetched(path)
         contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
         self.name = self.path.stem
-        self.session = open_session(self.path, threads)
+        self._session = Session(self.path, threads, timeout_s)
+        self.session = self._session.bare
         self.sha256 = model_sha256(self.path)
         metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         stated = stated_contract(self.path, metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
-        signature = read_signature(self.session, metadata, size_px or _PROBE_SIZE_PX)
+        signature = read_signature(self._session, metadata, size_px or _PROBE_SIZE_PX)
         self.family, self.contract, layout = resolve(self.path, signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            signature = read_signature(self.session, metadata, self.input_size_px)
+            signature = read_signature(self._session, metadata, self.input_size_px)
             layout = resolve(self.path, signature, self.contract)[2]
         image_input = signature.inputs[0]
         self._input_name = image_input.name
@@ -102,6 +109,10 @@ class Detector:
         """Those of the calling thread."""
         return self._non_finite.here
 
+    def interrupt(self) -> None:
+        """End the inferences that run, in other threads; the next ones run as before."""
+        self._session.interrupt()
+
     def prepare(
         self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None
     ) -> tuple[Blob, Placement]:
@@ -122,11 +133,8 @@ class Detector:
         A graph with a fixed larger batch gets the picture repeated; its first answer counts.
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
-        try:
-            feeds = {self._input_name: np.ascontiguousarray(feed, self._dtype), **self._extras}
-            outputs = self.session.run(self._outputs, feeds)
-        except Exception as error:  # onnxruntime's exceptions share no base class of their own
-            raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
+        feeds = {self._input_name: np.ascontiguousarray(feed, self._dtype), **self._extras}
+        outputs = self._session.run(self._outputs, feeds)
         alone = (output if output.ndim < 3 else output[:1] for output in outputs)
         return [output.astype(np.float32, copy=False) for output in alone]
 
@@ -228,63 +236,6 @@ class Detector:
         )
         if count:
             self._non_finite.add(count, stacklevel=3)
-
-
-def open_session(path: Path, threads: int = 1) -> ort.InferenceSession:
-    """Return a CPU session on ``threads`` cores that never waits by spinning.
-
-    Raises :class:`ModelError`, in one line, for a file that is missing, empty, text, a web page, a git-lfs
-    pointer, damaged, too new, or without its external data.
-    """
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
-        raise ValueError(f"threads = {threads!r}: must be an integer >= 1")
-    if problem := _not_a_model(path):
-        raise ModelError(f"{path}: {problem}")
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    try:
-        return ort.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's exceptions share no base class of their own
-        raise ModelError(f"{path}: {_load_problem(path, error)}") from None
-
-
-def _not_a_model(path: Path) -> str | None:
-    """What the file is instead of a model, from its first bytes; None if it may be one."""
-    if not path.is_file():
-        if path.is_dir():
-            return "is a folder, not a model file"
-        return "a device or pipe, no file" if path.exists() else "no such file"
-    with path.open("rb") as file:
-        head = file.read(1024)
-    if not head.strip():
-        return "the file is empty"
-    if head.startswith(b"version https://git-lfs"):
-        return "is a git-lfs pointer, not the model: fetch it with `git lfs pull`"
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith((b"<!doctype", b"<html", b"<?xml", b"<head")):
-        return "is a web page, not a model: the download saved a page instead of the file"
-    if all(byte in b"\t\n\r\f" or byte >= 32 for byte in head):
-        return f"is a text file, not a model; it begins {head[:30]!r}"
-    return None
-
-
-def _load_problem(path: Path, error: Exception) -> str:
-    """Why onnxruntime refused the file, in one line."""
-    reason = " ".join(str(error).split())
-    try:
-        model = onnx.load(str(path), load_external_data=False)
-    except Exception:  # protobuf's DecodeError, without importing protobuf
-        return f"is not an ONNX model, or a damaged one ({reason[:200]})"
-    if "IR version" in reason:
-        return (
-            f"has IR version {model.ir_version}, newer than onnxruntime {ort.__version__} reads: "
-            f"update onnxruntime or export again ({reason[:200]})"
-        )
-    if missing := [name for name in external_files(model) if not (path.parent / name).is_file()]:
-        return f"its weights are in {', '.join(missing)}, which must lie beside it and does not"
-    return f"onnxruntime cannot load it: {reason[:300]}"
 
 
 def model_sha256(path: Path) -> str:

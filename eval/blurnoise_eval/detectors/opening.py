@@ -8,6 +8,7 @@ from itertools import count
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import fetched, named_as
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.system.storage import Location
 
 Opened = Detector | Recogniser | TextSpotter
@@ -19,13 +20,14 @@ def open_models(
     *,
     dictionary: Location | None = None,
     text_detector: Location | None = None,
+    timeout_s: float = TIMEOUT_S,
 ) -> list[Opened]:
     """The models of the files, in their order. Equal names get a number.
 
     contracts: one for all, or one for each; files or presets. dictionary: a recogniser's characters.
-    text_detector: finds the text that is read; without it known boxes are read. Raises ``ValueError`` where
-    detectors and recognisers are named together: their targets differ; and
-    :class:`~blurnoise_eval.detectors.contract.ModelError`.
+    text_detector: finds the text that is read; without it known boxes are read. timeout_s: how long loading a model,
+    and its first answer, may take. Raises ``ValueError`` where detectors and recognisers are named together: their
+    targets differ; :class:`~blurnoise_eval.detectors.contract.ModelError`, ``TimeoutError``.
     """
     if len(contracts) not in (1, len(paths)):
         raise ValueError(
@@ -44,10 +46,12 @@ def open_models(
     for path, contract in zip(paths, contracts, strict=True):
         with named_as(path, fetched(path)):
             if not kinds[0]:
-                found.append(Detector(path, contract=contract))
+                found.append(Detector(path, contract=contract, timeout_s=timeout_s))
                 continue
-            recogniser = Recogniser(path, contract=contract, dictionary=dictionary)
-        found.append(TextSpotter(text_detector, recogniser) if text_detector else recogniser)
+            recogniser = Recogniser(path, contract=contract, dictionary=dictionary, timeout_s=timeout_s)
+        found.append(
+            TextSpotter(text_detector, recogniser, timeout_s=timeout_s) if text_detector else recogniser
+        )
     _tell_apart(found)
     return found
 

@@ -25,6 +25,7 @@ from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.contract import parse_contract
 from blurnoise_eval.detectors.detector import Detector, model_sha256
 from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.grid.axes import AXES, CORE, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import Objects
@@ -253,7 +254,7 @@ class Run:
         found: PictureSet = opener(where, **({"images": folder} if folder else {}))
         return found
 
-    def model(self, name: str) -> Model:
+    def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Model:
         """A model of the run, opened again; the built-in one wherever that lay then. Raises ``ValueError`` where its
         file is gone or another."""
         from blurnoise_models.detector import STOP_SIGN
@@ -268,9 +269,11 @@ class Run:
         if model_sha256(path) != told["sha256"]:
             raise ValueError(f"model = {told['file']!r}: is not what it was when the run was computed")
         opened: Model = (
-            Detector(path, contract=parse_contract(told["contract"], "the run's contract"))
+            Detector(
+                path, contract=parse_contract(told["contract"], "the run's contract"), timeout_s=timeout_s
+            )
             if told.get("kind") == "detector"
-            else open_models([path])[0]
+            else open_models([path], timeout_s=timeout_s)[0]
         )
         return opened
 

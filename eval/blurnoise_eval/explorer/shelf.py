@@ -28,6 +28,7 @@ from blurnoise.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector, model_sha256
 from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.looking import OWN, Subject
 from blurnoise_eval.explorer.run_answer import answer_of
@@ -62,15 +63,21 @@ class _Item:
 
 class Shelf:
     """run: what is explored, or image; models, camera: files that were named at the start. built_in: the model
-    that is there without any. visitor: whose uploads it shows."""
+    that is there without any. timeout_s: of a model's first answer. visitor: whose uploads it shows."""
 
     visitor = ""
 
     def __init__(
-        self, built_in: Path, *, image: Path | None = None, run: Run | None = None, model: Path | None = None
+        self,
+        built_in: Path,
+        *,
+        image: Path | None = None,
+        run: Run | None = None,
+        model: Path | None = None,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
         self.run = run
-        self._built_in = built_in
+        self._built_in, self._timeout_s = built_in, timeout_s
         self._folders: list[Path] = []  # of uploads: none, or one
         self._lock = threading.RLock()
         self._signs = rendered_signs()
@@ -83,7 +90,7 @@ class Shelf:
             picture_of_file(image).load()
             self._place("picture", "given-picture", _Item(image, image.name, str(image)))
         if model is not None:
-            open_models([model])
+            open_models([model], timeout_s=timeout_s)
             self._place("model", "given-model", _Item(model, model.stem, str(model)))
 
     def of(self, visitor: str) -> Shelf:
@@ -151,9 +158,9 @@ class Shelf:
         if name.startswith(f"{OF_RUN}/") and self.run:
             of_run, own = self.run, name.removeprefix(f"{OF_RUN}/")
             if own in of_run.models:
-                return self._once(("model", name), partial(of_run.model, own), 6)
+                return self._once(("model", name), partial(of_run.model, own, self._timeout_s), 6)
         path = self._built_in if name == BUILT_IN else self._item("model", name).path
-        return self._once(("model", name), lambda: open_models([path])[0], 6)
+        return self._once(("model", name), lambda: open_models([path], timeout_s=self._timeout_s)[0], 6)
 
     def criterion(self, state: State, model: Model | None) -> Criterion:
         """What is enough of a picture: the run's own, or a share of what the model reaches in the original."""
@@ -288,7 +295,11 @@ class Shelf:
             return self._folders[0]
 
     def close(self) -> None:
-        """Remove what was uploaded."""
+        """End the inferences that run, and remove what was uploaded."""
+        with self._lock:
+            models = [found for (kind, _), found in self._opened.items() if kind == "model"]
+        for model in models:
+            model.interrupt()
         for folder in self._folders:
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import signal
 from collections.abc import Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from blurnoise_eval.sweep import worker_process
 from blurnoise_eval.sweep.blocks import Block
@@ -67,16 +71,22 @@ class _Process:
     def __init__(self, work: bytes) -> None:
         spawn = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(1, spawn, worker_process.begin)
+        self._pid = self._pool.submit(os.getpid)
         self.opened: Future[None] = self._pool.submit(worker_process.open_pickled, work)
+        self._last: Future[Any] = self.opened
 
     def compute(self, block: Block) -> Future[Told]:
         data = pickled(_NAME, f"picture {block.picture.name!r}", block)
         try:
-            return self._pool.submit(worker_process.compute, data)
+            self._last = told = self._pool.submit(worker_process.compute, data)
+            return told
         except BrokenProcessPool as error:  # found out only now
             dead = Future[Told]()
             dead.set_exception(error)
             return dead
 
     def dismiss(self) -> None:
+        if not self._last.done():  # nobody waits for it
+            with suppress(Exception):  # it has died, or never began
+                os.kill(self._pid.result(), signal.SIGTERM)
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -14,6 +14,7 @@ from blurnoise_eval.sweep.flight import IN_FLIGHT, Answers
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.threads import limited_threads
 
+_POLL_S = 0.2
 _PICTURES_HELD = 2  # beside one for each thread: the next is prepared before the last one is done
 
 
@@ -44,7 +45,11 @@ class ThreadEngine:
                 while flying:
                     yield from _landed(flying)
             finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+                pool.shutdown(wait=False, cancel_futures=True)
+                while running := [each for each in flying if not each.done()]:  # closed early
+                    worker.interrupt()
+                    wait(running, _POLL_S)
+                pool.shutdown(wait=True)
 
 
 def _landed(

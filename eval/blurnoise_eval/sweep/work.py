@@ -75,6 +75,7 @@ class Worker:
         self._work, self._held = work, pictures_held
         self._prepared: OrderedDict[str, Future[PreparedPicture]] = OrderedDict()
         self._lock = threading.Lock()
+        self._interrupted = False
 
     def compute(self, block: Block) -> list[CellResult]:
         """Simulate each cell's picture and ask every model: one result per cell and model.
@@ -84,6 +85,13 @@ class Worker:
         """
         return list(self._results(self._picture(block.picture), block))
 
+    def interrupt(self) -> None:
+        """End what is being computed, in other threads; it is not asked again."""
+        self._interrupted = True
+        for model in self._work.models:
+            if hasattr(model, "interrupt"):  # a reader of somebody else may have none
+                model.interrupt()
+
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
         camera = self._work.camera
         taken = self._work.auto_exposure, self._work.path, self._work.ego
@@ -92,6 +100,8 @@ class Worker:
             example = _example_path(frame.cell) if kept else None
             png = encode(frame.image) if kept else None
             for each in prepared.views:
+                if self._interrupted:
+                    raise InterruptedError(block.picture.name)
                 sight = (
                     each.clean
                     if frame.cell.conditions is None

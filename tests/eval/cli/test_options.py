@@ -12,9 +12,10 @@ from typing import Annotated, Any
 import pytest
 from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
 from blurnoise_eval.cli._help import USUAL
-from blurnoise_eval.cli._options import CAMERAS, ENGINE_NAMES, FAMILIES, Grid, axis_options
+from blurnoise_eval.cli._options import CAMERAS, ENGINE_NAMES, FAMILIES, MODEL_TIMEOUT_S, Grid, axis_options
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors import formats
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.grid import conditions
 from blurnoise_eval.grid.axes import AXES, axis
 from blurnoise_eval.sweep import evaluation
@@ -244,6 +245,7 @@ def test_ocr_may_stand_alone(
 
 def test_completion_knows_what_there_is() -> None:
     assert sorted(ENGINE_NAMES) == sorted(ENGINES)
+    assert MODEL_TIMEOUT_S == TIMEOUT_S
     assert sorted(CAMERAS) == sorted(PRESETS)
     assert sorted(FAMILIES) == sorted([*(family.NAME for family in formats.FAMILIES), "ppocr"])
 

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import onnxruntime as ort
 
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.formats.candidates import FloatArray
@@ -20,18 +19,19 @@ from blurnoise_eval.detectors.formats.signature import (
     check_input,
     extra_feeds,
 )
+from blurnoise_eval.detectors.session import Session
 
 
-def read_signature(
-    session: ort.InferenceSession, metadata: Mapping[str, str], size_px: tuple[int, int]
-) -> Signature:
+def read_signature(session: Session, metadata: Mapping[str, str], size_px: tuple[int, int]) -> Signature:
     """Return the graph's signature.
 
     ``size_px``: the picture's (height, width) where the graph leaves it open. Raises :class:`ModelError` for
     a graph that leaves it open and fails at that size.
     """
-    inputs = sorted((_info(entry) for entry in session.get_inputs()), key=lambda entry: entry.axes is None)
-    outputs = tuple(_info(entry) for entry in session.get_outputs())
+    inputs = sorted(
+        (_info(entry) for entry in session.bare.get_inputs()), key=lambda entry: entry.axes is None
+    )
+    outputs = tuple(_info(entry) for entry in session.bare.get_outputs())
     axes = inputs[0].axes if inputs else None
     if axes is None:
         return Signature(tuple(inputs), outputs, metadata, None)
@@ -51,7 +51,7 @@ def read_signature(
     if not fixed or not all(o.shape and all(isinstance(n, int) for n in o.shape[1:]) for o in outputs):
         try:
             measured: list[Shape] = [value.shape for value in answer(grey)]
-        except Exception as error:  # onnxruntime's exceptions share no base class of their own
+        except ModelError as error:
             raise ModelError(
                 f"the graph claims a dynamic size but fails on a picture of {height} x {width} px; "
                 f"state input_size_px in its contract ({' '.join(str(error).split())[:200]})"
@@ -65,7 +65,7 @@ def _info(entry: Any) -> TensorInfo:
 
 
 def _answer(
-    session: ort.InferenceSession, image: TensorInfo, batch: int, extras: dict[str, Any], blob: FloatArray
+    session: Session, image: TensorInfo, batch: int, extras: dict[str, Any], blob: FloatArray
 ) -> list[FloatArray]:
     feed = np.repeat(blob, batch, axis=0) if batch > 1 else blob
     found = session.run(None, {image.name: np.ascontiguousarray(feed, DTYPES[image.type]), **extras})

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.detector import model_sha256, open_session
+from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.signature import check_input
 from blurnoise_eval.detectors.non_finite import NonFinite
+from blurnoise_eval.detectors.session import TIMEOUT_S, Session
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
@@ -19,19 +20,20 @@ _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 class Network:
     """An ONNX graph [N, 3, H, W] to one output. One instance serves any number of threads.
 
-    ``threads``: cores that one inference may use. Raises :class:`ModelError` for a file that is no model or a
-    graph of another form.
+    ``threads``: cores that one inference may use. ``timeout_s``: how long loading and the first answer may take.
+    Raises :class:`ModelError` for a file that is no model or a graph of another form, ``TimeoutError``.
 
     Attributes: ``path``, ``sha256`` of its files, ``metadata``, ``height_px`` and ``width_px`` of the input,
     None where dynamic, ``non_finite``: NaN and infinite output values seen so far.
     """
 
-    def __init__(self, path: str | Path, threads: int = 1) -> None:
+    def __init__(self, path: str | Path, threads: int = 1, timeout_s: float = TIMEOUT_S) -> None:
         self.path = Path(path)
-        self._session = open_session(self.path, threads)
+        self._session = Session(self.path, threads, timeout_s)
+        session = self._session.bare
         self.sha256 = model_sha256(self.path)
-        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
-        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        self.metadata: dict[str, str] = dict(session.get_modelmeta().custom_metadata_map)
+        inputs, outputs = session.get_inputs(), session.get_outputs()
         shape, kind = (inputs[0].shape, inputs[0].type) if inputs else ([], "no tensor")
         if len(inputs) != 1 or len(outputs) != 1 or len(shape) != 4 or shape[1] != 3 or kind not in _DTYPES:
             tensors = ", ".join(f"{t.name!r} {t.shape} {t.type}" for t in [*inputs, *outputs])
@@ -46,6 +48,10 @@ class Network:
         self._input_name, self._dtype = inputs[0].name, _DTYPES[kind]
         self.non_finite = NonFinite(self.path.name)
 
+    def interrupt(self) -> None:
+        """End the inferences that run, in other threads; the next ones run as before."""
+        self._session.interrupt()
+
     def run(self, blob: FloatArray) -> FloatArray:
         """Return the answer to one input (1, 3, H, W) as float32, without the batch axis.
 
@@ -53,10 +59,7 @@ class Network:
         values are counted, and warned of once. Raises :class:`ModelError` where the graph fails.
         """
         feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
-        try:
-            (output,) = self._session.run(None, {self._input_name: feed.astype(self._dtype, copy=False)})
-        except Exception as error:  # onnxruntime's exceptions share no base class of their own
-            raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
+        (output,) = self._session.run(None, {self._input_name: feed.astype(self._dtype, copy=False)})
         if output.ndim < 1 or len(output) != self._batch:
             raise ModelError(
                 f"{self.path.name}: answers {list(output.shape)} to {self._batch} picture(s): "

@@ -26,6 +26,7 @@ from blurnoise_eval.detectors.ocr.contract import (
 )
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
 from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.storage import Location, is_url
 
@@ -40,8 +41,8 @@ class Recogniser:
     ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model
     and into its metadata, then assumes PP-OCR's (see ``assumptions``). ``dictionary``: a file with a character
     a line; None takes the contract's, else the metadata's. ``threads``: cores that one inference may use.
-    Raises :class:`ModelError` for a file that is no recogniser, a contract that does not fit it, or a
-    dictionary of another length than its classes.
+    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
+    recogniser, a contract that does not fit it, or a dictionary of another length than its classes, ``TimeoutError``.
 
     Attributes: ``name`` (file name without suffix), ``path``, ``contract``, ``sha256`` of the file; where the
     dictionary is a file, of both.
@@ -54,15 +55,16 @@ class Recogniser:
         contract: TextContract | Given | None = None,
         dictionary: Location | None = None,
         threads: int = 1,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
         self._opened_again = partial(
-            Recogniser, path, contract=contract, dictionary=dictionary, threads=threads
+            Recogniser, path, contract=contract, dictionary=dictionary, threads=threads, timeout_s=timeout_s
         )
         self.path = fetched(path)
         contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
         dictionary = None if dictionary is None else fetched_file(dictionary)
         self.name = self.path.stem
-        self._network = Network(self.path, threads)
+        self._network = Network(self.path, threads, timeout_s)
         self.contract = _sized(self._network, contract)
         self.sha256 = self._network.sha256
         if dictionary is not None:
@@ -105,6 +107,10 @@ class Recogniser:
     def non_finite_values_here(self) -> int:
         """Those of the calling thread."""
         return self._network.non_finite.here
+
+    def interrupt(self) -> None:
+        """End the inferences that run, in other threads; the next ones run as before."""
+        self._network.interrupt()
 
     def prepare(self, crop: NDArray[np.uint8]) -> FloatArray:
         """Return the network's input (1, 3, H, W), float32, for an RGB crop (h, w, 3).

@@ -20,6 +20,7 @@ from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
 from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
 from blurnoise_eval.detectors.ocr.recogniser import Recogniser
 from blurnoise_eval.detectors.ocr.regions import Region, find_regions, straighten
+from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.system.storage import Location
 
 _STRIDE_PX = 32  # the network halves the picture five times
@@ -73,7 +74,8 @@ class TextSpotter:
 
     ``contract``: a :class:`RegionContract`, a mapping, a contract file or "db", for the detector; None looks
     beside it and into its metadata, then assumes PP-OCR's. ``threads``: cores that one inference may use.
-    Raises :class:`ModelError` for a file that is no such detector or a contract that does not fit it.
+    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
+    such detector or a contract that does not fit it, ``TimeoutError``.
 
     Attributes: ``name`` and ``sha256`` of both, ``path`` of the detector, ``recogniser``, ``contract``.
     """
@@ -85,11 +87,12 @@ class TextSpotter:
         *,
         contract: RegionContract | Given | None = None,
         threads: int = 1,
+        timeout_s: float = TIMEOUT_S,
     ) -> None:
         self._opened_again = partial(
-            TextSpotter, detection_path, recogniser, contract=contract, threads=threads
+            TextSpotter, detection_path, recogniser, contract=contract, threads=threads, timeout_s=timeout_s
         )
-        self._network = Network(fetched(detection_path), threads)
+        self._network = Network(fetched(detection_path), threads, timeout_s)
         self.recogniser = recogniser
         self.path = self._network.path
         self.name = f"{self.path.stem}+{recogniser.name}"
@@ -119,6 +122,11 @@ class TextSpotter:
     def non_finite_values_here(self) -> int:
         """Those of the calling thread."""
         return self._network.non_finite.here + self.recogniser.non_finite_values_here
+
+    def interrupt(self) -> None:
+        """End the inferences that run, in other threads; the next ones run as before."""
+        self._network.interrupt()
+        self.recogniser.interrupt()
 
     def spot(self, image: NDArray[np.uint8]) -> list[Spotted]:
         """Return the lines of text in an RGB picture (h, w, 3), uint8: row by row, each from the left."""

@@ -1,0 +1,123 @@
+"""Models that never answer: a time limit for loading and the first answer, and interrupts that reach native code."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.cli import main
+from blurnoise_eval.detectors.session import Session
+from endless_graphs import SIZE_PX, endless_below, endless_loading
+
+DARK = {"images": np.zeros((1, 3, SIZE_PX, SIZE_PX), np.float32)}
+BRIGHT = {"images": np.ones((1, 3, SIZE_PX, SIZE_PX), np.float32)}
+ONE_CONDITION = ["--lux", "50", "--exposure-ms", "5", "--dx", "0"]
+
+
+@pytest.fixture(scope="module")
+def endless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return endless_below(tmp_path_factory.mktemp("models") / "endless.onnx", 2.0)
+
+
+@pytest.mark.parametrize("threads", [0, 1])
+def test_the_first_answer_has_a_limit_on_every_thread(endless: Path, threads: int) -> None:
+    session = Session(endless, timeout_s=0.3)
+    with ThreadPoolExecutor(1) as pool, pytest.raises(TimeoutError, match=r"endless.onnx: .* 0.3 s"):
+        pool.submit(session.run, None, DARK).result() if threads else session.run(None, DARK)
+
+
+def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
+    session = Session(endless_below(tmp_path / "dark.onnx", 0.5), timeout_s=0.3)
+    session.run(None, BRIGHT)
+    with ThreadPoolExecutor(1) as pool:
+        asked = pool.submit(session.run, None, DARK)
+        time.sleep(0.6)
+        assert not asked.done()
+        session.interrupt()
+        with pytest.raises(InterruptedError, match=r"dark.onnx"):
+            asked.result()
+        assert pool.submit(session.run, None, BRIGHT).result()[0].shape == (1, 84, 8400)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+def test_an_interrupt_ends_an_inference_on_the_main_thread(endless: Path) -> None:
+    session = Session(endless)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    began_s = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        session.run(None, DARK)
+    assert time.monotonic() - began_s < 10
+
+
+@pytest.mark.parametrize("command", [["inspect"], ["explore", "-o", "seen.png", "--model"]])
+def test_commands_name_model_limit_and_option(
+    endless: Path,
+    command: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    endless.with_suffix(".contract.json").write_text('{"base": "yolov8"}')
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, str(endless), "--model-timeout-s", "0.3"]) == 2
+    told = capsys.readouterr().err
+    assert (
+        told
+        == "blurnoise: error: endless.onnx: gives no answer within 0.3 s; --model-timeout-s allows more\n"
+    )
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan"])
+def test_a_limit_is_above_0(endless: Path, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(endless), "--model-timeout-s", value]) == 2
+    assert "--model-timeout-s = " in (told := capsys.readouterr().err)
+    assert "must be finite and > 0" in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["threads", "processes"])
+def test_a_sweep_ends_with_the_first_answer_s_limit(
+    endless: Path, engine: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--model", str(endless), "--contract", "yolov8", "--model-timeout-s", "1", "--limit", "2"]
+    run = ["sweep", "-o", str(tmp_path / "run"), "--engine", engine, "--threads", "2"]
+    assert main([*run, *ONE_CONDITION, *asked]) == 2
+    assert "within 1 s; --model-timeout-s allows more" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_loading_has_a_limit(tmp_path: Path) -> None:
+    path = endless_loading(tmp_path / "folded.onnx")
+    asked = [sys.executable, "-m", "blurnoise_eval.cli", "inspect", str(path), "--model-timeout-s", "1"]
+    done = subprocess.run(asked, capture_output=True, text=True, timeout=100)
+    assert "folded.onnx: does not load within 1 s; --model-timeout-s allows more" in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("engine", ["threads", "processes"])
+def test_an_interrupt_ends_a_sweep_in_the_middle_of_a_later_answer(tmp_path: Path, engine: str) -> None:
+    model = endless_below(tmp_path / "dark.onnx", 0.25)
+    options = f"--contract yolov8 --lux 50 --exposure-ms 0.01 --dx 0 --gain 0 --limit 2 --threads 2 --engine {engine}"
+    where = ["--model", str(model), "-o", str(tmp_path / "run")]
+    asked = [sys.executable, "-m", "blurnoise_eval.cli", "sweep", *where, *options.split()]
+    process = subprocess.Popen(asked, stderr=subprocess.PIPE, start_new_session=True, text=True)
+    try:
+        with pytest.raises(subprocess.TimeoutExpired):  # until then workers have begun, and answer no more
+            process.wait(timeout=40)
+        os.killpg(process.pid, signal.SIGINT)
+        _, told = process.communicate(timeout=30)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130
+    assert told.endswith("blurnoise: interrupted; what was finished is kept\n")
