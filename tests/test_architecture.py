@@ -33,7 +33,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"radiometry", "blur"},
         {"operating_point"},
         {"light", "sensor", "picture"},
-        {"moments", "error_budget"},
+        {"error_budget"},
         {"exposure"},
         {"simulation"},
         {"augment", "augment_torchvision"},

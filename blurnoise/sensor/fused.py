@@ -2,19 +2,16 @@
 
 Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache
 through all its steps. The physics stands in :mod:`blurnoise.sensor.stages`, whose reference gives the same frame to
-a rounding step; :func:`supports` says which stages are in here. Two ways give the same bits: that of
-:mod:`blurnoise.sensor.piece`, and, where Numba is installed (``[fast]``), that of :mod:`blurnoise.sensor.compiled`.
+a rounding step; :func:`supports` says which stages are in here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import numpy as np
 from torch import Tensor
 
-from blurnoise._core.compiled_ways import CompiledWay
 from blurnoise._core.threads import side_by_side
 from blurnoise.camera import Camera
 from blurnoise.sensor import piece, stages
@@ -22,7 +19,6 @@ from blurnoise.sensor.piece import Light, Plane, Planes
 from blurnoise.sensor.stage import Frames, Law, SensorStage
 
 __all__ = ["MOST_APART", "Light", "Plane", "expose", "planes_of", "supports"]
-_Way = Callable[[Planes, slice, Sequence[Light], Camera, Law, Plane | None], None]
 _STAGES = (
     stages.SPECTRAL_INTEGRATION,
     stages.PRNU,
@@ -75,48 +71,11 @@ def expose(
     count = threads * math.ceil(colours * pixels / _PIECE / threads)
     step = math.ceil(pixels / count)
     table = None if tones is None else piece.every_code(tones, camera.full_scale_dn)
-    way: _Way = piece.expose_piece
-    if law in ("none", "merged") and planes.light.dtype == np.float32:
-        way = _COMPILED.after(colours * pixels * len(exposures)) or way
 
     def expose_from(start: int) -> None:
         of = slice(start, start + step)
         light, *rest = planes
         parts = Planes(light[:, of], *(None if plane is None else plane[:, of] for plane in rest))
-        way(parts, of, exposures, camera, law, table)
+        piece.expose_piece(parts, of, exposures, camera, law, table)
 
     side_by_side(expose_from, range(0, pixels, step), threads)
-
-
-def _compiled() -> _Way | None:
-    """The compiled way; None where this machine's OpenCV or PyTorch round otherwise."""
-    from blurnoise.sensor import compiled
-
-    return compiled.expose_piece if _same_bits(piece.expose_piece, compiled.expose_piece) else None
-
-
-def _same_bits(one: _Way, other: _Way) -> bool:
-    """Whether two ways agree on light from below black to beyond the well, with and without all fields."""
-    camera = Camera(
-        "every code", 3.0, 2.0, 0.9, 0.6, 13_000.0, 4.7, 2.45, black_level_dn=6.0, bit_depth=16,
-    )  # fmt: skip
-    random = np.random.default_rng(0)
-    normal, read, gain, offset_e = random.normal(size=(4, 1, 1 << 15)).astype(np.float32)
-    light = np.linspace(-0.1, 1.2, normal.size, dtype=np.float32)[None]
-    pattern = 1 + gain / 50, offset_e
-    cases: tuple[tuple[Law, Planes], ...] = (
-        ("merged", Planes(light, normal, read, None, *pattern)),
-        ("merged", Planes(light, normal, None, None, None, None)),
-        ("none", Planes(light, None, None, None, *pattern)),
-    )
-    for law, planes in cases:
-        seen = np.empty((2, 4, *light.shape), np.float32)
-        for way, outs in zip((one, other), seen, strict=True):
-            given = zip((60.0, 12_500.0, 60.0, 12_500.0), (0.0, 0.0, 3.0, 3.0), outs, strict=True)
-            way(planes, slice(None), [Light(*each, False) for each in given], camera, law, None)
-        if not np.array_equal(*seen):
-            return False
-    return True
-
-
-_COMPILED = CompiledWay(_compiled, worth=1 << 27)  # values

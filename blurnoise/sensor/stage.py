@@ -1,4 +1,4 @@
-"""The sensor stage: one step from light on the pixels to digital numbers, and its moments beside it.
+"""The sensor stage: one step from light on the pixels to digital numbers.
 
 Domain: the signal is light (1: white) until it becomes electrons, then electrons, then digital numbers (DN), as
 floating tensors (B, C, H, W). Electrons may be negative in the dark, where read noise says so.
@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from torch import Tensor
 
@@ -23,47 +23,6 @@ Law = Literal["none", "merged", "apart", "counts", "exact"]
 
 "apart" is "merged" for stages of one's own between shot and read noise, which shall not find read noise there yet.
 """
-
-
-class Cut(NamedTuple):
-    """What the full well took: enough to tell what limits further on still find to clip.
-
-    headroom: of the well over the mean before it. uncut_variance: over frames, before it. lost: by which the mean
-    fell. left_variance: over frames, after it.
-    """
-
-    headroom: Tensor
-    uncut_variance: Tensor
-    lost: Tensor
-    left_variance: Tensor
-
-    def scaled(self, factor: float | Tensor) -> Cut:
-        """Of the signal times a constant."""
-        squared = factor * factor
-        return Cut(
-            self.headroom * factor,
-            self.uncut_variance * squared,
-            self.lost * factor,
-            self.left_variance * squared,
-        )
-
-
-class Moments(NamedTuple):
-    """Mean, variance over frames, and variance over pixels of the fixed pattern, in the unit of the step.
-
-    cut: after the full well, what it did.
-    """
-
-    mean: Tensor
-    variance: Tensor
-    pattern_variance: Tensor
-    cut: Cut | None = None
-
-    def scaled(self, factor: float | Tensor) -> Moments:
-        """Of the signal times a constant."""
-        squared = factor * factor
-        cut = self.cut.scaled(factor) if self.cut else None
-        return Moments(self.mean * factor, self.variance * squared, self.pattern_variance * squared, cut)
 
 
 @dataclass(frozen=True)
@@ -106,10 +65,6 @@ class SensorStage(ABC):
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """The signal after it: differentiable, on any device."""
-
-    @abstractmethod
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """What it does to mean and variances."""
 
     def bound_dn(self, at: OperatingPoint[float]) -> float | None:
         """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""

@@ -20,9 +20,7 @@ from blurnoise.operating_point import OperatingPoint
 from blurnoise.radiometry import electrons_per_lux_s
 from blurnoise.sensor.stage import (
     MERGE_READ_NOISE_E,
-    Cut,
     Frames,
-    Moments,
     SensorStage,
     signal_bound_e,
     within_range_dn,
@@ -39,10 +37,6 @@ class SpectralIntegration(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Light times the electrons of white."""
         return (signal * at.white_e).clamp(min=0.0)
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Scaled."""
-        return before.scaled(at.white_e)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Of a sensor whose curve were flat, at its mean over wavelengths."""
@@ -65,11 +59,6 @@ class Prnu(SensorStage):
         """Times the pattern, never below 0."""
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Over pixels, (prnu mean)^2."""
-        spread = (at.camera.prnu * before.mean) ** 2
-        return before._replace(pattern_variance=before.pattern_variance + spread)
-
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Of white."""
         return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
@@ -89,10 +78,6 @@ class DarkCurrent(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Plus its mean."""
         return signal + at.dark_e
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Its mean; the variance comes with shot noise."""
-        return before._replace(mean=before.mean + at.dark_e)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Mean and noise of the charge."""
@@ -130,10 +115,6 @@ class ShotNoise(SensorStage):
             return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
         return rng.poisson_of_normal(signal, at.normal)
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """The variance is the mean."""
-        return before._replace(variance=before.variance + before.mean)
-
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Of white."""
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at)))
@@ -158,17 +139,6 @@ class FullWell(SensorStage):
         """Clipped, where the draw of shot noise has not done it already."""
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Of the censored normal; a fixed pattern keeps the share that is not clipped."""
-        if math.isinf(at.camera.well_limit_e):
-            return before
-        well_e = torch.full_like(before.mean, at.camera.well_limit_e)
-        mean, variance, inside = censored(
-            before.mean, before.variance, torch.full_like(well_e, -math.inf), well_e
-        )
-        cut = Cut(well_e - before.mean, before.variance, before.mean - mean, variance)
-        return Moments(mean, variance, before.pattern_variance * inside**2, cut)
-
 
 class ReadNoise(SensorStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
@@ -182,10 +152,6 @@ class ReadNoise(SensorStage):
         if at.read is None or at.law == "merged":
             return signal
         return signal + at.camera.read_noise_e * at.read
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Its square to the variance."""
-        return before._replace(variance=before.variance + at.camera.read_noise_e**2)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Its deviation."""
@@ -212,10 +178,6 @@ class Dsnu(SensorStage):
         """Plus the pattern."""
         return signal if at.offset_e is None else signal + at.offset_e
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Over pixels, its square."""
-        return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_e**2)
-
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """Its deviation."""
         return within_range_dn(at.camera, at.camera.dsnu_e)
@@ -235,11 +197,6 @@ class Gain(SensorStage):
         """Times K, plus the black level."""
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Scaled and shifted."""
-        scaled = before.scaled(at.camera.system_gain_dn_per_e)
-        return scaled._replace(mean=scaled.mean + at.camera.black_level_dn)
-
 
 class Quantisation(SensorStage):
     """Rounding to whole digital numbers."""
@@ -250,10 +207,6 @@ class Quantisation(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Rounded; beside a derivative that adds a constant, since its own would be 0 throughout."""
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """1/12 DN^2, which holds from about 0.5 DN of noise before it."""
-        return before._replace(variance=before.variance + 1 / 12)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         """A uniform error within a step."""
@@ -273,34 +226,6 @@ class Limits(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Clipped."""
         return signal.clamp(0.0, at.camera.full_scale_dn)
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        """Of what the full well left of a normal, plus normal noise, censored again; right to a rounding step.
-
-        With charge X, well W and later noise R the number is min(X, W) + R within [0, C]. For each value r of R
-        that is X censored to [-r, min(W, C - r)], plus r: closed-form moments, averaged over r by the trapezoid
-        rule. A fixed pattern keeps the share that is not clipped.
-        """
-        low, high = torch.zeros_like(before.mean), torch.full_like(before.mean, at.camera.full_scale_dn)
-        if before.cut is None:
-            mean, variance, inside = censored(before.mean, before.variance, low, high)
-            return Moments(mean, variance, before.pattern_variance * inside**2)
-        cut = before.cut
-        uncut = before.mean + cut.lost
-        well = uncut + cut.headroom
-        later = torch.sqrt((before.variance - cut.left_variance).clamp_min(0.0))
-        z = torch.linspace(-8, 8, 257, dtype=later.dtype, device=later.device)
-        weight = torch.exp(-z * z / 2)
-        first, second, inside = (torch.zeros_like(uncut) for _ in range(3))
-        for each, share in zip(z, weight / weight.sum(), strict=True):
-            r = later * each
-            top = torch.minimum(well, high - r).maximum(low - r)
-            mean, variance, kept = censored(uncut, cut.uncut_variance, low - r, top)
-            first, second = first + share * (mean + r), second + share * (variance + (mean + r) ** 2)
-            inside = inside + share * torch.where(
-                well + r <= high, 1.0, kept
-            )  # the well's share is out already
-        return Moments(first, (second - first**2).clamp_min(0.0), before.pattern_variance * inside**2)
 
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
@@ -360,27 +285,6 @@ def nearly_full_e(camera: Camera) -> float:
     """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
     well_e = camera.well_limit_e
     return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e)
-
-
-def censored(mean: Tensor, variance: Tensor, low: Tensor, high: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Mean and variance of a normal whose values beyond low and high count as these, and the share between them.
-
-    With a = (low - mean) / s and b = (high - mean) / s; a variance of 0 is that of a constant.
-    """
-    spread = torch.sqrt(variance).clamp_min(1e-12)
-    a, b = (low - mean) / spread, (high - mean) / spread
-    below, above = torch.special.ndtr(a), torch.special.ndtr(-b)
-    inside = 1 - below - above
-    at_a, at_b = (torch.exp(-edge * edge / 2) / math.sqrt(2 * math.pi) for edge in (a, b))
-    # Moments about the mean: differences of squares of a large one would be short of digits.
-    a, b = a.clamp(-40, 40), b.clamp(-40, 40)
-    below_, above_ = (torch.where(share > 0, share * edge, 0.0) for share, edge in ((below, a), (above, b)))
-    first = at_a - at_b + below_ + above_  # E[z censored]
-    second = inside + a * at_a - b * at_b + below_ * a + above_ * b  # E[z^2 censored]
-    far = torch.maximum(low, torch.minimum(mean, high))  # where no digit of z is left
-    cut = torch.where((a > 39) | (b < -39), far, mean + spread * first)
-    left = torch.where((a > 39) | (b < -39), 0.0, spread**2 * (second - first**2).clamp_min(0.0))
-    return cut, left, inside.clamp_min(0.0)
 
 
 @lru_cache(maxsize=64)

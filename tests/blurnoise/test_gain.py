@@ -10,8 +10,9 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from stage_moments import frame as frame_moments
 
-from blurnoise import Camera, moments, simulate
+from blurnoise import Camera, simulate
 from blurnoise.gain import ConversionGain
 
 IMX250 = Camera.preset("imx250")
@@ -115,7 +116,7 @@ def test_frames_at_a_gain_have_the_moments_of_its_camera(gain_db: float) -> None
     camera = IMX250.at_gain(gain_db).camera
     flat = torch.full((1, 1, 400, 500), 0.2)
     frame = simulate(flat, camera, exposure_s=0.004, illuminance_lux=10.0, encoding="linear", generator=[3])
-    told = moments.frame(
+    told = frame_moments(
         torch.tensor(0.2 * 0.04 * 6906.0, dtype=torch.float64), camera,
         exposure_s=torch.tensor(0.004), temperature_c=torch.tensor(25.0),
     )  # fmt: skip

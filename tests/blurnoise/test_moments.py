@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 
 import pytest
+import stage_moments
 import torch
+from stage_moments import Moments
 
-from blurnoise import Camera, moments
+from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise.moments import Moments
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor import stages
@@ -39,9 +40,16 @@ def frames(camera: Camera, mean_photons: float, **options: object) -> torch.Tens
 
 def expected(camera: Camera, mean_photons: float) -> Moments:
     photo = torch.tensor(mean_photons * 0.5, dtype=torch.float64)
-    return moments.frame(
+    return stage_moments.frame(
         photo, camera, exposure_s=torch.tensor(0.1), temperature_c=torch.tensor(36.0, dtype=torch.float64)
     )
+
+
+def after_limits(camera: Camera, mean_photons: float) -> Moments:
+    """What full well and converter leave."""
+    point = {"exposure_s": torch.tensor(0.1), "temperature_c": torch.tensor(36.0, dtype=torch.float64)}
+    photo = torch.tensor(mean_photons * 0.5, dtype=torch.float64)
+    return stage_moments.steps(photo, camera, **point)["limits"]
 
 
 def check(dn: torch.Tensor, law: Moments) -> None:
@@ -75,7 +83,7 @@ def test_a_tenth_off_would_be_noticed() -> None:
 def test_clipped_moments(level: float) -> None:
     """Around the full well the censored normal's mean and variance hold; beyond it nothing is left."""
     photons = level * 9000.0 / 0.5
-    law = moments.clipped(expected(BASE, photons), BASE)
+    law = after_limits(BASE, photons)
     dn = frames(BASE, photons)
     spread = float(expected(BASE, photons).variance.sqrt())
     assert float(dn.mean()) == pytest.approx(float(law.mean), abs=5 * spread / math.sqrt(PIXELS) + 0.3)
@@ -85,7 +93,7 @@ def test_clipped_moments(level: float) -> None:
 @pytest.mark.parametrize("converter_dn_below_well", [-400, -3, 0, 3, 40])
 @pytest.mark.parametrize("level", [0.97, 0.99, 1.0, 1.01, 5.0])
 def test_clipped_moments_of_well_and_converter(level: float, converter_dn_below_well: int) -> None:
-    """The well above, below and at the converter's end: frames, their law told at once and step by step.
+    """The well above, below and at the converter's end: frames and their closed form.
 
     Read noise of 8 DN. Tolerance: five standard errors of 200 000 pixels at the measured kurtosis, and half a
     percent of the variance for the normal in place of counts.
@@ -94,22 +102,19 @@ def test_clipped_moments_of_well_and_converter(level: float, converter_dn_below_
     camera = replace(BASE, read_noise_e=20.0, black_level_dn=black_dn, dark_current_e_s=0.0)
     photons = level * 9000.0 / 0.5
     dn = frames(camera, photons)
-    point = {"exposure_s": torch.tensor(0.1), "temperature_c": torch.tensor(36.0, dtype=torch.float64)}
-    stepwise = moments.steps(torch.tensor(photons / 2, dtype=torch.float64), camera, **point)["limits"]
-    for law in (moments.clipped(expected(camera, photons), camera), stepwise):
-        spread = float(dn.std()) + 0.05
-        assert float(law.mean) == pytest.approx(float(dn.mean()), abs=5 * spread / math.sqrt(PIXELS) + 0.03)
-        kurtosis = float(((dn - dn.mean()) ** 4).mean() / spread**4)
-        tolerance = 5 * spread**2 * math.sqrt(kurtosis / PIXELS) + 0.005 * spread**2 + 0.1
-        assert float(law.variance) == pytest.approx(float(dn.var()), abs=tolerance)
+    law, spread = after_limits(camera, photons), float(dn.std()) + 0.05
+    assert float(law.mean) == pytest.approx(float(dn.mean()), abs=5 * spread / math.sqrt(PIXELS) + 0.03)
+    kurtosis = float(((dn - dn.mean()) ** 4).mean() / spread**4)
+    tolerance = 5 * spread**2 * math.sqrt(kurtosis / PIXELS) + 0.005 * spread**2 + 0.1
+    assert float(law.variance) == pytest.approx(float(dn.var()), abs=tolerance)
 
 
 def test_a_saturated_camera_keeps_the_noise_that_follows_its_well() -> None:
-    law = moments.clipped(expected(BASE, 1e9), BASE)
+    law = after_limits(BASE, 1e9)
     assert float(law.mean) == pytest.approx(BASE.clip_dn)
     assert float(law.variance) == pytest.approx((0.4 * 4.0) ** 2 + 1 / 12, rel=1e-6)
     full_converter = replace(BASE, full_well_e=1e6)
-    law = moments.clipped(expected(full_converter, 1e9), full_converter)
+    law = after_limits(full_converter, 1e9)
     assert float(law.mean) == pytest.approx(4095)
     assert float(law.variance) == pytest.approx(0.0, abs=1e-6)
 
@@ -150,7 +155,7 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e: float, law: str) ->
     told = Moments(one, zero, zero)
     waiting = False
     for stage in stages.STAGES:
-        told, signal = stage.moments(told, point), stage.apply(signal, at)
+        told, signal = stage_moments.after(stage, told, point), stage.apply(signal, at)
         waiting = law == "merged" and stage in (stages.SHOT_NOISE, stages.FULL_WELL)  # read noise is in there
         cut = (
             mean_photo_e > 8000 and told.cut is not None
@@ -163,12 +168,12 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e: float, law: str) ->
 def test_a_stage_with_a_tenth_more_variance_would_be_noticed(
     stage: SensorStage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = type(stage).moments
+    own = stage_moments._AFTER[stage.name]
 
-    def more(self: SensorStage, before: Moments, at: OperatingPoint[torch.Tensor]) -> Moments:
-        told = own(self, before, at)
+    def more(before: Moments, at: OperatingPoint[torch.Tensor]) -> Moments:
+        told = own(before, at)
         return told._replace(variance=1.1 * told.variance, pattern_variance=1.1 * told.pattern_variance)
 
-    monkeypatch.setattr(type(stage), "moments", more)
+    monkeypatch.setitem(stage_moments._AFTER, stage.name, more)
     with pytest.raises(AssertionError):
         test_every_stage_does_what_its_moments_say(60.0, "counts")

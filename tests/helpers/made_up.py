@@ -12,7 +12,7 @@ from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise.light.effect import LightEffect
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.sensor.stage import Frames, Moments, SensorStage
+from blurnoise.sensor.stage import Frames, SensorStage
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,6 @@ class Pedestal(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + self.electrons
 
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        return before._replace(mean=before.mean + self.electrons)
-
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
 
@@ -74,12 +71,7 @@ class ColumnNoise(SensorStage):
         self.electrons = electrons
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        if at.law == "none":
-            return signal
         return signal + self.electrons * rng.standard_normal(at.seeds, signal[..., :1, :], self.name)
-
-    def moments(self, before: Moments, at: OperatingPoint[Tensor]) -> Moments:
-        return before._replace(variance=before.variance + self.electrons**2)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
         return self.electrons * at.camera.system_gain_dn_per_e

@@ -1,5 +1,4 @@
-"""Speed of a sweep beside bare onnxruntime on the same threads, with what Numba compiles and without, and what of a
-cell's time goes where."""
+"""Speed of a sweep beside bare onnxruntime on the same threads, and what of a cell's time goes where."""
 
 from __future__ import annotations
 
@@ -13,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise._core.compiled_ways import When, compiled_ways
 from blurnoise.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.detectors.detector import Detector
@@ -50,16 +48,16 @@ def sweep_speed(
     """Cells per second of a sweep beside pictures per second of bare onnxruntime, taken in turns.
 
     Bare: ``session.run`` alone, on inputs prepared beforehand, over the same shared session and as many
-    threads. The sweep reads, simulates, infers, decodes, scores and stores; with what Numba compiles, where it is
-    installed, and without. Peak memory is that of the process, before the first and after the last sweep, the last
-    with twice as many cells. Ratios by core time are what those of throughput would be with the cores to themselves.
+    threads. The sweep reads, simulates, infers, decodes, scores and stores. Peak memory is that of the process,
+    before the first and after the last sweep, the last with twice as many cells. Ratios by core time are what those
+    of throughput would be with the cores to themselves.
     Core time of a cell in ms is that of one thread, see :func:`_cell_ms`.
     """
     pictures = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:_PICTURES])
     loaded = [datasets.eight_bit(picture.load()) for picture in pictures]
     blobs = [detector.prepare(image)[0] for image in loaded]
     bare: list[_Rate] = []
-    swept: dict[When, list[_Rate]] = {"always": [], "never": []}
+    swept: list[_Rate] = []
     seconds = 0.0
     peak_mb: list[float] = []
     for turn in range(rounds):
@@ -68,35 +66,30 @@ def sweep_speed(
         bare.append(
             _bare_rate(detector, blobs, threads, max(100, int(seconds * (bare[-1].per_s if bare else 0))))
         )
-        for taken, rates in swept.items():
-            with compiled_ways(taken), Store(folder / f"turn-{turn}-{taken}", create=True) as store:
-                engine, core_s = ThreadEngine(threads), time.process_time()
-                outcome = sweep.run([detector], _CAMERA, pictures, plan, store, engine=engine)
-            rates.append(_Rate(cells / outcome.wall_s, cells / (time.process_time() - core_s)))
-            seconds = outcome.wall_s
+        with Store(folder / f"turn-{turn}", create=True) as store:
+            engine, core_s = ThreadEngine(threads), time.process_time()
+            outcome = sweep.run([detector], _CAMERA, pictures, plan, store, engine=engine)
+        swept.append(_Rate(cells / outcome.wall_s, cells / (time.process_time() - core_s)))
+        seconds = outcome.wall_s
         peak_mb.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    ratios = {
-        way: np.median(np.array(rates) / np.array(bare), axis=0).tolist() for way, rates in swept.items()
-    }
+    ratio, core_time_ratio = np.median(np.array(swept) / np.array(bare), axis=0).tolist()
     return {
         "model": detector.name,
         "pictures": f"{len(pictures)}, {pictures.kind}, the first {loaded[0].shape[1]}x{loaded[0].shape[0]}",
         "threads": threads,
         "cells": count_cells(pictures, plan),
         "bare_onnxruntime_per_s": float(np.median([rate.per_s for rate in bare])),
-        "sweep_cells_per_s": float(np.median([rate.per_s for rate in swept["always"]])),
-        "sweep_to_bare": ratios["always"][0],
-        "sweep_to_bare_core_time": ratios["always"][1],
-        "sweep_to_bare_without_numba": ratios["never"][0],
-        "sweep_to_bare_without_numba_core_time": ratios["never"][1],
-        **_cell_ms(detector, pictures),
+        "sweep_cells_per_s": float(np.median([rate.per_s for rate in swept])),
+        "sweep_to_bare": ratio,
+        "sweep_to_bare_core_time": core_time_ratio,
+        "cell_ms": _cell_ms(detector, pictures),
         "peak_memory_mb": [round(value) for value in peak_mb],
         **hardware(),
     }
 
 
-def _cell_ms(detector: Detector, pictures: datasets.PictureSet) -> dict[str, dict[str, float]]:
-    """Median core time of a cell's parts, ms, by way, blocks of cells by turns on one thread.
+def _cell_ms(detector: Detector, pictures: datasets.PictureSet) -> dict[str, float]:
+    """Median core time of a cell's parts, ms, blocks of cells by turns on one thread.
 
     "score and rows": of all that a worker does, what the other parts leave.
     """
@@ -105,7 +98,7 @@ def _cell_ms(detector: Detector, pictures: datasets.PictureSet) -> dict[str, dic
     every = [block for block in blocks(some, plan) if block.cells[0].conditions is not None]
     worker = Work((detector,), _CAMERA).open(1)
     scene = Scene(some.pictures[0].load())
-    taken: dict[When, list[dict[str, float]]] = {"always": [], "never": []}
+    rounds: list[dict[str, float]] = []
 
     def timed(times: dict[str, float], part: str, call: Callable[[], Any]) -> Any:
         started = time.thread_time()
@@ -115,23 +108,17 @@ def _cell_ms(detector: Detector, pictures: datasets.PictureSet) -> dict[str, dic
 
     with limited_threads(1):
         for block in [every[0], *every[:: max(1, len(every) // _BLOCKS)]]:
-            for way, rounds in taken.items():
-                with compiled_ways(way):
-                    times: dict[str, float] = {}
-                    seen = timed(times, "simulate", partial(_exposed, scene, block))
-                    for frame in seen:
-                        blob, placement = timed(times, "prepare", partial(detector.prepare, frame.image))
-                        outputs = timed(times, "infer", partial(detector.run, blob))
-                        timed(times, "decode", partial(detector.decode, outputs, placement))
-                    timed(times, "all", partial(worker.compute, block))
-                    rest = 2 * times["all"] - sum(times.values())
-                    parts = {**times, "score and rows": rest}
-                    rounds.append({part: each / len(block.cells) for part, each in parts.items()})
-    names = {"always": "cell_ms", "never": "cell_ms_without_numba"}
-    return {
-        names[way]: {part: float(np.median([each[part] for each in rounds[1:]])) for part in rounds[0]}
-        for way, rounds in taken.items()
-    }
+            times: dict[str, float] = {}
+            seen = timed(times, "simulate", partial(_exposed, scene, block))
+            for frame in seen:
+                blob, placement = timed(times, "prepare", partial(detector.prepare, frame.image))
+                outputs = timed(times, "infer", partial(detector.run, blob))
+                timed(times, "decode", partial(detector.decode, outputs, placement))
+            timed(times, "all", partial(worker.compute, block))
+            rest = 2 * times["all"] - sum(times.values())
+            parts = {**times, "score and rows": rest}
+            rounds.append({part: each / len(block.cells) for part, each in parts.items()})
+    return {part: float(np.median([each[part] for each in rounds[1:]])) for part in rounds[0]}
 
 
 def _exposed(scene: Scene, block: Block) -> list[Frame]:

@@ -32,7 +32,7 @@ def camera_of(
         if figure in found.estimates:
             told = found.estimates[figure]
             values[figure] = told.value
-            sources[figure] = f"measured: {found.method} of {found.frames}, {interval(told)}"
+            sources[figure] = f"measured: photon transfer of {found.frames}, {interval(told)}"
     if linear := found.estimates.get("linearity_error"):
         sources["system_gain_dn_per_e"] += f"; linearity error {100 * linear.value:.2g} %"
     for doubt in found.doubts:

@@ -37,7 +37,7 @@ def draw(found: Measurement, name: str) -> Figure:
         axes.set_axisbelow(True)
         axes.tick_params(labelsize=8)
         axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle(f"{plain(name)}: {found.method} of {found.frames}", fontsize=11, parse_math=False)
+    figure.suptitle(f"{plain(name)}: photon transfer of {found.frames}", fontsize=11, parse_math=False)
     return figure
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import doubts, emva, soundness, transfer
+from blurnoise_eval.calibration import doubts, soundness, transfer
 from blurnoise_eval.calibration.doubts import Doubt
 from blurnoise_eval.calibration.levels import Level, common_step, level_of
 from blurnoise_eval.calibration.listing import Frame, frames_of, grouped
@@ -29,14 +29,12 @@ _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
 class Measurement:
     """What frames say of their camera. estimates: by the camera's field, and ``linearity_error``, a fraction.
 
-    dark, flat: levels in steps of the converter; used: places of the flat ones that were fitted. method: how gain,
-    read noise and dark current were found. clip_dn: where flat frames clip, None if nowhere. size_px: (width,
-    height). bits_stated: whether the user said the bit depth. notes: what has to be known beside the figures.
-    doubts: what makes some of them wrong.
+    dark, flat: levels in steps of the converter; used: places of the flat ones that were fitted. clip_dn: where
+    flat frames clip, None if nowhere. size_px: (width, height). bits_stated: whether the user said the bit depth.
+    notes: what has to be known beside the figures. doubts: what makes some of them wrong.
     """
 
     estimates: dict[str, Estimate]
-    method: str
     dark: tuple[Level, ...]
     flat: tuple[Level, ...]
     used: tuple[int, ...]
@@ -152,15 +150,6 @@ def measure(
             "noise in the dark grows with exposure and the mean does not, as where the camera takes it off: dark "
             "current is that of the variance"
         )
-    method = "photon transfer"
-    if not hidden and emva.conditions(dark, flat, clipped.clip_dn is not None) and not fit.rounding:
-        if standard := emva.analysis(dark, flat):
-            estimates |= standard.estimates
-            method = standard.method
-        else:
-            notes.append(
-                "EMVA 1288's own conditions hold: pip install 'blurnoise[emva]' measures by its package"
-            )
     gain = estimates["system_gain_dn_per_e"]
     if clipped.clip_dn is not None:
         estimates["full_well_e"] = _over_gain(clipped.clip_dn - fit.dark.offset, fit.dark.offset_error, gain)
@@ -172,7 +161,6 @@ def measure(
             estimates["quantum_efficiency"] = _over_gain(linear.slope, linear.slope_error, gain)
     return Measurement(
         estimates=doubts.widened(estimates, doubted),
-        method=method,
         dark=tuple(dark),
         flat=tuple(flat),
         used=clipped.usable,

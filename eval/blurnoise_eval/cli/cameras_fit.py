@@ -133,7 +133,7 @@ def _print(found: Measurement) -> None:
     from blurnoise_eval.calibration.as_camera import ends
 
     table = Table("figure", "value", "95 %", "unit", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.title, table.title_justify = f"{found.method} of {found.frames}", "left"
+    table.title, table.title_justify = f"photon transfer of {found.frames}", "left"
     for name, unit in _UNITS.items():
         told = found.estimates.get(name)
         table.add_row(
@@ -164,5 +164,5 @@ def _facts(found: Measurement, camera: Camera) -> dict[str, Any]:
         for name, told in found.estimates.items()
     }
     warnings = [doubt.text for doubt in found.doubts]
-    about = {"method": found.method, "warnings": warnings, "notes": found.notes}
+    about = {"method": "photon transfer", "warnings": warnings, "notes": found.notes}
     return {"camera": camera.to_dict(), **about, "figures": figures, "levels": levels}

@@ -19,7 +19,6 @@ from fastapi import FastAPI, Request, Response
 from nicegui import ui
 from starlette.requests import ClientDisconnect
 
-from blurnoise._core.compiled_ways import compiled_ways
 from blurnoise_eval.explorer.gate import UPLOADS, Gate
 from blurnoise_eval.explorer.page import Page
 from blurnoise_eval.explorer.shelf import MOST_UPLOADED_MB, Shelf, clear_stale_uploads, held
@@ -58,8 +57,7 @@ def serve(
     handled = [signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))]
     handled += [signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))]
     try:
-        with compiled_ways("never"):  # loading them would hold up a slider for seconds
-            uvicorn.Server(config).run(sockets=[listening])
+        uvicorn.Server(config).run(sockets=[listening])
     finally:
         listening.close()
         shelf.close()

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise._core.compiled_ways import When, compiled_ways
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import fused as frames
 from blurnoise.sensor import piece
@@ -113,51 +112,13 @@ def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: py
         torch.set_num_threads(threads)
 
 
-@pytest.mark.parametrize("tones", [False, True])
-@pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("white_e", [1e-12, 1e-4, 0.3, 800.0, 9500.0, 1e30])
-@pytest.mark.parametrize("camera", CAMERAS[:2], ids=lambda camera: camera.name)
-def test_compiled_or_not_the_bits_are_the_same(
-    camera: Camera, white_e: float, noise: bool, tones: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """In the dark, about the well and beyond all bounds; of lights together, in pieces of odd lengths."""
-    pytest.importorskip("numba")
-    light, table = scene(61, 71).expand(2, -1, -1, -1), tones_8bit(camera) if tones else None
-    normal = rng.standard_normal([5], light[:1]).expand(2, -1, -1, -1)
-    monkeypatch.setattr(frames, "_PIECE", 10_001)
-    seen = []
-    given = {"white_e": [white_e, 20 * white_e], "noise": noise, "normal": normal, "tones": table}
-    for taken in ("never", "always"):
-        with compiled_ways(taken):
-            assert (frames._COMPILED.after(0) is not None) == (taken == "always")
-            seen.append(exposed(light, camera, **given))
-            beside = torch.empty((2, 61, 71, 3), dtype=seen[0].dtype).permute(0, 3, 1, 2)
-            assert torch.equal(exposed(light, camera, **given, out=beside), seen[0])
-    assert torch.equal(*seen)
-
-
-@pytest.mark.parametrize("taken", ["never", "always"])
-def test_light_lies_in_memory_as_it_likes(taken: When) -> None:
+def test_light_lies_in_memory_as_it_likes() -> None:
     """Colours side by side, as pictures are read: the frames of colours one after the other."""
-    pytest.importorskip("numba")
     light = torch.rand(1, 3, 21, 34, generator=torch.Generator().manual_seed(5))
     given = {"normal": rng.standard_normal([5], light)}
-    with compiled_ways(taken):
-        expected = exposed(light, EVERY_EFFECT, **given)
-        beside = exposed(light.contiguous(memory_format=torch.channels_last), EVERY_EFFECT, **given)
+    expected = exposed(light, EVERY_EFFECT, **given)
+    beside = exposed(light.contiguous(memory_format=torch.channels_last), EVERY_EFFECT, **given)
     assert torch.equal(beside, expected)
-
-
-def test_a_compiled_way_that_rounds_otherwise_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled = pytest.importorskip("blurnoise.sensor.compiled")
-    assert frames._same_bits(piece.expose_piece, compiled.expose_piece)
-
-    def a_bit_off(light: Any, normal: Any, *rest: Any) -> None:
-        compiled_row(light, np.nextafter(normal, np.float32(9)), *rest)
-
-    compiled_row = compiled._codes_of_row
-    monkeypatch.setattr(compiled, "_codes_of_row", a_bit_off)
-    assert not frames._same_bits(piece.expose_piece, compiled.expose_piece)
 
 
 @by_camera

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract, preset
-from blurnoise_eval.detectors.formats import candidates as suppression
 from blurnoise_eval.detectors.formats import (
     fastestdet,
     nanodet,
@@ -22,8 +20,6 @@ from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
 from blurnoise_eval.detectors.formats.grids import cells
 from blurnoise_eval.detectors.formats.placement import lay_in
 from numpy.typing import NDArray
-
-from blurnoise._core.compiled_ways import compiled_ways
 
 # --- decoding: answers worked out by hand ---
 
@@ -183,37 +179,6 @@ def random_candidates(count: int, classes: int, seed: int) -> Candidates:
     return Candidates(boxes, rng.uniform(0, 1, count).astype(np.float32), rng.integers(0, classes, count))
 
 
-@pytest.fixture(params=["onnxruntime", "compiled"])
-def way(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Both ways of suppression."""
-    compiled = request.param == "compiled"
-    if compiled:
-        pytest.importorskip("numba")
-    with compiled_ways("always" if compiled else "never"):
-        assert (suppression._COMPILED.after(0) is not None) == compiled
-        yield
-
-
-@pytest.mark.parametrize(("most", "per_class"), [(300, None), (40, None), (60, 7)])
-@pytest.mark.parametrize("iou", [0.0, 0.3, 0.65])
-def test_compiled_or_not_the_same_boxes_stay(iou: float, most: int, per_class: int | None) -> None:
-    """Turned, empty and equal boxes among them, and overlaps that are just the limit."""
-    pytest.importorskip("numba")
-    candidates = random_candidates(900, 3, seed=5)
-    boxes = candidates.boxes_xyxy
-    np.round(boxes, -1, out=boxes)
-    boxes[::7] = boxes[::7, [2, 3, 0, 1]]
-    boxes[::31, 2] = boxes[::31, 0]
-    kept = []
-    for taken in ("never", "always"):
-        with compiled_ways(taken):
-            kept.append(suppress(candidates, iou, most, per_class=per_class))
-    np.testing.assert_array_equal(kept[0].boxes_xyxy, kept[1].boxes_xyxy)
-    np.testing.assert_array_equal(kept[0].scores, kept[1].scores)
-    np.testing.assert_array_equal(kept[0].class_ids, kept[1].class_ids)
-
-
-@pytest.mark.usefixtures("way")
 def test_boxes_lie_in_memory_as_they_like() -> None:
     """Coordinate by coordinate, as networks that give columns leave them; classes in four bytes."""
     rows = random_candidates(200, 2, seed=3)
@@ -223,7 +188,6 @@ def test_boxes_lie_in_memory_as_they_like() -> None:
     np.testing.assert_array_equal(kept.class_ids, expected.class_ids)
 
 
-@pytest.mark.usefixtures("way")
 @pytest.mark.parametrize(
     ("count", "classes", "most"),
     [(0, 1, 300), (1, 1, 300), (200, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)],
@@ -236,7 +200,6 @@ def test_suppression_equals_the_plain_reference(count: int, classes: int, most: 
     assert (np.diff(kept.scores) <= 0).all()
 
 
-@pytest.mark.usefixtures("way")
 def test_suppression_keeps_classes_apart_and_the_stronger_box() -> None:
     boxes = np.array([[0, 0, 10, 10], [0, 0, 10, 11], [0, 0, 10, 10]], np.float32)
     candidates = Candidates(boxes, np.array([0.25, 0.75, 0.5], np.float32), np.array([0, 0, 1]))
@@ -247,7 +210,6 @@ def test_suppression_keeps_classes_apart_and_the_stronger_box() -> None:
     ]
 
 
-@pytest.mark.usefixtures("way")
 def test_suppression_looks_past_a_crowd_of_duplicates() -> None:
     crowd = np.tile(np.array([[0, 0, 10, 10]], np.float32), (50, 1))
     boxes = np.concatenate([crowd, [[20, 20, 30, 30]]]).astype(np.float32)

@@ -20,8 +20,6 @@ from blurnoise_eval.explorer.shelf import Shelf
 from blurnoise_eval.explorer.state import State
 from blurnoise_models.detector import STOP_SIGN
 
-from blurnoise._core.compiled_ways import CompiledWay
-
 uvicorn = pytest.importorskip("uvicorn")
 nicegui = pytest.importorskip("nicegui")
 from blurnoise_eval.explorer import page, server  # noqa: E402  # need NiceGUI
@@ -65,13 +63,9 @@ def served(shelf: Shelf, monkeypatch: pytest.MonkeyPatch, run: Callable[[], obje
     return said[0]
 
 
-def test_no_visitor_waits_for_what_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Loading it takes seconds, and whoever moves a slider just then would wait."""
-    way, found = CompiledWay(lambda: "compiled", worth=0), list[object]()
-    said = served(Shelf(STOP_SIGN), monkeypatch, lambda: found.append(way.after(1.0)))
-    assert found == [None]
+def test_the_printed_address_holds_a_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = served(Shelf(STOP_SIGN), monkeypatch, lambda: None)
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/\?token=[\w-]{32}", said)
-    assert way.after(1.0) == "compiled"
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,10 +12,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-from blurnoise._core.compiled_ways import CompiledWay
-
 FloatArray = NDArray[np.float32]
-_Kept = Callable[[FloatArray, NDArray[np.int64], NDArray[np.int64], float, int, int], NDArray[np.int64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +149,7 @@ def suppress(
     most = 4 * max_detections
     while True:
         order = _strongest(candidates.scores, most)
-        if compiled := _COMPILED.after(len(order)):
-            boxes = np.ascontiguousarray(candidates.boxes_xyxy, np.float32)
-            classes = np.ascontiguousarray(candidates.class_ids, np.int64)
-            kept = candidates[
-                compiled(boxes, classes, order, nms_iou, per_class or max_detections, max_detections)
-            ]
-        else:
-            kept = _suppressed(candidates[order], nms_iou, per_class or max_detections)[:max_detections]
+        kept = _suppressed(candidates[order], nms_iou, per_class or max_detections)[:max_detections]
         if len(kept) >= max_detections or len(order) == len(candidates):
             return kept
         most *= 4
@@ -214,23 +203,3 @@ def _suppression() -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     return ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-
-
-def _compiled() -> _Kept | None:
-    """The compiled way; None where it does not keep what this machine's onnxruntime keeps."""
-    from blurnoise_eval.detectors.formats import compiled
-
-    random = np.random.default_rng(0)
-    centres, half = random.uniform(0, 200, (2000, 2)), random.uniform(0, 30, (2000, 2))
-    boxes = np.concatenate([centres - half, centres + half], axis=1).astype(np.float32)
-    every = Candidates(
-        boxes, np.linspace(1, 0, len(boxes), dtype=np.float32), random.integers(0, 3, len(boxes))
-    )
-    for iou in (0.3, 0.65):
-        stay = compiled.kept(every.boxes_xyxy, every.class_ids, np.arange(len(boxes)), iou, 300, 900)
-        if not np.array_equal(every[stay].boxes_xyxy, _suppressed(every, iou, 300).boxes_xyxy):
-            return None
-    return compiled.kept  # type: ignore[no-any-return]
-
-
-_COMPILED = CompiledWay(_compiled, worth=1 << 20)  # boxes
