@@ -22,6 +22,7 @@ from blurnoise import mattes
 from blurnoise.exposure import ExposedScene
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut, Matte
+from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
@@ -78,7 +79,7 @@ def _check_segmentations(pictures: PictureSet) -> None:
             if target.crowd:
                 continue
             try:
-                mattes.check_annotation(target.annotation)
+                segmentation.check_annotation(target.annotation)
             except (TypeError, ValueError):
                 broken[picture.name] += 1
     if broken:
@@ -195,15 +196,15 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
     size = (image8.shape[0], image8.shape[1])
     if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
         if how == "segmentation":
-            return mattes.of_annotation(target.annotation, size)
+            return segmentation.of_annotation(target.annotation, size)
         with suppress(TypeError, ValueError):  # of another size, or broken: the box is left
-            matte = mattes.of_annotation(target.annotation, size)
+            matte = segmentation.of_annotation(target.annotation, size)
             if matte.any():
                 return matte
     x0, y0, x1, y1 = target.box_xyxy
     if how == "box" or target.text is not None:
         return mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
-    return mattes.of_object_in(image8, target.box_xyxy)
+    return segmentation.of_object_in(image8, target.box_xyxy)
 
 
 def _plate(folder: Location, picture: Picture, light: Tensor, scale: float) -> Tensor:
