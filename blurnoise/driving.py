@@ -28,22 +28,22 @@ class Vehicle:
     """height_m above the road, looking pitch_deg down and heading_deg to the right; plane_m: of a wall ahead.
 
     hfov_deg: of the picture; None: the camera's, of whose sensor the picture is the largest part of its shape. lens:
-    "f-theta" or "rectilinear". yaw_deg_s, pitch_deg_s: it turns to the right, and up. Raises ``ValueError`` that
-    names the field.
+    "f-theta" or "rectilinear"; None: the camera's own where it has a distortion and hfov_deg is not given, else
+    f-theta. yaw_deg_s, pitch_deg_s: it turns to the right, and up. Raises ``ValueError`` that names the field.
     """
 
     height_m: float = 1.5
     pitch_deg: float = 0.0
     heading_deg: float = 0.0
     hfov_deg: float | None = None
-    lens: Lens = "f-theta"
+    lens: Lens | None = None
     plane_m: float | None = None
     yaw_deg_s: float = 0.0
     pitch_deg_s: float = 0.0
 
     def __post_init__(self) -> None:
         Mount(self.height_m, self.pitch_deg, self.heading_deg)
-        View(1, 1, 60.0 if self.hfov_deg is None else self.hfov_deg, self.lens)
+        View(1, 1, 60.0 if self.hfov_deg is None else self.hfov_deg, self.lens or "f-theta")
         for name in ("yaw_deg_s", "pitch_deg_s"):
             limited(name, getattr(self, name), "rotation_deg_s")
         if self.plane_m is not None:
@@ -56,13 +56,15 @@ class Vehicle:
 
     def view(self, camera: Camera, size: tuple[int, int]) -> View:
         """What a picture (H, W) of the camera sees. Raises ``ValueError`` for a field of view beyond the lens's."""
-        height, width = size
+        (height, width), lens = size, self.lens or "f-theta"
         if self.hfov_deg is not None:
-            return View(width, height, self.hfov_deg, self.lens)
-        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, self.lens)
+            return View(width, height, self.hfov_deg, lens)
+        if self.lens is None and camera.lens.displaces:
+            return View(width, height, camera.hfov_deg, calibrated=camera.field)
+        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
         half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
-        half_deg = math.degrees(half if self.lens == "f-theta" else math.atan(half))
-        return View(width, height, 2 * half_deg, self.lens)
+        half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
+        return View(width, height, 2 * half_deg, lens)
 
     def flow_at(self, pixels: Floats, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Floats:
         """Velocities (2, ...), px/s, of what pixels (2, ...) of a picture (H, W) see at a speed ahead."""

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
 from blurnoise._core.limits import LARGEST_PICTURE, counted, limited
+from blurnoise.field import Field
 from blurnoise.motion import Lens
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
+_STEP = 1e-6  # of a direction X/Z, over which a lens is taken for straight
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,15 @@ class Mount:
 class View:
     """A picture's size, its horizontal field of view, and the lens: "f-theta" or "rectilinear", a pinhole.
 
-    Raises ``ValueError`` outside the limits; a rectilinear lens needs hfov_deg < 180.
+    calibrated: a camera's own lens, distortion included, in place of hfov_deg and lens. Raises ``ValueError`` outside
+    the limits; a rectilinear lens needs hfov_deg < 180.
     """
 
     width_px: int
     height_px: int
     hfov_deg: float
     lens: Lens = "f-theta"
+    calibrated: Field | None = None
 
     def __post_init__(self) -> None:
         counted("width_px", self.width_px)
@@ -124,7 +128,7 @@ class View:
     def rays(self, pixels: Floats) -> Floats:
         """Unit vectors (3, ...) towards what pixels (2, ...) see."""
         x, y = self._from_axis(pixels)
-        if self.lens == "rectilinear":
+        if self._straight:
             rays = np.stack([x, y, np.ones_like(x)])
             return np.asarray(rays / np.linalg.norm(rays, axis=0))
         theta = np.hypot(x, y)
@@ -134,9 +138,11 @@ class View:
     def project(self, points_m: Floats) -> Floats:
         """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
         x, y, z = points_m
-        if self.lens == "rectilinear":
+        if self._straight:
             with np.errstate(divide="ignore"):
                 scale = np.where(z > 0, 1 / z, np.nan)
+            if self.calibrated is not None:
+                return np.stack(self.calibrated.imaged(x * scale, y * scale, self._size))
         else:
             across = np.hypot(x, y)
             scale = np.where(
@@ -150,17 +156,19 @@ class View:
 
         A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
         wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x. F-theta: a ray s at range R
-        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it. Raises
-        ``ValueError`` for a range <= 0.
+        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it. A
+        calibrated lens images the pinhole's motion. Raises ``ValueError`` for a range <= 0.
         """
         _ahead("range_m", range_m)
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
-        if self.lens == "rectilinear":
+        if self._straight:
             x, y = self._from_axis(pixels)
             near = np.sqrt(1 + x * x + y * y) / range_m
             (vx, vy, vz), (wx, wy, wz) = velocity, turn
             u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
             v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
+            if self.calibrated is not None:
+                return self._imaged_motion(self.calibrated, x, y, u, v)
             return self.focal_px * np.stack([u, v])
         rays = self.rays(pixels)
         along = np.tensordot(velocity, rays, 1)
@@ -176,9 +184,28 @@ class View:
         wider = np.where(off, theta / divisor, 1.0)
         return np.asarray(self.focal_px * (angular * radial + wider * (around * turned[:2]).sum(0) * around))
 
+    @property
+    def _straight(self) -> bool:
+        """Whether directions are given by X/Z and Y/Z."""
+        return self.calibrated is not None or self.lens == "rectilinear"
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.height_px, self.width_px
+
+    def _imaged_motion(self, field: Field, x: Floats, y: Floats, u: Floats, v: Floats) -> Floats:
+        """The motion (u, v) of directions (x, y), per second, as a lens images it, px/s."""
+        fastest = np.hypot(u, v)
+        step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
+        after = field.imaged(x + u * step_s, y + v * step_s, self._size)
+        before = field.imaged(x - u * step_s, y - v * step_s, self._size)
+        return np.stack([(late - early) / (2 * step_s) for late, early in zip(after, before, strict=True)])
+
     def _from_axis(self, pixels: Floats) -> tuple[Floats, Floats]:
-        """Pixels from the axis, in focal lengths."""
+        """Directions of pixels: from the axis in focal lengths, of a calibrated lens (X/Z, Y/Z)."""
         x, y = pixels
+        if self.calibrated is not None:
+            return self.calibrated.directions(x, y, self._size)
         return (x - (self.width_px - 1) / 2) / self.focal_px, (y - (self.height_px - 1) / 2) / self.focal_px
 
 

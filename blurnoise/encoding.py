@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.threads import in_pieces
+from blurnoise._core.threads import in_pieces, plain
 
 Encoding = Literal["srgb", "linear"]
 
@@ -16,7 +16,7 @@ Encoding = Literal["srgb", "linear"]
 def linear_from_srgb(coded: Tensor) -> Tensor:
     """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
     # torch's power rounds by a number's place in memory; exponential and logarithm do not, and take half the time.
-    if coded.device.type != "cpu" or (coded.requires_grad and torch.is_grad_enabled()):
+    if not plain(coded):
         coded = coded.clamp(0.0, 1.0)
         power = torch.exp(2.4 * torch.log((coded + 0.055) / 1.055))
         return torch.where(coded <= 0.04045, coded / 12.92, power)

@@ -71,12 +71,12 @@ class Field:
         curve = self.lens.relative_illumination
         if curve is not None:
             return curve.at(self.heights(size), self.corner_px * self.pixel_pitch_um / 1e3)
-        x, y = self._directions(*_pixels(size), size)
+        x, y = self.directions(*_pixels(size), size)
         return np.asarray((1 + x * x + y * y) ** (-self.lens.falloff_power / 2))
 
     def sources(self, size: Size) -> tuple[Floats, Floats]:
         """Where the pinhole's picture has what each pixel sees, (x, y), (H, W) each."""
-        return self._seen_at(*self._directions(*_pixels(size), size), size)
+        return self._seen_at(*self.directions(*_pixels(size), size), size)
 
     def larger(self, share: float, size: Size) -> tuple[Floats, Floats]:
         """Where the picture has what each pixel sees in one that is larger by a share, (x, y), (H, W) each."""
@@ -86,13 +86,14 @@ class Field:
 
     def moved(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
         """Where the lens images points of the pinhole's picture."""
+        return self.imaged(*self._normalised(x, y, size), size) if self.lens.distortion else (x, y)
+
+    def imaged(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
+        """Where the lens images directions (X/Z, Y/Z), px."""
         shape = self.lens.distortion
-        if shape is None:
-            return x, y
-        u, v = self._normalised(x, y, size)
-        u, v = distortion.distorted(
-            shape.model, shape.coefficients, *distortion.before_fold(shape.model, shape.coefficients, u, v)
-        )
+        if shape is not None:
+            u, v = distortion.before_fold(shape.model, shape.coefficients, u, v)
+            u, v = distortion.distorted(shape.model, shape.coefficients, u, v)
         return self._seen_at(u, v, size)
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
@@ -127,7 +128,7 @@ class Field:
     def _displaced(self) -> float:
         (height, width), share = self.size, np.linspace(0.0, 1.0, _COARSE)
         x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)  # from edge to edge
-        seen_x, seen_y = self._seen_at(*self._directions(x, y, self.size), self.size)
+        seen_x, seen_y = self._seen_at(*self.directions(x, y, self.size), self.size)
         return float(np.hypot(seen_x - x, seen_y - y).max())
 
     def _from_axis(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
@@ -138,7 +139,7 @@ class Field:
         (x, y), scale = self._from_axis(x, y, size), self.per_sensor_px(size)
         return x / (self.focal_px[0] * scale), y / (self.focal_px[1] * scale)
 
-    def _directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
         """The directions (X/Z, Y/Z) that pixels see."""
         u, v = self._normalised(x, y, size)
         if not self.lens.displaces or self.lens.distortion is None:

@@ -24,7 +24,7 @@ from blurnoise import fourier, transfer
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import plain, side_by_side, threads_for
 
 Floats = NDArray[np.float64]
 _Array = TypeVar("_Array", Tensor, NDArray[Any])
@@ -65,7 +65,7 @@ def defocus(
     before = max(tile.margin for tile in tiles)
     after = [max(side) for side in zip(*(_ends(tile, before) for tile in tiles), strict=True)]
     u = radius_px**2
-    if image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad):
+    if plain(image):
         return _packed(image.detach(), u, tiles, before, (after[0], after[1]), border)
     plane = extended(image, (before, before), (after[0], after[1]), border)
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
@@ -189,7 +189,7 @@ def _packed(
     """By OpenCV's packed transform, tile by tile side by side."""
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
     sources, targets = image.flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    threads = torch.get_num_threads() if image.numel() >= WORTH_IT else 1
+    threads = threads_for(image)
     with borrowed([(len(sources), *spans)], sources.dtype) as (planes,):
         for source, plane in zip(sources, planes, strict=True):
             continued(source, plane, (before, before), border)

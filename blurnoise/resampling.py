@@ -25,7 +25,7 @@ from blurnoise import fourier
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import plain, side_by_side, threads_for
 
 Floats = NDArray[np.floating[Any]]
 _MARGIN = 24  # px; what is further off has a weight below 1e-8 in the spline
@@ -40,8 +40,7 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     across, down = _folded(x, width, border) + _MARGIN, _folded(y, height, border) + _MARGIN
     rows = max(1, _STRIP // x.shape[1])
     strips = [slice(top, top + rows) for top in range(0, len(x), rows)]
-    plain = image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad)
-    if plain and image.dtype == torch.float32 and _remaps_exactly():
+    if plain(image) and image.dtype == torch.float32 and _remaps_exactly():
         return _remapped(image.detach(), across, down, spans, strips, border)
     at_once = 1 if image.device.type == "cpu" else len(image)  # whose bits then depend on no other picture
     planes = [
@@ -110,7 +109,7 @@ def _remapped(
     """The same by OpenCV, whose bilinear samples cost a quarter; strips share their weights among planes."""
     out = image.new_empty((*image.shape[:2], *x.shape))
     sources, targets = image.flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    threads = torch.get_num_threads() if out.numel() >= WORTH_IT else 1
+    threads = threads_for(out)
     planes = np.empty((len(sources), *spans), np.float32)
 
     def prepare(channel: int) -> None:

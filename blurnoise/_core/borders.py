@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from blurnoise._core.threads import plain
+
 Border = Literal["reflect", "replicate", "circular", "constant"]
 BORDERS = ("reflect", "replicate", "circular", "constant")
 _OPENCV = {
@@ -29,7 +31,7 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     if (height, width) == tuple(image.shape[-2:]):
         return image
     after = (height - image.shape[-2] - before[0], width - image.shape[-1] - before[1])
-    if image.device.type == "cpu" and not (torch.is_grad_enabled() and image.requires_grad):
+    if plain(image):
         out = image.new_empty(*image.shape[:2], height, width)
         for plane, target in zip(image.flatten(0, 1), out.flatten(0, 1), strict=True):
             continued(plane.numpy(), target.numpy(), before, border)

@@ -8,6 +8,9 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+import torch
+from torch import Tensor
+
 Job = TypeVar("Job")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
@@ -26,6 +29,21 @@ def _forget_pools() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget_pools)
+
+
+def differentiable(*tensors: Tensor) -> bool:
+    """Whether what is made of them now carries gradients."""
+    return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors)
+
+
+def plain(*tensors: Tensor) -> bool:
+    """Whether NumPy and OpenCV may compute with them: on the CPU, without gradients."""
+    return tensors[0].device.type == "cpu" and not differentiable(*tensors)
+
+
+def threads_for(picture: Tensor) -> int:
+    """As many as torch has, or one where waking others takes longer than the work."""
+    return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
 def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: int) -> None:

@@ -46,7 +46,7 @@ def lens(panel: str | None = None) -> Any:
     """--lens."""
     return Option(
         help="f-theta: the same px per degree everywhere, as in Lin et al. 2024; rectilinear: pinhole"
-        + ("; default: f-theta" if panel else ""),
+        + ("; default: the camera's where its file has a distortion, else f-theta" if panel else ""),
         rich_help_panel=panel,
     )
 

@@ -31,7 +31,7 @@ class Crossing:
     """What crosses the view to the right at kmh, and how that is told in px.
 
     width_m: the object's, which is as wide as its box; else away_m: its depth along the optical axis, its middle as a
-    point there, through a lens of hfov_deg (None: the camera's own) of the kind ``lens`` (None: f-theta). Raises
+    point there, through a lens of hfov_deg (None: the camera's own) of the kind ``lens`` (None: as a vehicle). Raises
     ``ValueError`` unless it is one of the two.
     """
 
@@ -55,7 +55,7 @@ class Crossing:
 
     @property
     def _vehicle(self) -> Vehicle:
-        return Vehicle(hfov_deg=self.hfov_deg, lens=self.lens or "f-theta")
+        return Vehicle(hfov_deg=self.hfov_deg, lens=self.lens)
 
     def velocity_px_s(
         self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
