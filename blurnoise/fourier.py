@@ -30,9 +30,7 @@ from blurnoise.transfer import SHARP, Optics
 _Array = TypeVar("_Array", Tensor, NDArray[Any])
 _TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise
 _JOIN = 0.05  # cycles/px below half of one, over which a response is led into its alias
-_STILL_PX = (
-    2e-5  # along an axis that is not worth its transform: 1.4e-5 of a wave, beside motion along the other
-)
+_STILL_PX = 2e-5  # along an axis that is not worth its transform: 1.4e-5 of a wave, beside other motion
 _STRIP = 3 << 16  # values of a strip of rows
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis
 LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory

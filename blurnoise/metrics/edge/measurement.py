@@ -60,7 +60,8 @@ class SlantedEdge:
     noise_power_at_0: of the noise power spectrum at frequency 0, over the variance; 1 where noise is white.
     intervals: 95 % of each scalar by its name, by bootstrap over rows, or over blocks of them whose noise belongs
     together; inf where 50 % may never be reached. Those of mtf50 and mtf50p reach further down, to what clips, tone
-    curves and sharpening that cannot be told from this edge would have raised.
+    curves and sharpening that cannot be told from this edge would have raised; noise_intervals are by noise alone,
+    which is all that makes two edges of one chain differ.
     frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less what noise
     adds to it: right on the average, hence below 0 where only noise is left; sfr is its root, at least 0.
     distance_px, esf, lsf: (K,), the edge's shape along its normal, bright at positive distances, lsf per px.
@@ -85,6 +86,7 @@ class SlantedEdge:
     noise_variance_bright: float = math.nan
     noise_power_at_0: float = math.nan
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    noise_intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     frequencies: Tensor = _NONE
     power: Tensor = _NONE
     sfr: Tensor = _NONE
@@ -201,10 +203,11 @@ def _told(
         names | _by_interval(each, middle)
         for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
     ]
+    widened = [dict(each) for each in ranges]
     hidden = zip(other.likely.tolist(), other.largest.tolist(), strict=True)
     for index, (likely, largest) in enumerate(hidden):
         for name in ranges[index].keys() & {"mtf50", "mtf50p"}:
-            ranges[index][name] = _with_hidden(ranges[index][name], read[name][index], likely, largest)
+            widened[index][name] = _with_hidden(ranges[index][name], read[name][index], likely, largest)
     esf, lsf = _profiles(shape.spline, rising, sides)
     edges = []
     for index, names in enumerate(flags):
@@ -230,7 +233,8 @@ def _told(
                 noise_variance_dark=noise_dark,
                 noise_variance_bright=noise_bright,
                 noise_power_at_0=power_at_0[index],
-                intervals=ranges[index],
+                intervals=widened[index],
+                noise_intervals=ranges[index],
                 frequencies=frequencies[index],
                 power=response.power[index],
                 sfr=sfr[index],

@@ -223,7 +223,10 @@ def _even(blocks: _Blocks) -> NDArray[np.bool_]:
 
 
 def _sharpness(pair: Pair) -> list[Quantity]:
-    """MTF50 at edges of the simulated picture that the real one shows at the same place."""
+    """MTF50 at edges of the simulated picture that the real one shows at the same place.
+
+    A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.
+    """
     try:
         regions, _ = measuring.found_regions(pair.linear[0])
     except ValueError:  # there is none
@@ -236,7 +239,8 @@ def _sharpness(pair: Pair) -> list[Quantity]:
             continue
         if first.edge.bright_side != second.edge.bright_side:
             continue
-        errors = [(each.high - each.low) / 2 / each.value for each in told]
+        ranges = [each.edge.noise_intervals["mtf50"] for each in (first, second)]
+        errors = [(high - low) / 2 / each.value for (low, high), each in zip(ranges, told, strict=True)]
         at = ",".join(map(str, first.roi[:2]))
         found.append(
             Quantity(f"MTF50 at {at}", "cycles/px", told[0].value, told[1].value, math.hypot(*errors))

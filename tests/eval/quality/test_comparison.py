@@ -106,10 +106,7 @@ def test_chance_is_as_wide_as_differences_are() -> None:
         for each in compared(picture(50 + 2 * seed), picture(51 + 2 * seed)).quantities:
             shares.setdefault(each.name.split()[0], []).append(each.difference / each.chance)
     for kind, found in shares.items():
-        least = (
-            1 / 5 if kind == "MTF50" else 1 / 1.6
-        )  # whose interval also allows for faults that do not show
-        assert least < 1.96 * np.sqrt(np.mean(np.square(found))) < 1.6, kind
+        assert 1 / 1.6 < 1.96 * np.sqrt(np.mean(np.square(found))) < 1.6, kind
 
 
 def test_what_cannot_be_told() -> None:
