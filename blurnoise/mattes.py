@@ -8,7 +8,7 @@ invented from around it (Bertalmío et al. 2001), and ``invented`` says where.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +18,6 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise._core.limits import LARGEST_PICTURE
-from blurnoise.encoding import linear_from_srgb
 from blurnoise.layers import Layer
 
 Matte = NDArray[np.float32]
@@ -59,19 +58,6 @@ def checked_size(size: Size) -> Size:
     if height * width > LARGEST_PICTURE:
         raise ValueError(f"size = {height} x {width}: must be at most {LARGEST_PICTURE} pixels")
     return height, width
-
-
-def layer_of_rgba(
-    rgba: NDArray[Any], velocity_px_s: Iterable[float] = (0.0, 0.0), place_px: tuple[int, int] = (0, 0)
-) -> Layer:
-    """The layer of a picture (h, w, 4), 8 or 16 bits, sRGB-coded with straight alpha, its corner at (left, top)."""
-    an_instance("rgba", rgba, np.ndarray)
-    if rgba.ndim != 3 or rgba.shape[2] != 4 or rgba.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"rgba: must be (h, w, 4) of 8 or 16 bits, got {rgba.shape} {rgba.dtype}")
-    planes = (
-        torch.from_numpy(rgba.astype(np.float32) / np.iinfo(rgba.dtype).max).permute(2, 0, 1).contiguous()
-    )
-    return Layer(linear_from_srgb(planes[:3].contiguous()), planes[3].contiguous(), velocity_px_s, place_px)
 
 
 def cut_out(

@@ -40,7 +40,7 @@ FLOORS: dict[str, list[set[str]]] = {
     ],
     "blurnoise.metrics": [
         {"values", "estimate", "regions"},
-        {"edge", "information", "noise", "similarity", "target_frequencies"},
+        {"edge", "information", "noise", "similarity"},
         {"edge_information", "contrast"},
     ],
     "blurnoise_eval": [

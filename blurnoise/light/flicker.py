@@ -73,22 +73,6 @@ class Pwm:
         exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
         return max(0.0, 1 - self.frequency_hz * exposure - self.duty)
 
-    def overlap_probability(self, exposure_s: float, overlap_s: float) -> float:
-        """That the lamp is on for at least ``overlap_s`` > 0 of an exposure.
-
-        f (T + D/f - 2 o) where exposure and pulse fit into a period; of longer exposures the part beyond whole
-        periods follows the same law, from what it always receives to the most that it can.
-        """
-        whole, rest_s = self._divided(exposure_s)
-        beyond_s = in_range("overlap_s", overlap_s, 0.0, 3600.0, above=True) - whole * self.pulse_s
-        always_s = max(0.0, rest_s + self.pulse_s - 1 / self.frequency_hz)
-        slack_s = 1e-12 * (exposure_s + 1 / self.frequency_hz)  # the law jumps there, and ends are rounded
-        if beyond_s <= always_s + slack_s:
-            return 1.0
-        if beyond_s > min(rest_s, self.pulse_s) + slack_s:
-            return 0.0
-        return self.frequency_hz * (rest_s + self.pulse_s - 2 * beyond_s)
-
     def _divided(self, exposure_s: float) -> tuple[int, float]:
         """Whole periods in an exposure, and what is left."""
         exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)

@@ -1,8 +1,8 @@
 """Image-quality metrics of linear pictures: what an instrument would say of them, and how sure it can be.
 
 The slanted edge is here; :mod:`~blurnoise.metrics.information` and :mod:`~blurnoise.metrics.edge_information`,
-:mod:`~blurnoise.metrics.noise`, :mod:`~blurnoise.metrics.contrast`, :mod:`~blurnoise.metrics.target_frequencies`
-and :mod:`~blurnoise.metrics.similarity` are modules of their own.
+:mod:`~blurnoise.metrics.noise`, :mod:`~blurnoise.metrics.contrast` and :mod:`~blurnoise.metrics.similarity` are
+modules of their own.
 """
 
 from blurnoise.metrics.edge.flags import Flag

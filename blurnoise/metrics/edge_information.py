@@ -104,47 +104,6 @@ def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) ->
     return _estimate(ratio, across_x=across_x, across_y=across_y)
 
 
-class EdgeInformation(NamedTuple):
-    """What an edge tells an ideal observer, with the noise of its own sides, taken for white.
-
-    sic_radial, sic_square: Shannon information capacity, bits/px. neq: (F,), noise-equivalent quanta per pixel at
-    the edge's frequencies; neq_0: at 0; neq_integral: over the square of frequencies. snri: of a bright square.
-    """
-
-    sic_radial: Estimate
-    sic_square: Estimate
-    neq: Tensor
-    neq_0: Estimate
-    neq_integral: Estimate
-    snri: Estimate
-
-
-def information_of(
-    edge: SlantedEdge, across: SlantedEdge | None = None, *, target_px: int = 10
-) -> EdgeInformation:
-    """Shannon capacity (radial, square), NEQ (curve, at 0, integral) and SNRI of an edge, each with its interval.
-
-    across: an edge along the other axis; without it the blur counts as the same in both. target_px: side of the
-    square, as bright as the bright side on the dark one, that SNRI is told for. Raises ``ValueError`` for an edge
-    measured without bootstrap.
-    """
-    checks.an_instance("edge", edge, SlantedEdge)
-    both = edge, edge if across is None else across
-    checks.an_instance("across", both[1], SlantedEdge)
-    counted("target_px", target_px)
-    density = information.neq(
-        edge.power, mean_signal=edge.bright, noise_power_spectrum=edge.noise_variance_bright
-    )
-    return EdgeInformation(
-        capacity_radial(edge),
-        capacity_square(*both),
-        density,
-        neq_0(edge),
-        neq_integral(*both),
-        square_snr(*both, side_px=target_px),
-    )
-
-
 class _Told(NamedTuple):
     """One edge or its resamples: frequencies (F,), power (n, F); the rest (n, 1)."""
 

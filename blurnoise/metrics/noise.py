@@ -1,4 +1,4 @@
-"""Noise of a patch that should be even: its signal-to-noise ratio, and its power spectrum.
+"""Noise of a patch that should be even: its signal-to-noise ratio.
 
 Domain: digital numbers with the black level removed. Any leading axes (batch, channel) stay: every number of a
 result is a tensor of their shape, and so is every flag, True where that number is not to be trusted plainly.
@@ -101,87 +101,10 @@ def patch_snr(
     )
 
 
-@dataclass(frozen=True)
-class NoisePowerSpectrum:
-    """Power of the noise per frequency, DN² px², from ``fields`` even fields.
-
-    frequency_x (W,), frequency_y (H,): cycles/px, in the order of ``torch.fft.fftfreq``. nps: (..., H, W), each
-    value exponentially distributed over one field, so uncertain by 1/sqrt(fields). frequency (R,), radial,
-    radial_low, radial_high (..., R): mean over rings, and its interval. A ring's mean hides direction: read
-    ``nps`` where rows and columns differ. variance_dn2 (...): the integral of nps over the square.
-    not_finite (...): fields with NaN or Inf, all numbers NaN. noiseless (...): no noise at all.
-    """
-
-    frequency_x: Tensor
-    frequency_y: Tensor
-    nps: Tensor
-    frequency: Tensor
-    radial: Tensor
-    radial_low: Tensor
-    radial_high: Tensor
-    variance_dn2: Tensor
-    fields: int
-    not_finite: Tensor
-    noiseless: Tensor
-
-
-def noise_power_spectrum(
-    flat_fields: Tensor, *, detrend: bool = False, level: float = 0.95
-) -> NoisePowerSpectrum:
-    """Noise power spectrum <|DFT|²>/(Nx Ny) of even fields (N, ..., H, W), averaged over the first axis.
-
-    Each field's mean is taken off, or a surface of second order if ``detrend`` (which also takes the noise in
-    the few lowest frequencies). No window: the mean of nps is the fields' variance (Parseval's theorem), and
-    power leaks between frequencies where the spectrum is steep. Fixed pattern is noise here; for temporal noise
-    alone pass differences of two fields, divided by sqrt(2).
-
-    Rings are as wide as the longer axis' steps, from the first one beyond 0 to 1/2. A ring of n values over N
-    fields has n N degrees of freedom (f and -f are one value), and the interval is chi-square's.
-    Source: IEC 62220-1. Raises ``TypeError`` or ``ValueError`` naming the argument and what is allowed.
-    """
-    z = normal_quantile(level)
-    fields = values.real("flat_fields", flat_fields, dims=3)
-    height, width = fields.shape[-2:]
-    if min(height, width) < 4:
-        raise ValueError(f"flat_fields: must be 4 x 4 px or larger, got {height} x {width}")
-    trend = _trend(fields)[0] if detrend else fields.mean((-2, -1), keepdim=True)
-    noise = fields - trend
-    noise = torch.where(noise.abs() <= _rounding(fields)[..., None, None], 0.0, noise)
-    nps = (torch.fft.fft2(noise).abs() ** 2).mean(0) / (height * width)
-
-    fx, fy = (torch.fft.fftfreq(n, dtype=torch.float64, device=nps.device) for n in (width, height))
-    steps = min(height, width)
-    ring = torch.round(torch.hypot(fx, fy[:, None]) * steps).long().flatten()
-    rings = steps // 2
-    member = torch.nn.functional.one_hot(ring.clamp(max=rings + 1), rings + 2)[:, 1 : rings + 1].double()
-    counts = member.sum(0)
-    radial = nps.flatten(-2) @ member / counts
-    freedom = counts * len(fields)
-    return NoisePowerSpectrum(
-        frequency_x=fx,
-        frequency_y=fy,
-        nps=nps,
-        frequency=torch.arange(1, rings + 1, dtype=torch.float64, device=nps.device) / steps,
-        radial=radial,
-        radial_low=radial * freedom / _chi_square_quantile(freedom, z),
-        radial_high=radial * freedom / _chi_square_quantile(freedom, -z),
-        variance_dn2=nps.mean((-2, -1)),
-        fields=len(fields),
-        not_finite=~torch.isfinite(nps).all(-1).all(-1),
-        noiseless=(nps == 0).all(-1).all(-1),
-    )
-
-
 def normal_quantile(level: float) -> float:
     """z for which a normal number lies within -+z with probability ``level``, which must be 0.5 to 0.9999."""
     share = checks.in_range("level", level, 0.5, 0.9999)
     return float(torch.special.ndtri(torch.tensor((1 + share) / 2, dtype=torch.float64)))
-
-
-def _chi_square_quantile(freedom: Tensor, z: float) -> Tensor:
-    """Wilson and Hilferty 1931: within 1 % from 4 degrees of freedom on."""
-    part = 2 / (9 * freedom)
-    return freedom * (1 - part + z * part.sqrt()).clamp(min=1e-6) ** 3
 
 
 def _region(image: Tensor, roi: tuple[int, int, int, int] | float) -> Tensor:

@@ -1,4 +1,4 @@
-"""Similarity of a picture to its reference: MSE, PSNR and SSIM, the latter two as Kornia computes them.
+"""Similarity of a picture to its reference: PSNR and SSIM, as Kornia computes them.
 
 Domain: pictures (B, C, H, W) of one shape, integers or floats, any range that ``data_range`` states. One number
 per picture, (B,); NaN in a picture gives NaN for it. These are exact functions of the two pictures, not
@@ -17,12 +17,6 @@ from blurnoise.metrics import values
 
 SSIM_WINDOW_PX = 11
 """Gaussian of sigma 1.5 px, as in the paper that brought it."""
-
-
-def mse(picture: Tensor, reference: Tensor) -> Tensor:
-    """Mean squared error, squared units of the pictures, (B,). Raises as :func:`ssim` does for shapes."""
-    a, b = _pair(picture, reference)
-    return (a - b).square().mean((1, 2, 3))
 
 
 def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:

@@ -22,7 +22,6 @@ from blurnoise.metrics import (
     noise,
     similarity,
     slanted_edge,
-    target_frequencies,
 )
 
 CAMERA = Camera.preset("imx250")
@@ -136,7 +135,6 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (edge_information.neq_0, {"edge": MEASURED}),
     (edge_information.neq_integral, {"across_x": MEASURED, "across_y": MEASURED}),
     (edge_information.square_snr, {"across_x": MEASURED, "across_y": MEASURED, "side_px": 5}),
-    (edge_information.information_of, {"edge": MEASURED, "across": MEASURED, "target_px": 5}),
     (
         information.shannon_capacity_radial,
         {"frequency": AXIS, "power": AXIS, "signal_pp": 1.0, "noise_variance": 0.1},
@@ -155,17 +153,11 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (information.separable, {"power_x": AXIS, "power_y": AXIS}),
     (information.at, {"frequency": AXIS, "power": AXIS, "wanted": AXIS}),
     (noise.patch_snr, {"image": PATCH, "roi": 0.5, "limits_dn": (0.0, 1.0), "level": 0.95}),
-    (noise.noise_power_spectrum, {"flat_fields": PICTURES[0], "level": 0.95}),
     (noise.normal_quantile, {"level": 0.9}),
-    (similarity.mse, {"picture": PICTURES, "reference": PICTURES}),
     (similarity.psnr, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
     (similarity.ssim, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
-    (
-        target_frequencies.target_frequencies,
-        {"image": PATCH, "across": "x", "threshold": 0.2, "noise_std": 0.0},
-    ),
 ]  # fmt: skip
-METRICS = (contrast, edge_information, information, noise, similarity, target_frequencies)
+METRICS = (contrast, edge_information, information, noise, similarity)
 HOSTILE: Mapping[str, Any] = {
     "None": None,
     "text": "abc",

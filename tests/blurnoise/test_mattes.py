@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from blurnoise import mattes
-from blurnoise.encoding import linear_from_srgb
 from blurnoise.layered import at_rest
 
 SIZE = (61, 84)
@@ -92,21 +91,9 @@ def test_what_cannot_be_cut_out() -> None:
 
 
 def test_what_is_of_another_kind() -> None:
-    with pytest.raises(TypeError, match=r"rgba: must be a numpy.ndarray, got NoneType"):
-        mattes.layer_of_rgba(None)  # type: ignore[arg-type]
     light, matte = box_of_light(soft=False)
     with pytest.raises(TypeError, match=r"matte: must be a numpy.ndarray, got Tensor"):
         mattes.cut_out(light, [torch.from_numpy(matte)], [(0.0, 0.0)])  # type: ignore[list-item]
-
-
-def test_a_picture_with_alpha_is_a_layer() -> None:
-    rgba = np.zeros((4, 6, 4), np.uint8)
-    rgba[..., 0], rgba[:, 2:, 3] = 128, 255
-    layer = mattes.layer_of_rgba(rgba, (5.0, 0.0), (3, 7))
-    assert float(layer.light[0, 0, 0]) == pytest.approx(float(linear_from_srgb(torch.tensor(128 / 255))))
-    assert layer.alpha.sum() == 16
-    with pytest.raises(ValueError, match="rgba"):
-        mattes.layer_of_rgba(rgba[..., :3])
 
 
 @pytest.mark.parametrize("size", [(0, 5), (5, -1), (5.5, 4), (1 << 20, 1 << 20), (5,), "no"])

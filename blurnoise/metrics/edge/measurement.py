@@ -17,14 +17,22 @@ from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics import regions
-from blurnoise.metrics.edge.colours import apart
 from blurnoise.metrics.edge.correlation import block_weights, widening
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
-from blurnoise.metrics.edge.numbers import intervals, numbers
-from blurnoise.metrics.edge.response import Response, exact_response, peak, scatter
-from blurnoise.metrics.edge.shape import NOISY, Flags, Shape, doubts, locate, not_alone, shape_of, suspicions
+from blurnoise.metrics.edge.response import Response, exact_response, intervals, numbers, peak, scatter
+from blurnoise.metrics.edge.shape import (
+    NOISY,
+    Flags,
+    Shape,
+    colours_apart,
+    doubts,
+    locate,
+    not_alone,
+    shape_of,
+    suspicions,
+)
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 from blurnoise.metrics.estimate import Estimate
@@ -170,7 +178,9 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
 
 def _with_colours(edges: list[SlantedEdge], colours: Tensor) -> list[SlantedEdge]:
     """The edges, flagged where their colours (B, 3, H, W) lie apart."""
-    doubted = apart(colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype)).tolist()
+    doubted = colours_apart(
+        colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype)
+    ).tolist()
     flags = frozenset({Flag.NON_LINEAR_SUSPECTED})
     return [
         replace(edge, flags=edge.flags | flags) if doubtful else edge

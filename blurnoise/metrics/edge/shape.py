@@ -5,6 +5,7 @@ Domain: regions (B, H, W) float64, linear, the edge near vertical, of either pol
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +16,7 @@ from blurnoise.metrics.edge.alternatives import Alternatives, alternatives
 from blurnoise.metrics.edge.flags import Flag
 from blurnoise.metrics.edge.geometry import Upright, find_line, largest_phase_gap_px, smooth, straighten
 from blurnoise.metrics.edge.plausibility import (
+    DISPLACED,
     Profile,
     displaced,
     lopsided,
@@ -35,6 +37,7 @@ from blurnoise.metrics.edge.sides import (
     reach_of,
 )
 from blurnoise.metrics.edge.spline import BLOCK_PX, LINE_ORDER, Spline, refine
+from blurnoise.metrics.regions import LUMINANCE
 
 Flags = dict[Flag, Tensor]
 """Which of the regions each flag stands for, (B,) bool."""
@@ -51,6 +54,10 @@ NOISY = 0.08
 """Standard deviation of MTF50, as a share of it, from which noise dominates."""
 CERTAIN = 5.0
 """Standard errors that such a suspicion must have."""
+COLOURS_CERTAIN = 2.2
+"""Errors, on the safe side as they are, that the colours' distance must have: of 400 grey edges none has 1.1."""
+_LEVELS = 2.0
+"""Error of an edge's place over that from its rows alone: the levels that place it have errors, too."""
 
 
 @dataclass(frozen=True)
@@ -178,3 +185,24 @@ def _quieter(sides: Sides) -> Tensor:
     # What a filter or compression leaves of the noise says nothing of light.
     noisy = (of_dark > NOISELESS * sides.step**2) & (sides.block == 1)
     return noisy & (torch.log(of_bright / (QUIETER * of_dark)) < -CERTAIN * error)
+
+
+def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
+    """Whether the colours' edges certainly lie apart so far that their luminance's MTF50 (B,) suffers, (B,).
+
+    Places of variance s^2, each colour that has a step counting by its share of it, lower the response
+    as displaced rows do.
+    """
+    batch, _, height, width = colours.shape
+    line = find_line(colours.flatten(0, 1))
+    step = line.right - line.left
+    rows = (line.right[:, None] - colours.flatten(0, 1).mean(2)) / step[:, None] * width
+    scatter = _LEVELS * (rows - line.position_px).std(1) / math.sqrt(height)
+    told = (line.position_px.mean(1), scatter.nan_to_num(0, 0, 0), step.abs())
+    place, error, step = (each.view(batch, 3) for each in told)
+    weight = torch.where(line.no_edge.view(batch, 3), 0.0, step * torch.tensor(LUMINANCE, dtype=step.dtype))
+    weight = weight / weight.sum(1, keepdim=True)
+    middle = (weight * place).sum(1, keepdim=True)
+    spread, noise = (weight * (place - middle) ** 2).sum(1), (weight * error**2).sum(1)
+    cost = 2 * (math.pi * mtf50) ** 2 * (spread - noise) / (2 * math.log(2))
+    return (spread > COLOURS_CERTAIN**2 * noise) & (cost > DISPLACED)

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 from blurnoise import charts
 from blurnoise.camera import Camera
-from blurnoise.metrics.target_frequencies import target_frequencies
 from blurnoise.motion import blur_pixels
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.paper.item import Check, Found
 from blurnoise_eval.paper.measurement import CAMERA, Measurements
+from blurnoise_eval.paper.target_frequencies import target_frequencies
 
 
 class Road(NamedTuple):

@@ -124,22 +124,3 @@ def test_resamples_are_needed() -> None:
     assert isinstance(edge, SlantedEdge)
     with pytest.raises(ValueError, match="bootstrap > 0"):
         edge_information.capacity_radial(edge)
-
-
-def test_an_edge_tells_all_of_it_by_itself() -> None:
-    """Across no other edge, the blur counts as the same both ways."""
-    (edge,) = edges(1, 30.0, **BLUR)
-    told = edge_information.information_of(edge, target_px=8)
-    assert told.sic_radial == edge_information.capacity_radial(edge)
-    assert told.sic_square == edge_information.capacity_square(edge, edge)
-    assert told.neq_integral == edge_information.neq_integral(edge, edge)
-    assert told.snri == edge_information.square_snr(edge, edge, side_px=8)
-    torch.testing.assert_close(told.neq, edge.power * edge.bright**2 / edge.noise_variance_bright)
-    assert told.neq_0.value == pytest.approx(float(told.neq[0]))
-    assert told.neq_0.low < told.neq_0.value < told.neq_0.high
-    (still,) = edges(1, 30.0, seed=2, sigma_px=0.3, angle_deg=93.0)
-    assert edge_information.information_of(edge, still).sic_square.value > told.sic_square.value
-    plain = slanted_edge(closed_edge(100, 100), bootstrap=0)
-    assert isinstance(plain, SlantedEdge)
-    with pytest.raises(ValueError, match="bootstrap"):
-        edge_information.information_of(plain)

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import Camera, charts, simulate
-from blurnoise.metrics.noise import noise_power_spectrum, normal_quantile, patch_snr
+from blurnoise.metrics.noise import normal_quantile, patch_snr
 
 
 def noise(*shape: int, seed: int = 1) -> Tensor:
@@ -118,67 +118,6 @@ def test_snr_of_a_simulated_patch_is_the_camera_s() -> None:
     assert float(got.high) < 1.05 * float(got.low)
 
 
-@pytest.mark.parametrize("detrend", [False, True])
-def test_integral_of_the_spectrum_is_the_variance(detrend: bool) -> None:
-    fields = 50 + 4 * noise(5, 2, 24, 31)
-    got = noise_power_spectrum(fields, detrend=detrend)
-    if not detrend:
-        expected = fields.var((-2, -1), correction=0).mean(0)
-        assert torch.allclose(got.variance_dn2, expected, rtol=1e-12)
-    assert torch.allclose(got.nps.mean((-2, -1)), got.variance_dn2, rtol=1e-12)
-    assert got.nps.shape == (2, 24, 31)
-    assert got.fields == 5
-    assert torch.all(got.nps[..., 0, 0] < 1e-20)
-    assert float(got.frequency[0]) == pytest.approx(1 / 24)
-    assert float(got.frequency[-1]) == pytest.approx(0.5)
-
-
-def test_white_noise_is_flat() -> None:
-    fields = 3 * noise(64, 32, 31)
-    got = noise_power_spectrum(fields)
-    # Each of the independent values (f and -f are one) is 9 chi²(2 * 64)/(2 * 64): their scaled squares add up.
-    half = got.nps[1:16].flatten() / 9 - 1
-    assert abs(float(half.square().sum()) * 64 - len(half)) < 5 * math.sqrt(2.2 * len(half))
-    inside = (got.radial_low < 9) & (got.radial_high > 9)
-    assert int(inside.sum()) >= len(inside) - 3
-
-
-def test_radial_interval_holds_the_truth() -> None:
-    got = noise_power_spectrum(3 * noise(3, 400, 20, 31))
-    inside = ((got.radial_low < 9) & (got.radial_high > 9)).double().mean(0)
-    assert bool((inside > 0.95 - 3.5 * math.sqrt(0.05 * 0.95 / 400)).all())
-    assert bool((inside < 0.95 + 3.5 * math.sqrt(0.05 * 0.95 / 400)).all())
-
-
-def test_band_limited_noise_follows_its_closed_form() -> None:
-    """White noise averaged over two neighbours in x has the spectrum cos²(pi fx)."""
-    white = noise(400, 16, 21)
-    got = noise_power_spectrum((white + white.roll(1, -1)) / 2)
-    expected = torch.cos(math.pi * got.frequency_x).square().expand(16, 21)
-    got_rows = got.nps[1:].mean(0) / expected[0]  # 15 rows, 400 fields: 1.3 to 1.8 % per value
-    assert bool((got_rows - 1).abs().max() < 5 / math.sqrt(15 / 2 * 400))
-
-
-def test_detrend_takes_shading_off_every_field() -> None:
-    x = torch.linspace(-1, 1, 40)
-    fields = 5 * noise(4, 30, 40) + 200 * x + 100 * x**2
-    shaded, even = noise_power_spectrum(fields), noise_power_spectrum(fields, detrend=True)
-    assert float(shaded.variance_dn2) > 100 * float(even.variance_dn2)
-    assert float(even.variance_dn2) == pytest.approx(25, rel=0.1)
-
-
-def test_spectrum_of_bad_fields() -> None:
-    fields = noise(2, 3, 8, 9)
-    fields[1, 2, 0, 0] = math.inf
-    fields[:, 1] = 0.1
-    got = noise_power_spectrum(fields)
-    assert got.not_finite.tolist() == [False, False, True]
-    assert got.noiseless.tolist() == [False, True, False]
-    assert torch.isnan(got.nps[2]).all()
-    assert torch.isnan(got.radial[2]).all()
-    assert noise_power_spectrum(torch.full((2, 8, 8), 255, dtype=torch.uint8)).noiseless
-
-
 def test_normal_quantile() -> None:
     assert normal_quantile(0.95) == pytest.approx(1.959963984540054, rel=1e-12)
 
@@ -197,8 +136,6 @@ def test_normal_quantile() -> None:
         (lambda: patch_snr(torch.ones(9, 9), roi=(0, 0, 5)), TypeError, "roi"),
         (lambda: patch_snr(torch.ones(9, 9), limits_dn=(5.0, 5.0)), ValueError, "limits_dn"),
         (lambda: patch_snr(torch.ones(9, 9), level=1.0), ValueError, "level"),
-        (lambda: noise_power_spectrum(torch.ones(9, 9)), ValueError, "3 or more"),
-        (lambda: noise_power_spectrum(torch.ones(2, 1, 9)), ValueError, "4 x 4"),
     ],
 )
 def test_wrong_arguments_are_named(call, error, message) -> None:

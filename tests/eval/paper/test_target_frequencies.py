@@ -6,12 +6,12 @@ import math
 
 import pytest
 import torch
+from blurnoise_eval.paper.target_frequencies import target_frequencies
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
 from blurnoise import charts
-from blurnoise.metrics.target_frequencies import target_frequencies
 
 
 def grating(period_px: float, phase: float = 0.3, width: int = 120) -> Tensor:
