@@ -36,7 +36,7 @@ from blurnoise.light import effects
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.operating_point import OperatingPoint, each_of, items, operating_points
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
-from blurnoise.picture.mosaics import magnification
+from blurnoise.picture.steps import magnification
 from blurnoise.sensor import mosaic
 from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.threads import in_pieces
+
+_LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
 
 
 def look_up(table: Tensor, dn: Tensor) -> Tensor:
@@ -28,3 +34,11 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
 
     in_pieces(look_up, len(numbers), torch.get_num_threads())
     return torch.from_numpy(out).view(dn.shape)
+
+
+def look_up_codes(table: NDArray[Any], codes: NDArray[np.uint16], out: NDArray[Any]) -> None:
+    """Write ``table``'s value for each code of 16 bits, all of which it has, to ``out``."""
+    if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
+        cv2.LUT(codes, table[None], dst=out)
+    else:
+        np.take(table, codes, mode="clip", out=out)

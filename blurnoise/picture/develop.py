@@ -1,20 +1,31 @@
-"""Development: digital numbers to a picture for viewing and for detectors, through all picture steps."""
+"""Development: digital numbers to a picture for viewing and for detectors, through all picture steps.
+
+Beside the formulas, two faster ways on the CPU: a table of what they make of every digital number; and of mosaics
+integers of 16 bits, with black at ``demosaic.OFFSET`` and ``demosaic.SCALE`` steps to full scale. Those are fine
+beside the steps of a converter of up to 12 bits, and keep noise below black until the tone curve; means of neighbours
+and matrices whose rows sum to 1 leave the offset. Both give the formulas' picture, to a few of these steps.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
 from blurnoise import colour
 from blurnoise._core.checks import an_instance, finite, one_of
 from blurnoise._core.limits import limited
-from blurnoise._core.lookup import look_up
+from blurnoise._core.lookup import look_up, look_up_codes
+from blurnoise._core.threads import side_by_side
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.camera import Camera
 from blurnoise.encoding import Encoding
-from blurnoise.picture import sixteen_bits, steps
+from blurnoise.picture import steps
+from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded
 from blurnoise.picture.step import Development, PictureStep
 from blurnoise.spectra import Curve, check_illuminant
 
@@ -44,7 +55,7 @@ def develop(
     size, float32 or float64. Returns dn's floating dtype, for integers float32. whole: whether dn is known to hold
     whole numbers; None: that is looked at.
     By a table of the formulas, where each value depends on its own number; coded float32 mosaics on the CPU in
-    integers of 16 bits (:mod:`blurnoise.picture.sixteen_bits`); by the formulas where gradients are asked for, and of
+    integers of 16 bits; by the formulas where gradients are asked for, and of
     frames that were not rounded.
     Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are none), camera, encoding, gain_db or illuminant.
     """
@@ -109,7 +120,7 @@ def _leading(every: tuple[PictureStep, ...]) -> int:
 def _fast(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -> int:
     if at.encoding != "srgb" or dn.device.type != "cpu" or dn.dtype == torch.float64:
         return 0
-    return sixteen_bits.supported(active)
+    return steps_in_16_bits(active)
 
 
 def _active(dn: Tensor, camera: Camera) -> tuple[PictureStep, ...]:
@@ -140,13 +151,13 @@ def _development(camera: Camera, encoding: Encoding, gain_db: float, illuminant:
 
 def _by_16_bits(dn: Tensor, at: Development, every: tuple[PictureStep, ...], kind: torch.dtype) -> Tensor:
     coloured = steps.COLOUR_MATRIX in every
-    return sixteen_bits.developed(dn, at, coloured, _tones_of_16_bits(at, every[3 + coloured :], kind))
+    return _in_16_bits(dn, at, coloured, _tones_of_16_bits(at, every[3 + coloured :], kind))
 
 
 @lru_cache(maxsize=32)
 @torch.inference_mode(False)
 def _tones_of_16_bits(at: Development, every: tuple[PictureStep, ...], kind: torch.dtype) -> Tensor:
-    table = sixteen_bits.tones(at, every)
+    table = _linear_tones(at, every)
     return table.mul(255.0).round().to(kind) if kind == torch.uint8 else table.to(kind)
 
 
@@ -167,3 +178,60 @@ def _developed(dn: Tensor, at: Development, every: tuple[PictureStep, ...]) -> T
     for step in every:
         dn = step.apply(dn, at)
     return dn
+
+
+def steps_in_16_bits(active: Sequence[PictureStep]) -> int:
+    """How many of these steps, from the first on, are done here: a mosaic's and the pointwise ones after them."""
+    mosaic = [step for step in (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC) if step in active]
+    count = len(mosaic)
+    if count < 3 or list(active[:count]) != mosaic:
+        return 0
+    count += active[count : count + 1] == (steps.COLOUR_MATRIX,)
+    while count < len(active) and active[count].pointwise:
+        count += 1
+    return count
+
+
+def _linear_tones(at: Development, pointwise: Sequence[PictureStep]) -> Tensor:
+    """What steps make of each linear value that 16 bits hold, float64."""
+    values = (torch.arange(1 << 16, dtype=torch.float64) - OFFSET) / SCALE
+    for step in pointwise:
+        values = step.apply(values, at)
+    return values
+
+
+def _in_16_bits(dn: Tensor, at: Development, coloured: bool, table: Tensor) -> Tensor:
+    """``table``'s values for the colours of planes (B, 1, H, W): (B, 3, H, W), channels last.
+
+    coloured: whether the colour matrix takes part. table: a value for each linear one, see :func:`_linear_tones`.
+    """
+    batch, _, height, width = dn.shape
+    camera = at.camera
+    gains = np.array(steps.site_gains(camera, at.illuminant)).reshape(2, 2)
+    gains = gains / (camera.full_scale_dn - camera.black_level_dn)
+    columns = (width + 5) // 2  # with its margin
+    by_rows = np.tile(gains, (1, columns))[None].astype(np.float32)
+    rows = np.array(steps.matrix(camera, at.illuminant), np.float32) if coloured else None
+    looked_up, highest = table.numpy(), np.float32(steps.highest(camera))
+    frames = dn.detach().reshape(batch, height, width).numpy()
+    out = torch.empty((batch, height, width, 3), dtype=table.dtype)
+
+    def frame(place: int) -> None:
+        numbers = np.subtract(frames[place], camera.black_level_dn, dtype=np.float32)
+        np.clip(numbers, -camera.black_level_dn, camera.full_scale_dn - camera.black_level_dn, out=numbers)
+        light = padded(numbers)
+        if height % 2:
+            light = np.concatenate([light, light[-1:]])
+        pairs = light.reshape(len(light) // 2, 2, -1)
+        np.multiply(pairs, by_rows[..., : light.shape[1]], out=pairs)
+        np.minimum(light, highest, out=light)
+        codes = cv2.addWeighted(
+            light[: height + 4], SCALE, light[: height + 4], 0.0, OFFSET, dtype=cv2.CV_16U
+        )
+        colours = by_opencv(codes, camera.cfa, camera.demosaic)
+        if rows is not None:
+            colours = cv2.transform(colours, rows)
+        look_up_codes(looked_up, colours, out[place].numpy())
+
+    side_by_side(frame, range(batch), torch.get_num_threads())
+    return out.permute(0, 3, 1, 2)

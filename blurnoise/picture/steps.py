@@ -1,19 +1,31 @@
 """The picture's steps, one table in causal order: digital numbers to a picture, after the converter.
 
-Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), then a picture in [0, 1].
-``STEPS`` is read wherever a frame is developed: a new entry is all that a new step needs. What a camera does not have
-(a mosaic, JPEG) it passes over.
+Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), one plane (B, 1, H, W) of a
+mosaic up to the demosaicing, three colours after it; then a picture in [0, 1]. ``STEPS`` is read wherever a frame is
+developed: a new entry is all that a new step needs. What a camera does not have (a mosaic, JPEG) it passes over.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import tone
+from blurnoise import colour, tone
 from blurnoise.camera import Camera
-from blurnoise.picture.jpeg import Jpeg
-from blurnoise.picture.mosaics import ColourMatrix, Demosaic, WhiteBalance
+from blurnoise.colour import Matrix
+from blurnoise.picture.demosaic import demosaic
 from blurnoise.picture.step import Development, PictureStep
+from blurnoise.radiometry import clear_shares, filter_electrons
+from blurnoise.spectra import Curve
+
+GAIN_MAX = 16.0
+"""Of the automatic white balance: where the light lacks a colour by more, a tint stays."""
 
 
 class BlackLevel(PictureStep):
@@ -24,6 +36,55 @@ class BlackLevel(PictureStep):
     def apply(self, picture: Tensor, at: Development) -> Tensor:
         """(dn - black) / (full scale - black)."""
         return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
+
+
+class WhiteBalance(PictureStep):
+    """A gain per filter, the least of them 1, and one level of clipping for all, so that highlights stay white."""
+
+    name = "white balance"
+    pointwise = False
+
+    def active(self, camera: Camera) -> bool:
+        """Behind filters."""
+        return camera.cfa not in colour.PLANES
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """Times the gain of the pixel's filter, then clipped where the first of all filters saturates."""
+        height, width = picture.shape[-2:]
+        tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
+        gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
+        return (picture * gains).clamp(max=highest(at.camera))
+
+
+class Demosaic(PictureStep):
+    """Three colours a pixel of one."""
+
+    name = "demosaic"
+    pointwise = False
+
+    def active(self, camera: Camera) -> bool:
+        """Behind filters."""
+        return camera.cfa not in colour.PLANES
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """By ``Camera.demosaic``."""
+        return demosaic(picture, at.camera.cfa, at.camera.demosaic)
+
+
+class ColourMatrix(PictureStep):
+    """Camera colours to linear sRGB; of RCCB green first, by difference."""
+
+    name = "colour matrix"
+    pointwise = False
+
+    def active(self, camera: Camera) -> bool:
+        """Where there is one, or clear pixels stand for green."""
+        return camera.ccm is not None or camera.cfa == "RCCB"
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """The product."""
+        rows = picture.new_tensor(matrix(at.camera, at.illuminant))
+        return torch.einsum("ij,bjhw->bihw", rows, picture)
 
 
 class DigitalGain(PictureStep):
@@ -46,6 +107,32 @@ class Tone(PictureStep):
         return tone.coded(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
+class Jpeg(PictureStep):
+    """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays."""
+
+    name = "JPEG"
+    pointwise = False
+
+    def active(self, camera: Camera) -> bool:
+        """Where a quality is stated."""
+        return camera.jpeg_quality is not None
+
+    def apply(self, picture: Tensor, at: Development) -> Tensor:
+        """Each picture by itself; three planes are colours, any other number so many grey pictures.
+
+        Its derivatives are those of nothing done.
+        """
+        if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
+            return picture
+        quality = at.camera.jpeg_quality
+        codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
+        colours = codes.shape[-3] == 3
+        each = codes.reshape(-1, *codes.shape[-3:]) if colours else codes.reshape(-1, *codes.shape[-2:])
+        seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
+        found = torch.from_numpy(seen).to(picture) / 255
+        return picture + (found - picture).detach() if picture.requires_grad else found
+
+
 BLACK_LEVEL, DIGITAL_GAIN, TONE, JPEG = BlackLevel(), DigitalGain(), Tone(), Jpeg()
 WHITE_BALANCE, DEMOSAIC, COLOUR_MATRIX = WhiteBalance(), Demosaic(), ColourMatrix()
 STEPS: tuple[PictureStep, ...] = (
@@ -62,3 +149,56 @@ STEPS: tuple[PictureStep, ...] = (
 def active(camera: Camera) -> tuple[PictureStep, ...]:
     """The steps that do something to this camera's frames, in order."""
     return tuple(step for step in STEPS if step.active(camera))
+
+
+@lru_cache(maxsize=64)
+def site_gains(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, ...]:
+    """White-balance gains of the pattern's four places."""
+    letters = dict.fromkeys(camera.cfa)
+    if isinstance(camera.white_balance, str):
+        electrons = filter_electrons(camera, illuminant)
+        most = max(electrons.values())
+        gains = {each: min(most / max(electrons[each], 1e-30), GAIN_MAX) for each in letters}
+    else:
+        red, middle, blue = camera.white_balance
+        stated = {"R": red, "G": middle, "C": middle, "B": blue}
+        least = min(stated[each] for each in letters)
+        gains = {each: stated[each] / least for each in letters}
+    return tuple(gains[letter] for letter in camera.cfa)
+
+
+def highest(camera: Camera) -> float:
+    """The level of linear light from which on a pixel counts as saturated."""
+    return (camera.saturated_dn - camera.black_level_dn) / (camera.full_scale_dn - camera.black_level_dn)
+
+
+@lru_cache(maxsize=64)
+def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
+    """From the demosaiced colours to linear sRGB; rows sum to 1."""
+    corrected = colour.normalised(camera.ccm)
+    if camera.cfa != "RCCB":
+        return corrected
+    red, green, blue = clear_shares(camera, illuminant)
+    by_difference = ((1.0, 0.0, 0.0), (-red / green, 1 / green, -blue / green), (0.0, 0.0, 1.0))
+    return colour.product(corrected, by_difference)
+
+
+@lru_cache(maxsize=64)
+def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
+    """By how much development to linear light magnifies noise of the plane, RMS, at most; 1 without a mosaic."""
+    if camera.cfa in colour.PLANES:
+        return 1.0
+    gains = dict(zip(camera.cfa, site_gains(camera, illuminant), strict=True))
+    if camera.cfa == "RCCC":
+        return gains["C"]
+    each = [gains["R"], gains.get("G", gains.get("C", 1.0)), gains["B"]]
+    return max(1.0, float(np.sqrt(((np.array(matrix(camera, illuminant)) * each) ** 2).sum(1)).max()))
+
+
+def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Of (3, H, W) or (H, W), 8 bits."""
+    given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
+    _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
+    back: NDArray[np.uint8] = seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
+    return back

@@ -7,7 +7,7 @@ dark, where read noise says so; only the converter's limits clip them from below
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import groupby, product
 from typing import Literal
 
 import torch
@@ -17,15 +17,16 @@ from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.camera import Camera
 from blurnoise.radiometry import dark_electrons, mean_quantum_efficiency
-from blurnoise.sensor import fused, stages
+from blurnoise.sensor import fast, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 from blurnoise.spectra import Curve
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
+_PIECE = 1 << 16  # values that stay in a core's cache
 
 
 def expose(
@@ -81,7 +82,7 @@ def read_out(
 ) -> Tensor:
     """Digital numbers of a frame with ``white_e`` * ``scene`` mean photo-electrons, scene (B, C, H, W).
 
-    Through ``STAGES`` in their order, but for those named in ``without``: by the fused route where it has them
+    Through ``STAGES`` in their order, but for those named in ``without``: by the fast route where it has them
     all, else stage by stage. The route may change a rounding step, not the law.
     white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. fixed_pattern:
     what ``camera.fixed_pattern`` returned. Means below 0 (ringing of a blur) count as 0.
@@ -113,53 +114,45 @@ def read_out(
     dark = dark_electrons(camera, exposure, temperature)
     seeds = rng.item_seeds(generator, batch)
     gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)
-    differentiable = torch.is_grad_enabled() and any(each.requires_grad for each in (scene, white, dark))
+    with_gradients = differentiable(scene, white, dark)
     active = stages.active(camera, without, noisy=noise)
-    law = _law(camera, fidelity, noise, differentiable, active)
-    if not differentiable:  # threads below would else start with gradients on
+    law = _law(camera, fidelity, noise, with_gradients, active)
+    if not with_gradients:  # threads below would else start with gradients on
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
 
-    def frames(of: slice) -> Frames:
+    def frames(of: slice, lights: slice) -> Frames:
         light, drawn = scene[of], seeds[of]
         field = own = None
         if law in ("merged", "apart", "counts"):
             field = rng.standard_normal(drawn, light) if normal is None else normal[of]
-        if law == "merged":  # else drawn where the well may be full
-            own = None if read is None else read[of]
-        elif law != "none" and camera.read_noise_e > 0:
+        if law == "merged":  # for pixels whose well may be full
+            needed = _may_fill_well(light, white[lights], dark[lights], gain, camera)
+        else:
+            needed = law != "none" and camera.read_noise_e > 0
+        if needed:
             own = rng.standard_normal(drawn, light, "read") if read is None else read[of]
         means = _over(white[of]), _over(dark[of])
         return Frames(camera, law, *means, drawn, quantised, field, own, gain, offset_e)
 
     on_cpu = scene.device.type == "cpu"
-    if differentiable or not quantised or not on_cpu or not fused.supports(active):
-        dn, at = scene, frames(slice(None))
-        for stage in active:
-            dn = stage.apply(dn, at)
+    if with_gradients or not quantised or not on_cpu or not fast.supports(active):
+        dn = _through(
+            active, scene, frames(slice(None), slice(None)), in_pieces=on_cpu and not with_gradients
+        )
         seen = dn if tones is None else look_up(tones, dn)
-        return seen if differentiable or out is None else out.copy_(seen)
+        return seen if with_gradients or out is None else out.copy_(seen)
     if out is None:
         out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype)
     targets, interleaved = _targets(out)
     whites, darks = white.tolist(), dark.tolist()
-    threads = torch.get_num_threads() if out.numel() >= WORTH_IT else 1
+    threads = threads_for(out)
 
     def expose_items(of: slice) -> None:
         first = slice(of.start, of.start + 1)
         lights = zip(whites[of], darks[of], targets[of], strict=True)
-        at = frames(first)
-        if law == "merged":
-            most_e = max(whites[of]) * _most(scene[first]) * (1.0 if gain is None else _most(gain)) + max(
-                darks[of]
-            )
-            needed = most_e >= stages.nearly_full_e(camera)
-            own = (
-                rng.standard_normal(at.seeds, scene[first], "read") if needed and at.read is None else at.read
-            )
-            at = replace(at, read=own if needed else None)
-        fused.expose(
-            fused.planes_of(scene[first], at),
-            [fused.Light(*each, interleaved) for each in lights],
+        fast.write_frames(
+            fast.planes_of(scene[first], frames(first, of)),
+            [fast.Target(*each, interleaved) for each in lights],
             camera,
             law,
             None if tones is None else tones.numpy(),
@@ -170,7 +163,7 @@ def read_out(
     once = (
         law in ("none", "merged")
         and all(each is not None and each.stride(0) == 0 for each in alike)
-        and max(whites) <= fused.MOST_APART * min(whites)
+        and max(whites) <= fast.MOST_APART * min(whites)
         and (law == "none" or (len(set(seeds)) == 1 if read is None else read.stride(0) == 0))
     )
     step = batch if once else 1
@@ -178,9 +171,39 @@ def read_out(
     return out
 
 
+def _through(active: Sequence[SensorStage], signal: Tensor, at: Frames, *, in_pieces: bool) -> Tensor:
+    """The signal after all stages, the reference; pointwise neighbours in pieces that stay cached."""
+    for pointwise, group in groupby(active, lambda stage: in_pieces and stage.pointwise(at)):
+        neighbours = list(group)
+        if not pointwise:
+            signal = _after(neighbours, signal, at)
+            continue
+        batch, colours, height, width = signal.shape
+        rows = max(1, _PIECE // (colours * width))
+        whole = torch.empty_like(signal, memory_format=torch.contiguous_format)
+        for item, first in product(range(batch), range(0, height, rows)):
+            piece = slice(item, item + 1), slice(None), slice(first, first + rows)
+            whole[piece] = _after(neighbours, signal[piece], at.part(*piece))
+        signal = whole
+    return signal
+
+
+def _after(some: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+    for stage in some:
+        signal = stage.apply(signal, at)
+    return signal
+
+
+def _may_fill_well(light: Tensor, white: Tensor, dark: Tensor, gain: Tensor | None, camera: Camera) -> bool:
+    """Whether the charge of any pixel of pictures may reach the full well, seen from its light."""
+    largest_gain = 1.0 if gain is None else _most(gain)
+    most_e = float(white.detach().max()) * _most(light) * largest_gain + float(dark.detach().max())
+    return most_e >= stages.nearly_full_e(camera)
+
+
 def _most(field: Tensor) -> float:
     """The largest value; NumPy's extremes wake no threads."""
-    return float(field.numpy().max())
+    return float(field.numpy().max() if plain(field) else field.detach().max())
 
 
 def _over(values: Tensor) -> Tensor:
@@ -188,7 +211,7 @@ def _over(values: Tensor) -> Tensor:
     return values[:, None, None, None]
 
 
-def _targets(out: Tensor) -> tuple[list[fused.Plane], bool]:
+def _targets(out: Tensor) -> tuple[list[fast.Plane], bool]:
     """Each frame of a batch as (C, n), or as (n, C) where colours lie next to each other, which is also told."""
     if out.is_contiguous():
         return [frame.view(len(frame), -1).numpy() for frame in out], False
@@ -198,14 +221,14 @@ def _targets(out: Tensor) -> tuple[list[fused.Plane], bool]:
 
 
 def _law(
-    camera: Camera, fidelity: Fidelity, noise: bool, differentiable: bool, active: Sequence[SensorStage]
+    camera: Camera, fidelity: Fidelity, noise: bool, with_gradients: bool, active: Sequence[SensorStage]
 ) -> Law:
     """How shot and read noise are drawn."""
     if not noise:
         return "none"
-    if fidelity == "full" and not differentiable:  # counts have no derivative
+    if fidelity == "full" and not with_gradients:  # counts have no derivative
         return "exact"
-    if camera.read_noise_e < MERGE_READ_NOISE_E and not differentiable:
+    if camera.read_noise_e < MERGE_READ_NOISE_E and not with_gradients:
         return "counts"
     after_shot = active[active.index(stages.SHOT_NOISE) + 1 :]
     last = stages.READ_NOISE if stages.READ_NOISE in after_shot else stages.FULL_WELL

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from torch import Tensor
@@ -45,6 +45,26 @@ class Frames:
     gain: Tensor | None = None
     offset_e: Tensor | None = None
 
+    def part(self, items: slice, colours: slice, rows: slice) -> Frames:
+        """Of some of the frames and of their pixels."""
+
+        def own(field: Tensor | None) -> Tensor | None:
+            return None if field is None else field[items, colours, rows]
+
+        def pattern(field: Tensor | None) -> Tensor | None:
+            return None if field is None else field[colours, rows]
+
+        return replace(
+            self,
+            white_e=self.white_e[items],
+            dark_e=self.dark_e[items],
+            seeds=self.seeds[items],
+            normal=own(self.normal),
+            read=own(self.read),
+            gain=pattern(self.gain),
+            offset_e=pattern(self.offset_e),
+        )
+
 
 class SensorStage(ABC):
     """One entry of :data:`blurnoise.sensor.stages.STAGES`.
@@ -65,6 +85,10 @@ class SensorStage(ABC):
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """The signal after it: differentiable, on any device."""
+
+    def pointwise(self, at: Frames) -> bool:
+        """Whether a pixel's value depends on nothing but that value and the fields of ``at`` there."""
+        return False
 
     def bound_dn(self, at: OperatingPoint[float]) -> float | None:
         """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""

@@ -28,7 +28,15 @@ from blurnoise.sensor.stage import (
 from blurnoise.spectra import Curve, Spectrum
 
 
-class SpectralIntegration(SensorStage):
+class PointwiseStage(SensorStage):
+    """A stage to which every pixel is alone."""
+
+    def pointwise(self, at: Frames) -> bool:
+        """Always."""
+        return True
+
+
+class SpectralIntegration(PointwiseStage):
     """Light to mean photo-electrons; below 0 (ringing of a blur) there are none."""
 
     name = "spectral integration"
@@ -48,7 +56,7 @@ class SpectralIntegration(SensorStage):
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
-class Prnu(SensorStage):
+class Prnu(PointwiseStage):
     """Photo-response non-uniformity: a fixed factor per pixel."""
 
     name = "PRNU"
@@ -68,7 +76,7 @@ class Prnu(SensorStage):
         return "fixed field of factors"
 
 
-class DarkCurrent(SensorStage):
+class DarkCurrent(PointwiseStage):
     """Dark charge mu_I T, part of what shot noise is drawn from."""
 
     name = "dark current"
@@ -96,6 +104,11 @@ class ShotNoise(SensorStage):
 
     name = "shot noise"
     draws = True
+
+    def pointwise(self, at: Frames) -> bool:
+        """But for fields that it draws itself."""
+        draws = at.law == "exact" or (at.law == "merged" and at.read is None)
+        return not draws or (at.law == "merged" and math.isinf(nearly_full_e(at.camera)))
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Counts, or a normal draw corrected to their skewness; see :func:`noisy_electrons`."""
@@ -126,7 +139,7 @@ class ShotNoise(SensorStage):
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
 
 
-class FullWell(SensorStage):
+class FullWell(PointwiseStage):
     """The full well, where it ends below the converter's range: charge beyond it is lost.
 
     What comes after it, read noise first, a saturated pixel still has.
@@ -140,7 +153,7 @@ class FullWell(SensorStage):
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
 
-class ReadNoise(SensorStage):
+class ReadNoise(PointwiseStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
 
     name = "read noise"
@@ -167,7 +180,7 @@ class ReadNoise(SensorStage):
         return "in the draw of shot noise" if merged else "a normal draw of its own"
 
 
-class Dsnu(SensorStage):
+class Dsnu(PointwiseStage):
     """Dark-signal non-uniformity: a fixed offset per pixel."""
 
     name = "DSNU"
@@ -187,7 +200,7 @@ class Dsnu(SensorStage):
         return "fixed field of offsets"
 
 
-class Gain(SensorStage):
+class Gain(PointwiseStage):
     """System gain K and black level: electrons to digital numbers, not yet whole ones."""
 
     name = "gain"
@@ -198,7 +211,7 @@ class Gain(SensorStage):
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
 
-class Quantisation(SensorStage):
+class Quantisation(PointwiseStage):
     """Rounding to whole digital numbers."""
 
     name = "quantisation"
@@ -217,7 +230,7 @@ class Quantisation(SensorStage):
         return "rounding: the result is digital numbers"
 
 
-class Limits(SensorStage):
+class Limits(PointwiseStage):
     """The converter's: 0 and full scale."""
 
     name = "limits"

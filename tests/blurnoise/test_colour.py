@@ -12,7 +12,7 @@ import yaml
 from blurnoise import Camera, Curve, photoelectrons
 from blurnoise.camera import PRESETS
 from blurnoise.colour import FilterCurves, behind_generic_filters, inverse, normalised
-from blurnoise.picture.mosaics import GAIN_MAX, magnification, matrix, site_gains
+from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
 from blurnoise.radiometry import (
     behind_one_filter,
     clear_shares,

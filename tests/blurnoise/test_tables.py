@@ -1,4 +1,4 @@
-"""The chain's tables: an entry that nobody else knows of takes part everywhere; the fused route does as they say."""
+"""The chain's tables: an entry that nobody else knows of takes part everywhere; the fast route does as they say."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
 from blurnoise.operating_point import OperatingPoint
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.sensor import fused, stages
+from blurnoise.sensor import fast, readout, stages
 from blurnoise.sensor.readout import read_out
 from blurnoise.transfer import Optics
 
@@ -73,10 +73,10 @@ def photo_e() -> float:
 @pytest.mark.parametrize("place", [3, 6])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int) -> None:
-    """Before shot noise or after it: in the frame and in the plan; the fused route declines."""
+    """Before shot noise or after it: in the frame and in the plan; the fast route declines."""
     before = mean_frame(fidelity=fidelity, quantised=True)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
-    assert not fused.supports(stages.active(CAMERA))
+    assert not fast.supports(stages.active(CAMERA))
     after = mean_frame(fidelity=fidelity, quantised=True)
     dn = 500 * CAMERA.system_gain_dn_per_e
     unclipped = before + dn < CAMERA.clip_dn
@@ -98,6 +98,34 @@ def test_the_full_well_clips_what_a_new_stage_before_it_adds(
     assert float(dn.mean()) == pytest.approx(5000 * gain + camera.black_level_dn, abs=0.5)
     expected = math.sqrt((gain * camera.read_noise_e) ** 2 + 1 / 12)
     assert float(dn.std()) == pytest.approx(expected, rel=5 / math.sqrt(2 * dn.numel()))
+
+
+@pytest.mark.parametrize(("place", "full_well_e"), [(1, 20000.0), (3, 5000.0), (6, 5000.0)])
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_the_reference_in_pieces_is_that_of_whole_pictures(
+    monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int, full_well_e: float
+) -> None:
+    """The same bits, wherever a stage stands that wants the whole picture: here one that rolls it."""
+
+    class Rolled(Pedestal):
+        def apply(self, signal: torch.Tensor, at: Any) -> torch.Tensor:
+            return torch.roll(signal, 7, -2)
+
+    camera = replace(CAMERA, full_well_e=full_well_e)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Rolled(), *stages.STAGES[place:]))
+    given: dict[str, Any] = {"white_e": [4000.0, 9000.0], "exposure_s": 0.01, "temperature_c": 25.0}
+    given |= {
+        "generator": [1, 2],
+        "fidelity": fidelity,
+        "fixed_pattern": camera.fixed_pattern((3, 41, 67), 1),
+    }
+    scene = picture().repeat(2, 1, 1, 1)
+    frames = []
+    for values in (1 << 30, 3 * 67 * 5, 1):
+        monkeypatch.setattr(readout, "_PIECE", values)
+        frames.append(read_out(scene, camera, **given))
+    assert torch.equal(frames[0], frames[1])
+    assert torch.equal(frames[0], frames[2])
 
 
 @pytest.mark.parametrize("quantised", [True, False])
@@ -167,7 +195,7 @@ def test_todays_effects_leave_boxes_where_they_are() -> None:
 @pytest.mark.parametrize(
     "alone", [(), ("prnu",), ("dark_current_e_s",), ("dsnu_e",), ("read_noise_e",), None]
 )
-def test_the_fused_route_is_the_reference_stage_by_stage(
+def test_the_fast_route_is_the_reference_stage_by_stage(
     alone: tuple[str, ...] | None,
     read_noise_e: float,
     noise: bool,
@@ -186,9 +214,9 @@ def test_the_fused_route_is_the_reference_stage_by_stage(
     pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu or camera.dsnu_e else None
     given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}
     given |= {"generator": [5, 6], "fixed_pattern": pattern, "noise": noise}
-    assert fused.supports(stages.active(camera))
+    assert fast.supports(stages.active(camera))
     quick = read_out(light, camera, **given)
-    monkeypatch.setattr(fused, "supports", lambda active: False)
+    monkeypatch.setattr(fast, "supports", lambda active: False)
     reference = read_out(light, camera, **given)
     off = (quick - reference).abs()
     assert float(off.max()) <= 1
@@ -197,12 +225,12 @@ def test_the_fused_route_is_the_reference_stage_by_stage(
         assert float(reference.std()) > 0
 
 
-def test_the_fused_route_declines_another_order_or_a_lack(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.MonkeyPatch) -> None:
     every = stages.active(CAMERA)
-    assert fused.supports(every)
-    assert not fused.supports(every[:-1])
-    assert not fused.supports([*every[1:], every[0]])
-    assert not fused.supports([stage for stage in every if stage is not stages.QUANTISATION])
+    assert fast.supports(every)
+    assert not fast.supports(every[:-1])
+    assert not fast.supports([*every[1:], every[0]])
+    assert not fast.supports([stage for stage in every if stage is not stages.QUANTISATION])
 
 
 def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch) -> None:

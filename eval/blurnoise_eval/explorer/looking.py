@@ -24,7 +24,7 @@ from blurnoise.error_budget import TOLERANCE_DN, Plan, plan
 from blurnoise.exposure import Exposure
 from blurnoise.mtf50 import mtf50
 from blurnoise.operating_point import middle_of
-from blurnoise.picture.mosaics import magnification
+from blurnoise.picture.steps import magnification
 from blurnoise.radiometry import photoelectrons
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.explorer.controls import Control

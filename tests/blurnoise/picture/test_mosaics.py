@@ -13,7 +13,8 @@ import torch
 from blurnoise import Camera, develop, simulate
 from blurnoise.colour import FilterCurves
 from blurnoise.encoding import srgb_from_linear
-from blurnoise.picture import mosaics, sixteen_bits, steps
+from blurnoise.picture import develop as development
+from blurnoise.picture import steps
 from blurnoise.picture.demosaic import demosaic
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.radiometry import electrons_per_lux_s
@@ -53,7 +54,7 @@ def test_flat_colours_come_back(cfa: str, method: Any, illuminant: str) -> None:
         dn = simulate(flat(rgb), taker, encoding="linear", noise=False, **conditions)
         seen = develop(dn, taker, encoding="linear", illuminant=illuminant)
         assert seen.shape == (1, 3, 9, 11)
-        rounding = 1.5 * mosaics.magnification(taker, illuminant) / 2 / 4095 + 3e-5
+        rounding = 1.5 * steps.magnification(taker, illuminant) / 2 / 4095 + 3e-5
         torch.testing.assert_close(seen, 0.9 * flat(rgb), rtol=0, atol=rounding)
         coded = develop(dn, taker, illuminant=illuminant)
         torch.testing.assert_close(coded, srgb_from_linear(seen), rtol=0, atol=1e-3)
@@ -96,7 +97,7 @@ def test_highlights_stay_white(method: Any, well: float) -> None:
     bright = levels[25:]
     noisy = develop(simulate(bright, taker, generator=list(range(15)), **conditions), taker)
     assert float((noisy.amax(1) - noisy.amin(1)).max()) < 1e-4
-    level = mosaics.highest(taker)
+    level = steps.highest(taker)
     torch.testing.assert_close(
         noisy, srgb_from_linear(torch.tensor(level)).expand_as(noisy), rtol=0, atol=1e-3
     )
@@ -132,7 +133,7 @@ def test_integers_of_16_bits_are_the_formulas(size: tuple[int, int], cfa: str, m
     taker = camera(cfa, demosaic=method, tone="filmic")
     dn = torch.randint(0, 4096, (2, 1, *size), generator=torch.Generator().manual_seed(5)).float()
     for gain_db in (0.0, 12.0):
-        assert sixteen_bits.supported(steps.active(taker)) == len(steps.active(taker))
+        assert development.steps_in_16_bits(steps.active(taker)) == len(steps.active(taker))
         quick = develop(dn, taker, gain_db=gain_db)
         assert quick.dtype == torch.float32
         slow = develop(dn.double(), taker, gain_db=gain_db)
@@ -166,7 +167,7 @@ def test_made_up_steps_take_part(monkeypatch: pytest.MonkeyPatch) -> None:
     assert torch.equal(develop_8bit(dn, taker), (plain.flip(-1) / 2 * 255).round().byte())
     monkeypatch.setattr(steps, "STEPS", (steps.BLACK_LEVEL, Half(), *steps.STEPS[1:-2]))
     half = develop(dn, taker, encoding="linear")
-    assert sixteen_bits.supported(steps.active(taker)) == 0
+    assert development.steps_in_16_bits(steps.active(taker)) == 0
     monkeypatch.undo()
     torch.testing.assert_close(half, develop(dn, taker, encoding="linear") / 2, rtol=0, atol=1e-6)
 
@@ -210,14 +211,14 @@ def test_noise_after_a_colour_matrix() -> None:
     """Sigma' = M diag(g) M^T: AR0231's white balance 1.155, 1, 1.237 and matrix: 1.627, 1.587, 2.372, RG -.42."""
     curves = FilterCurves(red=0.5 / 1.155**2, green=0.5, blue=0.5 / 1.237**2)
     taker = camera(quantum_efficiency=curves)
-    gains = np.array(mosaics.site_gains(taker))[[0, 1, 3]]
+    gains = np.array(steps.site_gains(taker))[[0, 1, 3]]
     assert gains**0.5 == pytest.approx((1.155, 1, 1.237), abs=1e-3)
     noise = noisy_grey(replace(taker, ccm=None))
     plane = np.diag(gains)  # shot noise of each filter after its gain
     mixed = np.array(AR0231) @ plane @ np.array(AR0231).T
     assert np.sqrt(np.diag(mixed)) == pytest.approx((1.627, 1.587, 2.372), abs=2e-3)
     assert mixed[0, 1] / np.sqrt(mixed[0, 0] * mixed[1, 1]) == pytest.approx(-0.42, abs=0.01)
-    assert mosaics.magnification(taker) >= 2.372
+    assert steps.magnification(taker) >= 2.372
     # Demosaiced channels share no values but of their own filter, so the law holds with their own variances.
     variances = np.diag([float(channel.var()) for channel in noise])
     assert np.diag(variances) == pytest.approx(gains * (9 / 16, 5 / 8, 9 / 16), rel=0.02)

@@ -13,7 +13,7 @@ from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, p
 from blurnoise import exposure as exposure_module
 from blurnoise.colour import FilterCurves, behind_generic_filters, inverse
 from blurnoise.picture.develop import develop_8bit, in_channels
-from blurnoise.picture.mosaics import magnification
+from blurnoise.picture.steps import magnification
 from blurnoise.radiometry import colour_shares, filter_electrons
 from blurnoise.sensor import mosaic
 

@@ -1,7 +1,10 @@
-"""A piece of exposures, light to digital numbers by NumPy, OpenCV and PyTorch: what each of them does fastest.
+"""The fast route through the sensor's stages, on the CPU and without derivatives, a piece of a picture at a time.
 
-Convention: planes (C, n), n pixels of C colours, float32 or float64. Steps write in place, and every pass counts;
-exposures of one picture to several lights share what does not depend on the light.
+Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache through
+all its steps, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch; frames of one picture
+under several lights share what does not depend on the light. The physics stands in
+:mod:`blurnoise.sensor.stages`, whose reference gives the same frame to a rounding step; :func:`supports` says which
+stages are in here.
 """
 
 from __future__ import annotations
@@ -14,17 +17,35 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core import rng
+from blurnoise._core.lookup import look_up_codes
 from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import side_by_side
 from blurnoise.camera import Camera
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import Law
+from blurnoise.sensor.stage import Frames, Law, SensorStage
 
 Plane = NDArray[Any]
-FAINT_E = 1e-9  # of white: less is no unit to reckon in
-BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
-_LOOKS_UP_16_BITS = int(cv2.__version__.split(".")[0]) >= 5
+MOST_APART = 256.0
+"""The brightest of several lights over the faintest, at most: light is cut once, for all of them."""
+_STAGES = (
+    stages.SPECTRAL_INTEGRATION,
+    stages.PRNU,
+    stages.DARK_CURRENT,
+    stages.SHOT_NOISE,
+    stages.FULL_WELL,
+    stages.READ_NOISE,
+    stages.DSNU,
+    stages.GAIN,
+    stages.QUANTISATION,
+    stages.LIMITS,
+)
+"""What is done here, in this order."""
+_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
+_FAINT_E = 1e-9  # of white: less is no unit to reckon in
+_BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
 
 
 class Planes(NamedTuple):
@@ -43,7 +64,7 @@ class Planes(NamedTuple):
     offset_e: Plane | None
 
 
-class Light(NamedTuple):
+class Target(NamedTuple):
     """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
 
     white_e: float
@@ -52,18 +73,59 @@ class Light(NamedTuple):
     interleaved: bool
 
 
-def expose_piece(
+def supports(active: Sequence[SensorStage]) -> bool:
+    """Whether these stages, in this order, are what :func:`write_frames` does."""
+    return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
+
+
+def planes_of(scene: Tensor, at: Frames) -> Planes:
+    """The planes of a frame (1, C, H, W); Poisson counts are drawn here, by the stages that lead to them."""
+    counts = None
+    if at.law == "exact":
+        counts = scene
+        for stage in (stages.SPECTRAL_INTEGRATION, stages.PRNU, stages.DARK_CURRENT, stages.SHOT_NOISE):
+            counts = stage.apply(counts, at)
+    fields = (at.normal, at.read, counts, at.gain, at.offset_e)
+    flat = [None if field is None else field.reshape(scene.shape[1], -1).numpy() for field in fields]
+    return Planes(scene.reshape(scene.shape[1], -1).numpy(), *flat)
+
+
+def write_frames(
+    planes: Planes,
+    targets: Sequence[Target],
+    camera: Camera,
+    law: Law,
+    tones: Plane | None,
+    threads: int,
+) -> None:
+    """Write the digital numbers of each target, or what ``tones`` has for them (one value for each number).
+
+    law: how noise is drawn, see :data:`blurnoise.sensor.stage.Law`; all but "none" and "merged" take one
+    target. ``threads`` share the pieces, which changes no bit.
+    """
+    colours, pixels = planes.light.shape
+    count = threads * math.ceil(colours * pixels / _PIECE / threads)
+    step = math.ceil(pixels / count)
+    table = None if tones is None else _every_code(tones, camera.full_scale_dn)
+
+    def write_from(start: int) -> None:
+        of = slice(start, start + step)
+        light, *rest = planes
+        parts = Planes(light[:, of], *(None if plane is None else plane[:, of] for plane in rest))
+        _write_piece(parts, of, targets, camera, law, table)
+
+    side_by_side(write_from, range(0, pixels, step), threads)
+
+
+def _write_piece(
     planes: Planes,
     of: slice,
-    exposures: Sequence[Light],
+    targets: Sequence[Target],
     camera: Camera,
     law: Law,
     table: Plane | None,
 ) -> None:
-    """Write pixels ``of`` of each exposure; arguments as :func:`blurnoise.sensor.fused.expose` takes them.
-
-    table: a value for every code of 16 bits, instead of the code.
-    """
+    """Write pixels ``of`` of each target. table: a value for every code of 16 bits, in place of the code."""
     light, normal, read, counts, gain, offset_e = planes
     gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
     with (
@@ -71,17 +133,17 @@ def expose_piece(
         borrowed([light.shape], np.uint16) as (codes,),
     ):
         lit, signal, noise, skew, bend = work
-        most = most_light(exposures, gain_dn)
+        most = _most_light(targets, gain_dn)
         given = light if gain is None else np.multiply(light, gain, out=lit)
         # NumPy would take three times as long.
         torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
         if law == "merged" and normal is not None:
             np.multiply(normal, normal, out=bend)
             bend -= 1.0
-        for white_e, dark_e, out, interleaved in exposures:
+        for white_e, dark_e, out, interleaved in targets:
             # Light, dark charge and noise are in units of unit_e electrons: one pass less.
             mean, unit_e = lit, white_e
-            if dark_e > 0.0 or white_e <= FAINT_E or law == "counts" or offset_e is not None:
+            if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
                 mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
                 mean += dark_e
             added, scale_e, full = mean, 0.0, None
@@ -95,7 +157,7 @@ def expose_piece(
                     mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
                 elif counts is not None:
                     mean, unit_e = counts, 1.0
-                added = mean = np.minimum(mean, min(well_e, BEYOND_DN / gain_dn) / unit_e, out=signal)
+                added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
                 if read is not None:
                     added, scale_e = read, camera.read_noise_e
             if offset_e is not None:
@@ -105,12 +167,12 @@ def expose_piece(
             cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
             if full is not None:
                 np.putmask(codes, *full)
-            write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
+            _write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
 
 
-def most_light(exposures: Sequence[Light], gain_dn: float) -> float:
-    """Where light is cut, once for all exposures."""
-    return BEYOND_DN / gain_dn / max(min(exposure.white_e for exposure in exposures), FAINT_E)
+def _most_light(targets: Sequence[Target], gain_dn: float) -> float:
+    """Where light is cut, once for all targets."""
+    return _BEYOND_DN / gain_dn / max(min(target.white_e for target in targets), _FAINT_E)
 
 
 def _where_full(
@@ -150,27 +212,20 @@ def _merged_noise(
     return root_e
 
 
-def write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
+def _write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
     """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
     if table is None:
         np.minimum(codes, full_scale_dn, out=codes)
         np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
     elif interleaved:
         with borrowed([codes.shape], table.dtype) as (planar,):
-            _look_up(codes, table, planar)
+            look_up_codes(table, codes, planar)
             cv2.merge(list(planar[:, None]), dst=out[None])
     else:
-        _look_up(codes, table, out)
+        look_up_codes(table, codes, out)
 
 
-def _look_up(codes: Plane, table: Plane, out: Plane) -> None:
-    if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
-        cv2.LUT(codes, table[None], dst=out)
-    else:
-        np.take(table, codes, mode="clip", out=out)
-
-
-def every_code(tones: Plane, full_scale_dn: int) -> Plane:
+def _every_code(tones: Plane, full_scale_dn: int) -> Plane:
     """``tones`` for each code of 16 bits, those above ``full_scale_dn`` being its own."""
     table = np.full(1 << 16, tones[full_scale_dn], tones.dtype)
     table[:full_scale_dn] = tones[:full_scale_dn]

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from blurnoise import Camera
-from blurnoise._core import rng
+from blurnoise._core import lookup, rng
+from blurnoise._core.threads import WORTH_IT
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.sensor import fused as frames
-from blurnoise.sensor import piece
+from blurnoise.sensor import fast
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stages import noisy_electrons
 
@@ -100,13 +100,13 @@ def test_colours_side_by_side_are_the_same_frame(camera: Camera, tones: bool) ->
 def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
     light = scene(301, 307)
     whole = exposed(light, camera)
-    monkeypatch.setattr(frames, "_PIECE", 10_001)
+    monkeypatch.setattr(fast, "_PIECE", 10_001)
     assert torch.equal(exposed(light, camera), whole)
     threads = torch.get_num_threads()
     try:
         for count in (1, 2, 5):
             torch.set_num_threads(count)
-            assert light.numel() > sensor.WORTH_IT
+            assert light.numel() > WORTH_IT
             assert torch.equal(exposed(light, camera), whole)
     finally:
         torch.set_num_threads(threads)
@@ -134,8 +134,8 @@ def test_tones_are_looked_up_for_every_number(
     beyond = 6 * 0.4 * math.hypot(camera.read_noise_e, camera.dsnu_e) + 0.5
     assert small_well.clip_dn <= int(numbers.max()) <= small_well.clip_dn + beyond < 4095
     assert int(numbers.min()) < 20
-    for wide in (piece._LOOKS_UP_16_BITS, False):
-        monkeypatch.setattr(piece, "_LOOKS_UP_16_BITS", wide)
+    for wide in (lookup._LOOKS_UP_16_BITS, False):
+        monkeypatch.setattr(lookup, "_LOOKS_UP_16_BITS", wide)
         assert torch.equal(exposed(scene(), small_well, tones=tones, **options), tones[numbers])
 
 
@@ -146,7 +146,7 @@ def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> N
     mean_e = np.concatenate([[0.0], np.geomspace(1e-3, 1e5, 2000)]).astype(kind)[None]
     normal = drawn.standard_normal(mean_e.shape).astype(kind)
     noise, skew = np.empty_like(mean_e), np.empty_like(mean_e)
-    scale_e = piece._merged_noise(
+    scale_e = fast._merged_noise(
         (mean_e / unit_e).astype(kind), unit_e, 1.3, normal, normal**2 - 1, noise, skew
     )
     exact = noisy_electrons(torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()).numpy()
