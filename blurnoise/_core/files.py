@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 import uuid
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LARGEST_TEXT_BYTES = 64 << 20
@@ -45,29 +46,62 @@ def read_text(path: Path) -> str:
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece, to ``path``; what stood there stays until all is on disk.
+    """Write ``data``, at once or piece by piece, to ``path``, as :func:`written_whole`. Raises ``OSError`` that names
+    ``path`` where it cannot be written."""
+    with written_whole(path) as unfinished:
+        try:
+            with unfinished.open("xb") as file:
+                file.writelines([data] if isinstance(data, bytes) else data)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
 
-    Several writers of one path do not disturb each other: the last one's content stands. Raises ``OSError`` that
-    names ``path``, and leaves nothing behind, where it cannot be written.
+
+@contextmanager
+def written_whole(path: Path, *, over: bool = True) -> Iterator[Path]:
+    """A path beside ``path`` that a file or folder is to be written to, which takes its place once it is on disk.
+
+    What stood there stays until then, and where anything fails; then nothing is left behind. Several writers of one
+    path do not disturb each other: the last one's content stands. over: replace a folder that holds anything, too.
+    Raises ``OSError`` that names ``path`` where its place cannot be taken.
     """
-    unfinished = path.with_name(f".{uuid.uuid4().hex}.partial")
+    unfinished = _beside(path)
     try:
-        with unfinished.open("xb") as file:
-            file.writelines([data] if isinstance(data, bytes) else data)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(path)
-        _sync_folder(path.parent)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        yield unfinished
+        try:
+            for place in (*unfinished.rglob("*"), unfinished):
+                _sync(place)
+            _take_place(unfinished, path, over)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        with suppress(OSError):
+            _sync(path.parent)
     finally:
         with suppress(OSError):
-            unfinished.unlink()
+            shutil.rmtree(unfinished) if unfinished.is_dir() else unfinished.unlink()
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{uuid.uuid4().hex}.partial")
+
+
+def _take_place(unfinished: Path, path: Path, over: bool) -> None:
+    try:
+        unfinished.replace(path)
+    except OSError as error:
+        if not over or error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        aside = _beside(path)  # a folder that holds anything cannot be replaced at once
+        with suppress(FileNotFoundError):  # another writer was faster
+            path.replace(aside)
+        try:
+            _take_place(unfinished, path, over)
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
 
 
 def check_writable(path: Path) -> None:
     """Raise ``OSError`` where :func:`write_whole` could not write ``path``, before anything is computed for it."""
-    probe = path.with_name(f".{uuid.uuid4().hex}.partial")
+    probe = _beside(path)
     try:
         probe.open("xb").close()
         probe.unlink()
@@ -77,11 +111,13 @@ def check_writable(path: Path) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
-def _sync_folder(folder: Path) -> None:
-    """Have the folder's names on disk, too, where its file system can do so."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+def _sync(place: Path) -> None:
+    """Have a file's content, or a folder's names where its file system can do so, on disk."""
+    handle = os.open(place, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:
+        if not place.is_dir():
+            raise
+    finally:
+        os.close(handle)

@@ -7,6 +7,7 @@ trainings is the arm (what happens to the pictures on their way in) and the seed
 from __future__ import annotations
 
 import errno
+import io
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
+from blurnoise._core.files import write_whole, written_whole
 from blurnoise._core.orphans import end_with_parent, interrupts_held
 from blurnoise_models.checkpoints import Checkpoint
 from blurnoise_models.mixes import Arm, mix, mix_facts
@@ -83,15 +85,12 @@ def pool(
         return Pool(np.load(pictures, mmap_mode="r"), np.load(boxes))
     _enough_space(folder, 3 * size_px**2 * count)
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        found = _drawn_into(pictures, count, size_px, progress)
-        partial_file = boxes.with_suffix(".part.npy")
-        padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
-        np.save(partial_file, padded.numpy())
-        partial_file.replace(boxes)
-    except BaseException:
-        pictures.unlink(missing_ok=True)
-        raise
+    with written_whole(pictures) as unfinished:
+        found = _drawn_into(unfinished, count, size_px, progress)
+    padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
+    content = io.BytesIO()
+    np.save(content, padded.numpy())
+    write_whole(boxes, content.getvalue())
     return pool(folder, count, size_px=size_px)
 
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import csv
 import io
-import shutil
 import subprocess
 import sys
-import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +21,7 @@ from blurnoise_eval.grid.axes import CHOICES
 from blurnoise_eval.grid.parts import place_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_whole, written_whole
 from blurnoise_eval.system.tables import json_lines
 
 MOST_JSON = 100_000
@@ -125,17 +123,12 @@ def write_parquet(store: Store, folder: Path | None = None) -> list[Path]:
         pictures[place_of(name, shards)].append(name)
     written = []
     for name, table in (("results.parquet", "cells"), ("targets.parquet", "targets")):
-        unfinished = folder / f".{uuid.uuid4().hex}.partial"
-        try:
+        with written_whole(folder / name) as unfinished:
             for model in queries.models_seen(store):
                 for number, held in enumerate(pictures):
                     place = unfinished / f"model={quote(model, safe='')}" / f"shard={number:02}"
                     place.mkdir(parents=True)
                     _write_part(store, table, model, held, place / "part.parquet")
-            shutil.rmtree(folder / name, ignore_errors=True)
-            unfinished.replace(folder / name)
-        finally:
-            shutil.rmtree(unfinished, ignore_errors=True)
         written.append(folder / name)
     return written
 

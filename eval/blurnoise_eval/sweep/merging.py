@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
-from shutil import rmtree
 from typing import Any, NamedTuple
 
 from blurnoise_eval.store import queries
@@ -20,7 +19,7 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.coco_export import INSTANCES
 from blurnoise_eval.sweep.run_folder import computed_by, other_software
-from blurnoise_eval.system.files import read_within, write_whole
+from blurnoise_eval.system.files import read_within, write_whole, written_whole
 
 _ALIKE = ("model", "camera")
 _SETS = ("pictures", "choice of targets", "annotations")  # digests, in parts those of the whole
@@ -56,17 +55,12 @@ def merge(
         identity = _identity(stores)
         truth = _truth(stores)
         _check_pictures(stores)
-        unfinished = output.with_name(f".{output.name}.partial")
-        rmtree(unfinished, ignore_errors=True)
+        told = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
         try:
-            told = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
-            merged = _written(stores, identity, truth, unfinished, told, progress)
-            unfinished.replace(output)
+            with written_whole(output, over=False) as unfinished:
+                return _written(stores, identity, truth, unfinished, told, progress)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
-        finally:
-            rmtree(unfinished, ignore_errors=True)
-    return merged
 
 
 def _written(

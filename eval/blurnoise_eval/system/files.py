@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -18,6 +19,13 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     from blurnoise._core import files  # with blurnoise comes torch
 
     files.write_whole(path, data)
+
+
+def written_whole(path: Path, *, over: bool = True) -> AbstractContextManager[Path]:
+    """A path beside ``path`` to write to: :func:`blurnoise._core.files.written_whole`."""
+    from blurnoise._core import files  # with blurnoise comes torch
+
+    return files.written_whole(path, over=over)
 
 
 def check_regular(path: Path) -> None:

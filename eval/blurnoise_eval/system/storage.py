@@ -15,7 +15,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import re
-import uuid
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -27,7 +26,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_whole, written_whole
 from blurnoise_eval.system.node_cache import node_cache
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.transport import OBJECT_S, SCHEMES, Changed, system_of, tried, without_secrets
@@ -362,15 +361,11 @@ def local_file(given: Location | str, beside: Sequence[str] = ()) -> Path:
 
 def get_file(url: Url, file: Path) -> None:
     """Write an object to a file, whole or not at all. Raises ``OSError``."""
-    unfinished = file.with_name(f".{uuid.uuid4().hex}.partial")
-    try:
+    with written_whole(file) as unfinished:
         tried(str(url), lambda: system_of(url.scheme).get_file(_address(url), str(unfinished)))
         size = _stamp(_info(url)).partition(" ")[0]
         if size != str(unfinished.stat().st_size):
             raise OSError(errno.EIO, "was cut off, or has changed, while it was read", str(url))
-        unfinished.replace(file)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def put_file(file: Path, url: Url) -> None:

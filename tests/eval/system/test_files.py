@@ -5,15 +5,26 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import blurnoise_eval
+import blurnoise_models
 import pytest
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import write_whole, written_whole
 
-SOURCES = Path(blurnoise_eval.__file__).parent
+import blurnoise
+
+SOURCES = {
+    f"{package.__name__}/{path.relative_to(folder)}": path
+    for package in (blurnoise, blurnoise_eval, blurnoise_models)
+    for folder in (Path(package.__path__[0]),)
+    for path in folder.rglob("*.py")
+}
+WRITER = "blurnoise/_core/files.py"
 IN_PLACE = re.compile(
-    r"""write_text\(|write_bytes\(|imwrite\(|\.tofile\(|json\.dump\(|open\([^)]*["'][wax]"""
+    r"""write_text\(|write_bytes\(|imwrite\(|\.tofile\(|json\.dump\(|np\.save\((?!content|data)|\.partial["'`]"""
+    r"""|open\([^)]*["'][wax]"""
 )
 FIGURE_BY_NAME = re.compile(r"savefig\((?!.*format=)")  # into a buffer, the format has to be said
 
@@ -65,13 +76,51 @@ def test_errors_name_the_file_that_was_asked_for(tmp_path: Path, name: str) -> N
     assert [entry.name for entry in tmp_path.iterdir()] == ["folder"]
 
 
-@pytest.mark.parametrize(
-    "source", sorted(SOURCES.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCES))
-)
-def test_nothing_writes_files_in_place(source: Path) -> None:
+def test_a_folder_is_on_disk_before_it_takes_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[str] = []
+    honest = os.fsync
+
+    def fsync(handle: int) -> None:
+        synced.append(Path(f"/proc/self/fd/{handle}").readlink().name)
+        honest(handle)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    for text in ("first", "second"):
+        with written_whole(tmp_path / "table") as unfinished:
+            (unfinished / "below").mkdir(parents=True)
+            (unfinished / "below" / "part").write_text(text)
+            synced.clear()
+        assert {"part", "below", unfinished.name} == set(synced[:-1])
+        assert synced[-1] == tmp_path.name
+        assert [file.name for file in tmp_path.iterdir()] == ["table"]
+        assert (tmp_path / "table" / "below" / "part").read_text() == text
+    with pytest.raises(FileExistsError), written_whole(tmp_path / "table") as unfinished:
+        unfinished.mkdir(parents=not unfinished.mkdir())
+    with pytest.raises(OSError, match="table'"), written_whole(tmp_path / "table", over=False) as unfinished:
+        unfinished.mkdir()
+    assert [file.name for file in tmp_path.iterdir()] == ["table"]
+    assert (tmp_path / "table" / "below" / "part").read_text() == "second"
+
+
+def test_two_writers_of_one_folder_do_not_disturb_each_other(tmp_path: Path) -> None:
+    def written(number: int) -> None:
+        with written_whole(tmp_path / "table") as unfinished:
+            unfinished.mkdir()
+            (unfinished / "part").write_text(str(number))
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(written, range(200)))
+    assert [file.name for file in tmp_path.iterdir()] == ["table"]
+    assert 0 <= int((tmp_path / "table" / "part").read_text()) < 200
+
+
+@pytest.mark.parametrize("name", sorted(SOURCES.keys() - {WRITER}))
+def test_nothing_writes_files_in_place(name: str) -> None:
     found = [
         line
-        for line in source.read_text(encoding="utf-8").splitlines()
+        for line in SOURCES[name].read_text(encoding="utf-8").splitlines()
         if IN_PLACE.search(line) or FIGURE_BY_NAME.search(line)
     ]
     assert not found
