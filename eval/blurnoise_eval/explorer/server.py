@@ -24,6 +24,9 @@ from blurnoise_eval.explorer.page import Page
 from blurnoise_eval.explorer.shelf import MOST_UPLOADED_MB, Shelf, clear_stale_uploads, held
 from blurnoise_eval.explorer.state import State
 
+_RECEIVED = 4
+"""Uploads that come in at a time, one of a visitor: they are held in memory."""
+_RECEIVED_S = 120.0
 _TYPES = {"png": "image/png", "jpg": "image/jpeg"}
 
 
@@ -68,6 +71,7 @@ def serve(
 def _app(shelf: Shelf, usual: State) -> FastAPI:
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     pages: WeakValueDictionary[str, Page] = WeakValueDictionary()
+    receiving: set[str] = set()
     folder = files("blurnoise_eval.explorer") / "static"
     style, script = ((folder / name).read_text(encoding="utf-8") for name in ("explorer.css", "explorer.js"))
 
@@ -89,22 +93,27 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         page = page_of(request, token)
         if page is None or kind not in MOST_UPLOADED_MB:
             return Response(status_code=404)
-        most = MOST_UPLOADED_MB[kind] * 2**20
-        content = bytearray()
-        too_large = int(request.headers.get("content-length", 0)) > most
+        if int(request.headers.get("content-length", 0)) > MOST_UPLOADED_MB[kind] * 2**20:
+            return refused(page, name, kind)
+        visitor = page.shelf.visitor
+        if visitor in receiving or len(receiving) >= _RECEIVED:
+            page.fails(f"{name[-80:]}: another upload is still coming in; try again")
+            return Response(status_code=429)
+        receiving.add(visitor)
         try:
-            async for chunk in request.stream():
-                content += chunk
-                too_large |= len(content) > most
-                if too_large:
-                    break
-        except ClientDisconnect:
+            content = await asyncio.wait_for(_received(request, MOST_UPLOADED_MB[kind] * 2**20), _RECEIVED_S)
+            if content is None:
+                return refused(page, name, kind)
+            await page.uploaded(kind, name, content)
+        except (ClientDisconnect, TimeoutError):
             return Response(status_code=400)
-        if too_large:
-            page.fails(f"{name[-80:]}: must be at most {MOST_UPLOADED_MB[kind]} MB")
-            return Response(status_code=413)
-        await page.uploaded(kind, name, bytes(content))
+        finally:
+            receiving.discard(visitor)
         return Response(status_code=204)
+
+    def refused(page: Page, name: str, kind: str) -> Response:
+        page.fails(f"{name[-80:]}: must be at most {MOST_UPLOADED_MB[kind]} MB")
+        return Response(status_code=413)
 
     @ui.page("/", title="blurnoise explorer")
     def explorer(request: Request) -> None:
@@ -135,3 +144,13 @@ def _app(shelf: Shelf, usual: State) -> FastAPI:
         reconnect_timeout=10,
     )
     return app
+
+
+async def _received(request: Request, most: int) -> bytes | None:
+    """The body; None as soon as it is longer than ``most`` bytes."""
+    content = bytearray()
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > most:
+            return None
+    return bytes(content)

@@ -43,8 +43,9 @@ from blurnoise_eval.system.files import write_whole
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
 MOST_UPLOADED_MB = {"picture": 128, "camera": 1}
-_HELD = 12
-"""Uploads of a kind, of all visitors together; then the oldest goes."""
+_HELD, _HELD_MB = 12, 256
+"""Uploads of a kind that a visitor has; then the oldest of this visitor goes."""
+_HELD_BY_ALL_MB = 1024
 _SUBJECTS = 2
 _FOLDER = "blurnoise-explore-"
 T = TypeVar("T")
@@ -53,12 +54,13 @@ T = TypeVar("T")
 @dataclass(frozen=True)
 class _Item:
     """A file on the shelf. title: as menus show it; typed: as a command names it; visitor: who has uploaded it, ""
-    for what was given at the start, which everybody sees."""
+    for what was given at the start, which everybody sees; size: bytes of an upload."""
 
     path: Path
     title: str
     typed: str
     visitor: str = ""
+    size: int = 0
 
 
 class Shelf:
@@ -270,17 +272,28 @@ class Shelf:
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        return self._place(kind, key, _Item(path, name, name, self.visitor))
+        return self._place(kind, key, _Item(path, name, name, self.visitor, len(content)))
 
     def _place(self, kind: str, key: str, item: _Item) -> str:
-        """Put a file on the shelf, and off it the oldest upload of its kind that is too many."""
+        """Put a file on the shelf, and off it the oldest uploads of its visitor that are too many.
+
+        Raises ``ValueError`` where those of others leave no room.
+        """
         with self._lock:
             items = self._items[kind]
             items[key] = item
-            uploads = [each for each in items if not each.startswith("given-")]
-            for oldest in uploads[: max(0, len(uploads) - _HELD)]:
+            own = [name for name, each in items.items() if each.size and each.visitor == item.visitor]
+            while own:
+                of_own, of_all = (sum(items[name].size for name in names) / 2**20 for names in (own, items))
+                if len(own) <= _HELD and of_own <= _HELD_MB and of_all <= _HELD_BY_ALL_MB:
+                    break
+                oldest = own.pop(0)
                 shutil.rmtree(items.pop(oldest).path.parent, ignore_errors=True)
                 self._opened.pop((kind, oldest), None)
+            if key not in items:
+                raise ValueError(
+                    f"{item.title}: no room beside the uploads of other visitors, {_HELD_BY_ALL_MB} MB in all"
+                )
         return key
 
     def place_camera(self, path: Path) -> str:

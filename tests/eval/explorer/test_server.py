@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import re
 import signal
@@ -11,6 +12,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,6 +151,40 @@ def test_an_upload_is_refused_by_its_size_before_it_is_read(
     assert visitor.post(where, content=endless()).status_code == 413
     assert said == ["a.yaml: must be at most 1 MB"] * 2
     assert shelves.MOST_UPLOADED_MB["camera"] == 1
+
+
+def test_few_uploads_come_in_at_a_time_and_none_for_ever(
+    visitor: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second one of a visitor waits for the first, which ends, though its sender never does."""
+    monkeypatch.setattr(server, "_RECEIVED_S", 1.0)
+    where = f"{uploads(visitor)}picture?name=a.png"
+    app, said = visitor.app, list[int]()
+    scope = {"type": "http", "method": "POST", "path": where.partition("?")[0], "query_string": b"name=a.png",
+             "headers": [(b"host", b"127.0.0.1"), (b"cookie", cookie(visitor))], "http_version": "1.1",
+             "scheme": "http", "server": ("127.0.0.1", 80), "root_path": ""}  # fmt: skip
+
+    async def slow() -> None:
+        async def receive() -> dict[str, Any]:
+            await asyncio.sleep(1e6)
+            return {}
+
+        async def send(message: Any) -> None:
+            said.append(message.get("status", 0))
+
+        asked = asyncio.create_task(app(scope, receive, send))
+        await asyncio.sleep(0.1)
+        await app(scope, receive, send)
+        await asked
+
+    assert visitor.portal is not None
+    visitor.portal.call(slow)
+    assert [status for status in said if status] == [429, 400]
+    assert visitor.post(where, content=PNG).status_code == 204
+
+
+def cookie(visitor: TestClient) -> bytes:
+    return "; ".join(f"{name}={value}" for name, value in visitor.cookies.items()).encode()
 
 
 @pytest.mark.parametrize("query", ["lux=own", "exposure-ms=own", "lux=own&exposure-ms=own&dx=own&gain=own"])

@@ -89,6 +89,29 @@ def test_of_many_uploads_the_oldest_go_and_their_files_with_them(
     assert not folder.exists()
 
 
+def test_no_visitor_pushes_out_the_uploads_of_another(shelf: Shelf, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither by their number nor by their size; where all have too many, what comes is refused."""
+    size_mb = len(PNG) / 2**20
+    one, other, third = shelf.of("one"), shelf.of("other"), shelf.of("third")
+    kept = one.take("picture", "a.png", PNG)
+    for number in range(shelves._HELD + 3):
+        last = other.take("picture", f"{number}.png", PNG)
+    monkeypatch.setattr(shelves, "_HELD_MB", 3.5 * size_mb)
+    for number in range(4):
+        last = other.take("picture", f"more-{number}.png", PNG)
+    assert [name in one.pictures() for name in (kept, last)] == [True, False]
+    assert sum(name.startswith("picture-") for name in other.pictures()) == 3
+    monkeypatch.setattr(shelves, "_HELD_BY_ALL_MB", 4.5 * size_mb)
+    newer = other.take("picture", "newer.png", PNG)
+    assert sum(name.startswith("picture-") for name in other.pictures()) == 3
+    with pytest.raises(ValueError, match=r"^b\.png: no room beside the uploads of other visitors"):
+        third.take("picture", "b.png", PNG)
+    assert kept in one.pictures()
+    assert newer in other.pictures()
+    (folder,) = shelf._folders
+    assert len(list(folder.iterdir())) == 4
+
+
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "picture-00", "given-picture"])
 def test_a_url_names_no_files(name: str, shelf: Shelf) -> None:
     with pytest.raises(ValueError, match="picture = "):
