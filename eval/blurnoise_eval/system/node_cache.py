@@ -95,6 +95,8 @@ class NodeCache:
         except OSError as error:
             why = f"the cache cannot be written ({error.strerror}); {FOLDER} names another folder"
             raise OSError(error.errno, why, str(self._home.parent)) from None
+        held = os.open(unfinished, os.O_RDONLY)
+        fcntl.flock(held, fcntl.LOCK_SH)  # however long it takes
         try:
             fill(unfinished)
             try:
@@ -103,6 +105,7 @@ class NodeCache:
                 if not path.is_dir():  # else another process was faster
                     raise
         finally:
+            os.close(held)
             shutil.rmtree(unfinished, ignore_errors=True)
         self._wrote(_size(path))
 
@@ -123,7 +126,7 @@ class NodeCache:
                 if not entry.name.startswith("."):
                     entries.append((used_s, Path(entry), _size(Path(entry))))
                 elif time.time() - used_s > _ABANDONED_S:
-                    _remove(Path(entry))
+                    _remove_unheld(Path(entry))
         kept = sum(size for *_, size in entries)
         if kept <= self.most_bytes:
             return
@@ -148,13 +151,6 @@ def _remove_unheld(path: Path) -> None:
         shutil.rmtree(gone, ignore_errors=True)
     finally:
         os.close(handle)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink()
 
 
 def _size(path: Path) -> int:

@@ -3,8 +3,9 @@
 SQLite needs a local disk. So the files of a run at a URL are fetched when it is opened, worked on here, and put back
 whole: what has changed at the end, and meanwhile, every five minutes, new pictures and then a copy of the results.
 A run that is written has a lock beside it, renewed every minute: another machine's is respected for five minutes
-after it was last renewed, and then taken over. What could not be put stays here, in the cache's ``runs``, for the
-next time.
+after it was last renewed, and then taken over, unless it is renewed while one watches: clocks may be wrong. Who finds
+that another has taken over puts nothing more. What could not be put stays here, in the cache's ``runs``, for the next
+time.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from blurnoise_eval.system.storage import Location, Url, get_file, is_url, listi
 from blurnoise_eval.system.transport import without_secrets
 
 LOCK = ".lock.json"
-MIRROR_S, RENEW_S, RESPECTED_S = 300.0, 60.0, 300.0
+MIRROR_S, RENEW_S, RESPECTED_S, WATCHED_S = 300.0, 60.0, 300.0, 150.0
 _READ = (RUN_FILE, "examples/", "coco/instances.json")  # what of a run is read again
 _REMOTE = ".remote"  # which version of the results at the URL these go on from
 _AT_ONCE = 8
@@ -51,6 +52,7 @@ class WorkingFolder:
     owned: bool = False
     _seen: Seen = field(default_factory=dict, repr=False)
     _mirrored_s: float = field(default_factory=time.monotonic, repr=False)
+    _check_lock: Callable[[], None] = field(default=lambda: None, repr=False)
 
     def told(self, text: object) -> str:
         """The text with the URL's name for what is here."""
@@ -86,6 +88,7 @@ class WorkingFolder:
         """Put the files that are new or have changed, the page last. shown: say how far. Raises ``OSError``."""
         if self.url is None:
             return
+        self._check_lock()
         now = _files(self.path)
         changed = sorted(
             (name for name in now if now[name] != self._seen.get(name) and name not in leaving),
@@ -104,6 +107,7 @@ class WorkingFolder:
 
     def _put_results(self, file: Path) -> None:
         if self.url is not None:
+            self._check_lock()
             put_file(file, self.url / RUN_FILE)
             self._goes_on_from((self.url / RUN_FILE).stamped().stamp or "")
 
@@ -147,7 +151,10 @@ def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
 
 @contextmanager
 def written_run(where: Location) -> Iterator[WorkingFolder]:
-    """The folder of a run that goes on, or begins. Raises ``OSError``, also where another machine writes it."""
+    """The folder of a run that goes on, or begins.
+
+    Raises ``OSError``, and ``ValueError`` where another machine writes it, or has taken it over meanwhile.
+    """
     if not isinstance(where, Url):
         yield WorkingFolder(Path(str(where)))
         return
@@ -155,8 +162,8 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
     path = cache_folder() / "runs" / key
     with ExitStack() as held:
         held.enter_context(_alone_here(path.with_name(f"{key}.lock"), where))
-        held.enter_context(_alone_anywhere(where))
-        folder = WorkingFolder(path, where, owned=True)
+        lock = held.enter_context(_alone_anywhere(where))
+        folder = WorkingFolder(path, where, owned=True, _check_lock=lock.check)
         _bring_up(folder)
         try:
             with _explained(folder):
@@ -244,49 +251,83 @@ def _only_holder(handle: int, url: Url) -> None:
         raise ValueError(f"run = {str(url)!r}: another process is using it") from None
 
 
-@contextmanager
-def _alone_anywhere(url: Url) -> Iterator[None]:
-    """Nobody else's lock is at the URL meanwhile, as far as that can be seen."""
-    lock, token = url / LOCK, uuid.uuid4().hex
-    if not lock.put_new(_lock(token)):
-        held = _held(lock)
-        age_s = time.time() - held["time_s"]
-        if held["host"] != socket.gethostname() and age_s < RESPECTED_S:
+class _Lock:
+    """The lock of a run at a URL."""
+
+    def __init__(self, url: Url) -> None:
+        self._url, self._file, self._token = url, url / LOCK, uuid.uuid4().hex
+        self._here = {"host": socket.gethostname(), "cache": str(cache_folder()), "process": os.getpid()}
+        if not self._file.put_new(self._said()):
+            held = _held(self._file)
+            age_s = time.time() - held["time_s"]
+            own = held["host"] == socket.gethostname() and held["cache"] == str(
+                cache_folder()
+            )  # and has ended
+            if not own and held["host"] and (abs(age_s) < RESPECTED_S or self._is_renewed(held)):
+                raise ValueError(
+                    f"run = {str(url)!r}: {held['host']} is writing it, as of {max(age_s, 0):.0f} s ago; "
+                    f"{RESPECTED_S:.0f} s after it stopped it can be taken over"
+                )
+            self._file.put(self._said())
+
+    def _said(self) -> bytes:
+        """What the lock says of this process."""
+        return json.dumps({**self._here, "time_s": time.time(), "token": self._token}).encode()
+
+    def _is_renewed(self, held: dict[str, Any]) -> bool:
+        end = time.monotonic() + WATCHED_S
+        while (now := _held(self._file)) == held and time.monotonic() < end:
+            time.sleep(WATCHED_S / 20)
+        return now != held
+
+    def check(self) -> None:
+        """Raise ``ValueError`` where the lock is another's by now."""
+        if (held := _held(self._file))["token"] != self._token:
+            other = held["host"] or "somebody"
             raise ValueError(
-                f"run = {str(url)!r}: {held['host']} is writing it, as of {max(age_s, 0):.0f} s ago; "
-                f"{RESPECTED_S:.0f} s after it stopped it can be taken over"
+                f"run = {str(self._url)!r}: {other} has taken it over while this process stood still; repeat the "
+                "command to go on from what is there"
             )
-        lock.put(_lock(token))
-    stop = threading.Event()
+
+    def renew(self) -> None:
+        """Say that this process lives."""
+        with suppress(OSError, ValueError):
+            self.check()
+            self._file.put(self._said())
+
+    def free(self) -> None:
+        """Remove the lock if it is still this one."""
+        with suppress(OSError, ValueError):
+            self.check()
+            self._file.unlink()
+
+
+@contextmanager
+def _alone_anywhere(url: Url) -> Iterator[_Lock]:
+    """Nobody else's lock is at the URL meanwhile, as far as that can be seen."""
+    lock, stop = _Lock(url), threading.Event()
 
     def renew() -> None:
         while not stop.wait(RENEW_S):
-            with suppress(OSError):
-                lock.put(_lock(token))
+            lock.renew()
 
     renewer = threading.Thread(target=renew, daemon=True)
     renewer.start()
     try:
-        yield
+        yield lock
     finally:
         stop.set()
         renewer.join()
-        with suppress(OSError):
-            lock.unlink()
-
-
-def _lock(token: str) -> bytes:
-    held = {"host": socket.gethostname(), "process": os.getpid(), "time_s": time.time(), "token": token}
-    return json.dumps(held).encode()
+        lock.free()
 
 
 def _held(lock: Url) -> dict[str, Any]:
-    """What a lock says; one that says nothing, or is gone, is old."""
-    old = {"host": "", "time_s": 0.0}
+    """What a lock says; one that says nothing, or is gone, is nobody's."""
     with suppress(FileNotFoundError, ValueError, AttributeError):
         found = json.loads(lock.read_fresh())
-        return {"host": str(found.get("host")), "time_s": float(found.get("time_s", 0.0))}
-    return old
+        said = {name: str(found.get(name, "")) for name in ("host", "cache", "token")}
+        return {**said, "time_s": float(found.get("time_s", 0.0))}
+    return {"host": "", "cache": "", "token": "", "time_s": 0.0}
 
 
 def _files(folder: Path) -> Seen:

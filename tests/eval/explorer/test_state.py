@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from urllib.parse import urlencode
 
 import pytest
-from blurnoise_eval.explorer.state import State, figure, of_text, option_text, with_figures
+from blurnoise_eval.explorer.controls import controls
+from blurnoise_eval.explorer.shelf import Shelf, held
+from blurnoise_eval.explorer.state import State, figure, key, of_text, option_text, with_figures
+from blurnoise_eval.explorer.told import command, python
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, axis
+from blurnoise_models.detector import STOP_SIGN
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -89,3 +94,33 @@ def test_figures_replace_the_cameras_own() -> None:
     assert with_figures(camera, [("row_time_s", 0.0)]).shutter == "global"
     with pytest.raises(ValueError, match=r"figure = 'name': must be one of"):
         with_figures(camera, [("name", 1.0)])
+
+
+_HOSTILE = (
+    "own", "auto", "", "nan", "inf", "-inf", "1e999", "1e308", "1e-320", "-0", "1", "-1", "0.5", "²", "١٢", "\0",
+    "\udcff", "9" * 5000, "1_0", " 1 ", "1,2", "None", "True", "[]", "{}", "%", "a=b=c", "sign-0", "sign-²", "sign-١",
+    "sign-99999999999999999999", "run", "run/", "run/x", "given-picture", "../../etc/passwd", "/dev/zero", "none",
+    "picture-00", "built-in", "all", "targets", "speed", "direction", "<script>", "a" * 100_000,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def shelf() -> Shelf:
+    return Shelf(STOP_SIGN)
+
+
+@pytest.mark.parametrize("value", _HOSTILE, ids=lambda value: repr(value[:20]))
+def test_whatever_a_url_says_there_is_a_state_that_can_be_seen(value: str, shelf: Shelf) -> None:
+    """Every parameter and figure, one by one and all at once."""
+    names = [*(each.name for each in fields(State) if each.name not in ("at", "figures")), *map(key, AXES)]
+    asked = [(name, value) for name in (*names, "figure", "token", "wild", "")]
+    asked += [("figure", f"{each.name}={value}") for each in fields(Camera)]
+    for query in ([one] for one in asked), [asked]:
+        for told in query:
+            read, _ = State.of_query(urlencode(told, errors="surrogatepass"))
+            state, _ = held(shelf, read, USUAL)
+            camera = shelf.camera(state)
+            assert State.of_query(state.query()) == (state, ())
+            assert all(each.text(each.read(state, camera)) for each in controls(camera))
+            assert command(state, shelf.files(state))
+            assert python(state, shelf.files(state))

@@ -145,3 +145,19 @@ def test_limits(limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(node_cache.LIMIT_GB, limit)
     with pytest.raises(ValueError, match=f"cache-gb = {limit!r}: must be a number > 0"):
         node_cache.node_cache()
+
+
+def test_what_another_process_is_still_filling_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it has stood still, or clocks say it has."""
+    monkeypatch.setattr(node_cache, "_ABANDONED_S", -1.0)
+    one, other = NodeCache(tmp_path, 1000), NodeCache(tmp_path, 1000)
+
+    def fill(folder: Path) -> None:
+        (folder / "first").write_bytes(b"1")
+        other.read("object", lambda: b"makes room")
+        (folder / "second").write_bytes(b"2")
+
+    assert {file.name for file in one.folder("model", fill).iterdir()} == {"first", "second"}
+    (tmp_path / "objects" / ".left").mkdir()
+    NodeCache(tmp_path, 1000).read("another", lambda: b"makes room")
+    assert not (tmp_path / "objects" / ".left").exists()

@@ -6,6 +6,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -140,6 +141,7 @@ def test_one_process_at_a_time() -> None:
 
 
 def test_one_machine_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(working_folder, "WATCHED_S", 0.1)
     lock = run() / working_folder.LOCK
     held = partial(dict, host="another", process=1)
     lock.put(json.dumps(held(time_s=time.time() - 200)).encode())
@@ -150,6 +152,65 @@ def test_one_machine_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     with written_run(run()):
         assert json.loads(lock.read_fresh())["host"] != "another"
     assert not lock.exists()
+
+
+def elsewhere(monkeypatch: pytest.MonkeyPatch, name: str, tmp_path: Path) -> None:
+    """Be another machine."""
+    monkeypatch.setattr("socket.gethostname", lambda: name)
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / name))
+
+
+def test_who_stood_still_puts_nothing_over_another_and_leaves_its_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(working_folder, "WATCHED_S", 0.1)
+    monkeypatch.setattr(working_folder, "RESPECTED_S", 0.0)
+    monkeypatch.setattr(working_folder, "RENEW_S", 3600.0)  # it stands still
+    elsewhere(monkeypatch, "one", tmp_path)
+    with written_run(run()) as folder:
+        work(folder.path, results_sqlite="rows")
+    lock = run() / working_folder.LOCK
+    stood_still = ExitStack()
+    folder = stood_still.enter_context(written_run(run()))
+    (folder.path / RUN_FILE).write_text("rows of one")
+    elsewhere(monkeypatch, "other", tmp_path)
+    with written_run(run()) as other:
+        (other.path / RUN_FILE).write_text("rows of other")
+        elsewhere(monkeypatch, "one", tmp_path)
+        with pytest.raises(ValueError, match="other has taken it over"):
+            stood_still.close()
+        assert json.loads(lock.read_fresh())["host"] == "other"
+    assert there() == {RUN_FILE: b"rows of other"}
+
+
+@pytest.mark.parametrize("off_s", [-3600.0, 3600.0])
+def test_clocks_that_differ_take_no_lock_of_who_lives(
+    off_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does one that was set back keep a lock of who is gone."""
+    monkeypatch.setattr(working_folder, "WATCHED_S", 2.0)
+    clock = time.time
+    monkeypatch.setattr(working_folder, "RENEW_S", 0.05)
+    elsewhere(monkeypatch, "one", tmp_path)
+    with written_run(run()):
+        elsewhere(monkeypatch, "other", tmp_path)
+        monkeypatch.setattr("time.time", lambda: clock() + off_s)
+        lock = run() / working_folder.LOCK
+        lock.put(json.dumps({**json.loads(lock.read_fresh()), "time_s": clock()}).encode())
+        with pytest.raises(ValueError, match="one is writing it"), written_run(run()):
+            pass
+    monkeypatch.setattr("time.time", clock)
+    monkeypatch.setattr(working_folder, "WATCHED_S", 0.1)
+    (run() / working_folder.LOCK).put(json.dumps({"host": "gone", "time_s": clock() + off_s}).encode())
+    with written_run(run()):
+        pass
+
+
+def test_two_users_of_one_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with written_run(run()):
+        monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "another"))
+        with pytest.raises(ValueError, match="is writing it"), written_run(run()):
+            pass
 
 
 @pytest.mark.parametrize("text", [b"", b"[]", b"{}", b'{"time_s": "x"}'])
