@@ -106,7 +106,7 @@ def write_coco(
         one = scene(seed, index, size_px=size_px)
         name = f"{index:06d}.png"
         data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
-        (folder / name).write_bytes(data.tobytes())
+        write_whole(folder / name, data.tobytes())
         images.append({"id": index + 1, "file_name": name, "width": size_px, "height": size_px})
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
             annotations.append(
