@@ -6,19 +6,19 @@ the digital numbers that ``camera`` would give; ``develop`` turns those into a p
 
 from typing import TYPE_CHECKING, Any
 
-from blurnoise.auto_exposure import AutoExposure
+from blurnoise._core import former_names
 from blurnoise.blur import defocus, motion_blur
-from blurnoise.camera import Camera
-from blurnoise.error_budget import plan
-from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layered import expose_layers
 from blurnoise.layers import Layer
-from blurnoise.motion import blur_pixels, velocity_px_s
+from blurnoise.motion.ego import blur_pixels, velocity_px_s
+from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.optics.spectra import Curve
 from blurnoise.picture.develop import develop
-from blurnoise.radiometry import photoelectrons
-from blurnoise.simulation import simulate
-from blurnoise.spectra import Curve
-from blurnoise.trajectory import Trajectory
+from blurnoise.scene.metering import AutoExposure
+from blurnoise.scene.plan import plan
+from blurnoise.scene.scene import ExposedScene, Exposure, simulate
 from blurnoise.transfer import Optics
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ __all__ = [
     "velocity_px_s",
 ]
 __version__ = "0.1.0"
+former_names.register()
 
 
 def __getattr__(name: str) -> Any:

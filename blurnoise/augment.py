@@ -25,10 +25,6 @@ from blurnoise._core.limits import limited_per_image
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.augment_boxes import moved_corners, swept_px, velocity_px_s, within_picture
 from blurnoise.augment_gain import Gains, gains_db
-from blurnoise.camera import Amplified
-from blurnoise.driving import USUAL_VEHICLE, Vehicle
-from blurnoise.encoding import Encoding
-from blurnoise.exposure import MOVES, scene_reflectance
 from blurnoise.exposure_ranges import (
     DRAWN,
     Cameras,
@@ -43,11 +39,14 @@ from blurnoise.exposure_ranges import (
 )
 from blurnoise.exposure_table import ExposureTable, Place, beside_table
 from blurnoise.mattes import Cut
+from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
+from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.moving_masks import Moves, checked, in_motion, matte_of
+from blurnoise.optics.camera import Amplified
+from blurnoise.optics.colour import Encoding
 from blurnoise.picture.develop import develop, in_channels
+from blurnoise.scene.scene import MOVES, scene_reflectance, simulate
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.simulation import simulate
-from blurnoise.trajectory import Trajectory, per_picture
 
 __all__ = ["ExposureGenerator", "ExposureRanges", "RandomExposure", "expose_pictures", "velocity_px_s"]
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from blurnoise.driving import USUAL_VEHICLE
-from blurnoise.exposed_with import Exposure, places_of
 from blurnoise.exposure_ranges import Draws, Params, shakes
 from blurnoise.light import effects, motion
+from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.moving_masks import matte_of
+from blurnoise.scene.exposure import Exposure, places_of
 
 
 def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:

@@ -9,10 +9,10 @@ from torch import Tensor
 
 from blurnoise._core.checks import Numbers
 from blurnoise._core.limits import limited, limited_per_image
-from blurnoise.auto_exposure import AutoExposure, mean_luma
-from blurnoise.camera import Camera
-from blurnoise.encoding import Encoding
-from blurnoise.exposure import scene_reflectance
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Encoding
+from blurnoise.scene.metering import AutoExposure, mean_luma
+from blurnoise.scene.scene import scene_reflectance
 
 Gains = Numbers | AutoExposure | Sequence[float | AutoExposure]
 """A number or one per picture; auto-exposure, or either for each picture."""

@@ -19,12 +19,12 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.augment import ExposureGenerator, expose_pictures
 from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
-from blurnoise.driving import Vehicle
-from blurnoise.encoding import Encoding
 from blurnoise.exposure_ranges import Cameras, Draws, ExposureRanges, Gain, Range, shakes
 from blurnoise.exposure_table import ExposureTable, Place, beside_table
 from blurnoise.light import effects
+from blurnoise.motion.ego import Vehicle
 from blurnoise.moving_masks import Moves
+from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
 
 

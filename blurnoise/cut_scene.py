@@ -15,9 +15,9 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
-from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layers import Layer, as_one, seen_behind, window_at_rest
 from blurnoise.mattes import Cut
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 _Motion = tuple[float, tuple[float, float]]
 _NEAR_PX = 32  # apart, from which on two windows take less than their hull

@@ -20,14 +20,14 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, one_of, shown
 from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
-from blurnoise.auto_exposure import AutoExposure
-from blurnoise.camera import Camera
-from blurnoise.camera_shake import LONGEST_SHAKE, path_duration_s, shake
-from blurnoise.driving import USUAL_VEHICLE, Vehicle
-from blurnoise.exposure import MOVES
+from blurnoise.motion.causes import LONGEST_SHAKE, path_duration_s, shake
+from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
+from blurnoise.motion.trajectory import Trajectory
 from blurnoise.moving_masks import Moves
-from blurnoise.radiometry import electrons_per_lux_s
-from blurnoise.trajectory import Trajectory
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.scene.metering import AutoExposure
+from blurnoise.scene.scene import MOVES
 
 Range = float | Sequence[float]
 """A number that stays, or the bounds (low, high) to draw between."""

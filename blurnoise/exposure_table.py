@@ -23,11 +23,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, integer, one_of, shown
-from blurnoise._core.documents import json_of
+from blurnoise._core.files import json_of
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.auto_exposure import USUAL, AutoExposure
-from blurnoise.camera import Camera
-from blurnoise.exposure import MOVES
 from blurnoise.exposure_ranges import (
     DRAWN,
     Cameras,
@@ -40,6 +37,9 @@ from blurnoise.exposure_ranges import (
     warn_of_milliseconds,
 )
 from blurnoise.moving_masks import Moves
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise.scene.scene import MOVES
 
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""

@@ -27,7 +27,7 @@ from blurnoise._core.limits import limited_motion
 from blurnoise._core.threads import WORTH_IT
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur import NEGLIGIBLE
-from blurnoise.trajectory import Polyline
+from blurnoise.motion.trajectory import Polyline
 from blurnoise.transfer import SHARP, Optics
 from blurnoise.transfer_of_paths import polyline, polyline_on
 

@@ -12,12 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from blurnoise.camera import Camera
-from blurnoise.colour import Cfa, FilterCurves, behind_generic_filters, normalised
-from blurnoise.radiometry import filter_electrons
-from blurnoise.spectra import Curve
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import LUMINANCE, Cfa, FilterCurves, behind_generic_filters, normalised
+from blurnoise.optics.radiometry import filter_electrons
+from blurnoise.optics.spectra import Curve
 
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _PATTERN: Cfa = "RGGB"
 
 
@@ -34,7 +33,7 @@ class Stops(NamedTuple):
 def behind_bayer(camera: Camera) -> Camera:
     """The same sensor, one for all colours, behind a Bayer pattern, with the colour matrix of ``imx250c``.
 
-    A curve of quantum efficiency gets the filters of :func:`blurnoise.colour.behind_generic_filters`. A number is
+    A curve of quantum efficiency gets the filters of :func:`.colour.behind_generic_filters`. A number is
     taken as measured behind filters already, as those of the presets are. Raises ``ValueError`` for a camera with
     a mosaic or one plane of light.
     """
@@ -59,7 +58,7 @@ def worth(camera: Camera, illuminant: str | Curve = "D55") -> Stops:
     if not whole_e > 0 or not electrons.all():
         return Stops(0.0, 0.0)
     share = np.array([_PATTERN.count(letter) / len(_PATTERN) for letter in "RGB"])
-    mixed = (_LUMINANCE @ np.array(normalised(bayer.ccm))) ** 2 / (_LUMINANCE @ _LUMINANCE)
+    mixed = (np.array(LUMINANCE) @ np.array(normalised(bayer.ccm))) ** 2 / np.dot(LUMINANCE, LUMINANCE)
     relative = electrons / whole_e
     shot, read = (mixed / (share * relative)).sum(), (mixed / (share * relative**2)).sum()
     return Stops(math.log2(read) / 2, math.log2(shot))

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from blurnoise import AutoExposure, RandomExposure, charts
 from blurnoise.augment import expose_pictures
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 SIDE = 48
 

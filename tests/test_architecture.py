@@ -28,14 +28,12 @@ LONGEST_LINES = 450
 
 FLOORS: dict[str, list[set[str]]] = {
     "blurnoise": [
-        {"_core", "data", "spectra", "psf", "charts", "encoding", "motion", "transfer", "metrics"},
-        {"camera", "camera_files", "fourier"},
-        {"radiometry", "blur"},
+        {"_core", "data", "psf", "charts", "transfer", "metrics"},
+        {"optics", "fourier"},
+        {"motion", "blur"},
         {"operating_point"},
         {"light", "sensor", "picture"},
-        {"error_budget"},
-        {"exposure"},
-        {"simulation"},
+        {"scene"},
         {"augment", "augment_torchvision"},
     ],
     "blurnoise.metrics": [

@@ -1,8 +1,13 @@
-"""Files: those read are regular files of limited size; those written are complete and on disk, or not there."""
+"""Files: those read are regular files of limited size; those written are complete and on disk, or not there.
+
+Documents (JSON and YAML, from anywhere) and tables of samples (CSV): what is none is one line.
+"""
 
 from __future__ import annotations
 
+import csv
 import errno
+import json
 import os
 import shutil
 import stat
@@ -10,6 +15,9 @@ import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 LARGEST_TEXT_BYTES = 64 << 20
 """Of a table as CSV: a day of readings at 20 Hz, or an hour at 500 Hz."""
@@ -121,3 +129,72 @@ def _sync(place: Path) -> None:
             raise
     finally:
         os.close(handle)
+
+
+_LARGEST_BYTES = 1 << 20  # of what a person writes: YAML is read at 50 kB a second
+_MOST_ALIASES = 16  # each may hold two of another: more would be a bomb
+
+
+def read_document(path: Path) -> Any:
+    """What a file holds, JSON by its suffix .json, else YAML, of at most 1 MiB.
+
+    Raises ``OSError``, and ``ValueError`` of one line.
+    """
+    text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
+    return json_of(text) if path.suffix.lower() == ".json" else yaml_of(text)
+
+
+def json_of(text: str) -> Any:
+    """``text`` as JSON. Raises ``ValueError`` of one line."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def yaml_of(text: str) -> Any:
+    """``text`` as YAML of plain values. Raises ``ValueError`` of one line."""
+    if len(text) > _LARGEST_BYTES:
+        raise ValueError(f"longer than {_LARGEST_BYTES} characters")
+    try:
+        return yaml.load(text, _Loader)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    except Exception as error:  # its constructors raise all sorts
+        raise ValueError(" ".join(str(error).split())[:300]) from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses many aliases (*name) and merges (<<), with which a short text holds a billion values."""
+
+    aliases = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            self.aliases += 1
+            if self.aliases > _MOST_ALIASES:
+                raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
+        return super().compose_node(parent, index)
+
+
+def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Positions (column 0, ``position`` says of what) and values (``column``), sorted; a header may stand.
+
+    Raises ``ValueError`` that names the file and line when a row does not hold numbers, or for fewer than two.
+    """
+    samples: list[tuple[float, float]] = []
+    for number, row in enumerate(csv.reader(read_text(Path(path)).split("\n")), start=1):
+        if not row or not row[0].strip():
+            continue
+        try:
+            samples.append((float(row[0]), float(row[column])))
+        except (ValueError, IndexError):
+            if samples or number > 1:
+                raise ValueError(
+                    f"{path}, line {number}: expected {position} and a number in column "
+                    f"{column}, got {','.join(row)!r}"
+                ) from None
+    if len(samples) < 2:
+        raise ValueError(f"{path}: holds {len(samples)} samples; a curve needs at least 2")
+    positions, values = zip(*sorted(samples), strict=True)
+    return positions, values

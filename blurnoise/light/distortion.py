@@ -16,11 +16,11 @@ from torch import Tensor
 
 from blurnoise import resampling
 from blurnoise._core.borders import Border
-from blurnoise.camera import Camera
-from blurnoise.distortion import Floats
-from blurnoise.field import Field, Size
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.distortion import Floats
+from blurnoise.optics.lens import Field, Size
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Distortion(LightEffect):
         return camera.lens.displaces
 
     def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
-        """As :meth:`blurnoise.field.Field.moved_boxes` does."""
+        """As :meth:`blurnoise.optics.lens.Field.moved_boxes` does."""
         if not at.camera.lens.displaces:
             return boxes_xyxy
         field = at.camera.field

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.camera import Camera
+from blurnoise.motion.trajectory import Polyline
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.trajectory import Polyline
+from blurnoise.optics.camera import Camera
 from blurnoise.transfer import SHARP, Optics
 
 

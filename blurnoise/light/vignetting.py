@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.camera import Camera
-from blurnoise.distortion import Floats
-from blurnoise.field import Field, Size
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.distortion import Floats
+from blurnoise.optics.lens import Field, Size
 
 
 @dataclass(frozen=True)

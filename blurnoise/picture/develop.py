@@ -16,24 +16,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import colour
 from blurnoise._core.checks import an_instance, finite, one_of
 from blurnoise._core.limits import limited
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.threads import side_by_side
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.camera import Camera
-from blurnoise.encoding import Encoding
+from blurnoise.optics import colour
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import LUMINANCE, Encoding
+from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.picture import steps
 from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded
 from blurnoise.picture.step import Development, PictureStep
-from blurnoise.spectra import Curve, check_illuminant
 
 _INTEGERS = (
     *(torch.int8, torch.int16, torch.int32, torch.int64),
     *(torch.uint8, torch.uint16, torch.uint32, torch.uint64),
 )
-_LUMA = (0.2126, 0.7152, 0.0722)
 
 
 @uncompiled
@@ -108,7 +107,9 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
         return picture
     if found == 1:
         return picture.expand(-1, channels, -1, -1)
-    luma = torch.einsum("c,bchw->bhw", torch.tensor(_LUMA, device=picture.device), picture.float())[:, None]
+    luma = torch.einsum("c,bchw->bhw", torch.tensor(LUMINANCE, device=picture.device), picture.float())[
+        :, None
+    ]
     return luma.round().to(picture.dtype) if picture.dtype == torch.uint8 else luma.to(picture.dtype)
 
 

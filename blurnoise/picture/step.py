@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from blurnoise.camera import Camera
-from blurnoise.encoding import Encoding
-from blurnoise.spectra import Curve
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Encoding
+from blurnoise.optics.spectra import Curve
 
 
 @dataclass(frozen=True)

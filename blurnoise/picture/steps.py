@@ -16,13 +16,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import colour, tone
-from blurnoise.camera import Camera
-from blurnoise.colour import Matrix
+from blurnoise.optics import colour
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Matrix
+from blurnoise.optics.radiometry import clear_shares, filter_electrons
+from blurnoise.optics.spectra import Curve
 from blurnoise.picture.demosaic import demosaic
 from blurnoise.picture.step import Development, PictureStep
-from blurnoise.radiometry import clear_shares, filter_electrons
-from blurnoise.spectra import Curve
 
 GAIN_MAX = 16.0
 """Of the automatic white balance: where the light lacks a colour by more, a tint stays."""
@@ -104,7 +104,7 @@ class Tone(PictureStep):
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
         """Coded."""
-        return tone.coded(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
+        return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
 class Jpeg(PictureStep):

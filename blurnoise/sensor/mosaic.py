@@ -16,11 +16,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import colour
-from blurnoise.camera import Camera
-from blurnoise.colour import Row
-from blurnoise.radiometry import clear_shares, colour_shares, filter_electrons
-from blurnoise.spectra import Curve
+from blurnoise.optics import colour
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Row
+from blurnoise.optics.radiometry import clear_shares, colour_shares, filter_electrons
+from blurnoise.optics.spectra import Curve
 
 _SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 

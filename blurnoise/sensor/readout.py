@@ -18,11 +18,11 @@ from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
-from blurnoise.camera import Camera
-from blurnoise.radiometry import dark_electrons, mean_quantum_efficiency
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import dark_electrons, mean_quantum_efficiency
+from blurnoise.optics.spectra import Curve
 from blurnoise.sensor import fast, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
-from blurnoise.spectra import Curve
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]

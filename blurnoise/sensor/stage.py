@@ -13,8 +13,8 @@ from typing import Literal
 
 from torch import Tensor
 
-from blurnoise.camera import Camera
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""

@@ -14,10 +14,11 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.camera import Camera
-from blurnoise.colour import FilterCurves, marked
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import FilterCurves, marked
+from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.optics.spectra import Curve, Spectrum
 from blurnoise.sensor.stage import (
     MERGE_READ_NOISE_E,
     Frames,
@@ -25,7 +26,6 @@ from blurnoise.sensor.stage import (
     signal_bound_e,
     within_range_dn,
 )
-from blurnoise.spectra import Curve, Spectrum
 
 
 class PointwiseStage(SensorStage):

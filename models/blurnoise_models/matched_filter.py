@@ -23,7 +23,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from blurnoise._core.files import write_whole
 from blurnoise.charts import stop_sign
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, applied to coded values
 STRIDES = (32, 16, 8)  # px, of the output cells that take the largest, middle and smallest sign

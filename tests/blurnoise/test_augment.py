@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from blurnoise import Camera, augment, develop, photoelectrons, simulate
 from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures, velocity_px_s
-from blurnoise.encoding import linear_from_srgb
+from blurnoise.optics.colour import linear_from_srgb
 
 TWO = ("imx250", "ar0237")
 CONDITIONS = {"exposure_s": 0.02, "illuminance_lux": 80.0}

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from blurnoise import Camera, develop, simulate
 from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures
-from blurnoise.driving import Vehicle
+from blurnoise.motion.ego import Vehicle
 
 SIZE = (46, 63)
 CAMERA = Camera.preset("imx250")

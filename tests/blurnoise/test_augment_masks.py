@@ -15,9 +15,9 @@ from torch import Tensor
 
 from blurnoise import Camera, develop, mattes, simulate
 from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures, velocity_px_s
-from blurnoise.encoding import linear_from_srgb
 from blurnoise.exposure_ranges import shakes
 from blurnoise.moving_masks import plate_of
+from blurnoise.optics.colour import linear_from_srgb
 
 SIZE = (46, 63)
 CONDITIONS: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0, "speed_px_s": 600.0}

@@ -17,10 +17,10 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.augment import RandomExposure, expose_pictures
-from blurnoise.driving import Vehicle
 from blurnoise.exposure_ranges import DRAWN
 from blurnoise.exposure_table import ExposureTable
 from blurnoise.light import effects
+from blurnoise.motion.ego import Vehicle
 
 pytest.importorskip("PIL")
 if importlib.util.find_spec("torchvision") is None:

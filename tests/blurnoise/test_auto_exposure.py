@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from blurnoise import Camera, develop, simulate
-from blurnoise.auto_exposure import AutoExposure, mean_luma
+from blurnoise.scene.metering import AutoExposure, mean_luma
 
 CAMERA = Camera.preset("imx250")
 LUX = st.floats(1e-4, 1e6)

@@ -9,8 +9,8 @@ import torch
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, simulate
-from blurnoise.binning import binned
-from blurnoise.lens import Distortion, Lens, Mtf
+from blurnoise.optics.camera import binned
+from blurnoise.optics.lens import Distortion, Lens, Mtf
 
 CAMERA = replace(
     Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0

@@ -14,10 +14,10 @@ import yaml
 
 import blurnoise
 from blurnoise import Camera, Curve, plan
-from blurnoise.camera import PRESETS
-from blurnoise.colour import FilterCurves
-from blurnoise.radiometry import electrons_per_lux_s
-from blurnoise.spectra import daylight
+from blurnoise.optics.camera import PRESETS
+from blurnoise.optics.colour import FilterCurves
+from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.optics.spectra import daylight
 
 IMX250 = PRESETS["imx250"]
 OWN = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blurnoise.camera_shake import from_csv, from_rates, pitch_rate, shake, speed_bump
+from blurnoise.motion.causes import from_csv, from_rates, pitch_rate, shake, speed_bump
 
 FOCAL_PX = 1662.77  # 1920 px over 60 degrees
 

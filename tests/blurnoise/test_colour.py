@@ -10,10 +10,9 @@ import pytest
 import yaml
 
 from blurnoise import Camera, Curve, photoelectrons
-from blurnoise.camera import PRESETS
-from blurnoise.colour import FilterCurves, behind_generic_filters, inverse, normalised
-from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
-from blurnoise.radiometry import (
+from blurnoise.optics.camera import PRESETS
+from blurnoise.optics.colour import FilterCurves, behind_generic_filters, inverse, normalised
+from blurnoise.optics.radiometry import (
     behind_one_filter,
     clear_shares,
     colour_shares,
@@ -21,6 +20,7 @@ from blurnoise.radiometry import (
     filter_electrons,
     mean_quantum_efficiency,
 )
+from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
 
 REFERENCE = Path(__file__).resolve().parents[2].parent / "shared" / "reference" / "spectra"
 IMX250 = PRESETS["imx250"]

@@ -11,10 +11,10 @@ import torch
 
 from blurnoise import Camera, charts
 from blurnoise.cut_scene import CutScene
-from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut
-from blurnoise.trajectory import Trajectory
+from blurnoise.motion.trajectory import Trajectory
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 CAMERA = Camera.preset("imx250")
 HEIGHT, WIDTH, SIZE_PX = 91, 140, 30.0

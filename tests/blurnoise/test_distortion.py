@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blurnoise.distortion import before_fold, distorted, undistorted
+from blurnoise.optics.distortion import before_fold, distorted, undistorted
 
 MODELS = [
     ("opencv", (-0.28, 0.07, 0.0, 0.0)),

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from blurnoise import Camera
-from blurnoise.driving import Vehicle
-from blurnoise.lens import Distortion, Lens
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.lens import Distortion, Lens
 
 CAMERA = Camera.preset("imx250")
 SIZE = (47, 61)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from blurnoise.ego_motion import EgoMotion, Floats, Mount, View, longest_exposure_s, range_of_depth_m
-from blurnoise.motion import Lens
+from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, longest_exposure_s, range_of_depth_m
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
 FAST_M_S = 100 / 3.6

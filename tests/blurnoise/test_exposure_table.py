@@ -18,8 +18,8 @@ from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, photoelectrons
 from blurnoise.augment import ExposureRanges, expose_pictures
-from blurnoise.auto_exposure import AutoExposure
 from blurnoise.exposure_table import FILE, Condition, ExposureTable
+from blurnoise.scene.metering import AutoExposure
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 IMX250 = Camera.preset("imx250")

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from blurnoise import Camera
-from blurnoise.field import Field
-from blurnoise.lens import Distortion, Lens, RelativeIllumination
+from blurnoise.optics.lens import Distortion, Field, Lens, RelativeIllumination
 
 SENSOR = replace(Camera.preset("imx250"), width_px=640, height_px=480, hfov_deg=90.0)
 

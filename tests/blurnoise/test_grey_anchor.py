@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, simulate
-from blurnoise.encoding import linear_from_srgb, srgb_from_linear
-from blurnoise.grey_anchor import GreyAnchor, reflectance_text, share_above_white
+from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.scene.metering import GreyAnchor, reflectance_text, share_above_white
 
 CAMERA = Camera.preset("imx250")
 ANCHORS = ["mean", "p50", "p99.5", "12,5,40,30"]

@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from blurnoise import Camera, Exposure, hdr, simulate
-from blurnoise.capture import Capture, dual_gain, staggered
-from blurnoise.encoding import srgb_from_linear
 from blurnoise.hdr import Flicker, captured, developed, fuse, fused
 from blurnoise.light.flicker import Pwm
-from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.gains import Capture, dual_gain, staggered
+from blurnoise.optics.radiometry import electrons_per_lux_s
 
 IMX250 = Camera.preset("imx250")
 FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of

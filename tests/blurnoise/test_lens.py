@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from blurnoise import Camera
-from blurnoise.lens import Distortion, Lens, Mtf, RelativeIllumination
+from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 
 IMX250 = Camera.preset("imx250")
 EVERY: dict[str, Any] = {

@@ -11,9 +11,9 @@ import torch
 from brute_force import exposed, photograph, rms_dn
 
 from blurnoise import Camera, ExposedScene, Exposure, Trajectory, blur, fourier, plan, simulate
-from blurnoise.camera_shake import shake
+from blurnoise.motion.causes import shake
+from blurnoise.motion.trajectory import Polyline
 from blurnoise.path_blur import path_blur, point_spread, polyline_blur
-from blurnoise.trajectory import Polyline
 from blurnoise.transfer import Optics
 from blurnoise.transfer_of_paths import polyline_grid
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from blurnoise import Camera, photoelectrons, simulate
-from blurnoise.error_budget import plan
+from blurnoise.scene.plan import plan
 
 BUSY = Camera(
     name="busy",

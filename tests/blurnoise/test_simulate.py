@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, blur, photoelectrons, simulate
-from blurnoise.encoding import linear_from_srgb, srgb_from_linear
+from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise.picture.develop import develop
 from blurnoise.sensor import readout as sensor
 from blurnoise.transfer import Optics

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blurnoise import Camera, Curve, photoelectrons, spectra
+from blurnoise import Camera, Curve, photoelectrons
+from blurnoise.optics import spectra
 
 REFERENCE = Path(__file__).resolve().parents[2].parent / "shared" / "reference" / "spectra"
 needs_reference = pytest.mark.skipif(not REFERENCE.is_dir(), reason="the paper's curves are not here")

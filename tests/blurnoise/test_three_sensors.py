@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, develop, simulate
-from blurnoise.radiometry import photoelectrons
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.three_sensors import behind_bayer, worth
 
 IMX250 = Camera.preset("imx250")

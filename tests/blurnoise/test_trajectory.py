@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from blurnoise import Trajectory, fourier, transfer
-from blurnoise.camera_shake import shake
-from blurnoise.trajectory import simplified
+from blurnoise.motion.causes import shake
+from blurnoise.motion.trajectory import simplified
 from blurnoise.transfer_of_paths import accelerated, polyline, polyline_grid, vibration
 
 FX, FY = np.fft.rfftfreq(16), np.fft.fftfreq(14)

@@ -37,11 +37,11 @@ from blurnoise import (
     simulate,
 )
 from blurnoise.augment import RandomExposure, expose_pictures
-from blurnoise.camera import PRESETS
-from blurnoise.capture import dual_gain, staggered
-from blurnoise.driving import Vehicle
 from blurnoise.hdr import Flicker, fused
 from blurnoise.light.flicker import Pwm
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import PRESETS
+from blurnoise.optics.gains import dual_gain, staggered
 
 Frames = dict[str, Callable[[], Tensor]]
 REAL = Path(__file__).resolve().parents[3] / "shared" / "real"

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import Layer, expose_layers
-from blurnoise.encoding import linear_from_srgb
+from blurnoise.optics.colour import linear_from_srgb
 
 Motion = tuple[float, float]
 STILL = (0.0, 0.0)

@@ -6,7 +6,7 @@ from blurnoise_eval.program.metering import Metering
 from blurnoise_eval.program.response import Response
 from blurnoise_eval.program.scenario import Scenario, half_stops
 
-from blurnoise.camera import PRESETS
+from blurnoise.optics.camera import PRESETS
 
 PICTURES = 24
 METERING = Metering(PRESETS["imx250"], 0.2)

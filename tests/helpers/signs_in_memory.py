@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64

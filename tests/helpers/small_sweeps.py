@@ -23,7 +23,7 @@ from blurnoise_models import matched_filter
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 PLAN = swept((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), repeats=2)

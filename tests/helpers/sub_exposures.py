@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 _LOBES = 6
 

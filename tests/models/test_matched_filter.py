@@ -11,7 +11,7 @@ from blurnoise_models.matched_filter import build, expected_confidence
 from numpy.typing import NDArray
 
 from blurnoise.charts import stop_sign, stop_sign_box
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 SIZES_PX = (100, 50, 32)
 

@@ -18,16 +18,15 @@ import torch
 from kornia import augmentation
 from torch import Tensor
 
-from blurnoise.camera import Camera
-from blurnoise.encoding import Encoding
-from blurnoise.exposure import scene_reflectance
-from blurnoise.lens import Distortion, Lens
 from blurnoise.light import effects
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Encoding
+from blurnoise.optics.lens import Distortion, Lens
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.radiometry import photoelectrons
+from blurnoise.scene.scene import scene_reflectance, simulate
 from blurnoise.sensor import readout as sensor
-from blurnoise.simulation import simulate
 from blurnoise_eval.bench.contenders import displacements, import_fault, nearest_odd
 from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, machine, quartiles
 from blurnoise_eval.bench.written import write_bench

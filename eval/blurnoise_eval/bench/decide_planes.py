@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import AUTOMATIC

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
-from blurnoise.encoding import linear_from_srgb, srgb_from_linear
+from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf50
 
 

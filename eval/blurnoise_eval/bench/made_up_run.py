@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.bench.family import family, held_mb, written_bytes
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.detectors.detector import Detector

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.bench.motion_truth import Floats
 
 Picture = NDArray[np.float32]

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import torch
 
-from blurnoise.camera_shake import shake
+from blurnoise.motion.causes import shake
+from blurnoise.motion.trajectory import Polyline
 from blurnoise.path_blur import path_blur, polyline_blur
-from blurnoise.trajectory import Polyline
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.contenders import Contender
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture

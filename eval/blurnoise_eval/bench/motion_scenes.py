@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise import charts
-from blurnoise.encoding import linear_from_srgb
+from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.bench.motion_truth import Floats
 
 _FINE = 4  # samples to a pixel's side

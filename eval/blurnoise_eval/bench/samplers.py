@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise_eval.bench import laws

@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.bench.made_up_run import GRID
 from blurnoise_eval.bench.scale_work import BLOCKS_PER_PICTURE, made_picture

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.bench.compared import (
     FAILS,
     THRESHOLD,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from blurnoise.radiometry import photoelectrons
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.bench.compared import FAILS, MOVING, THRESHOLD
 from blurnoise_eval.bench.training import CAMERA, OURS, Bench, Difference
 from blurnoise_eval.grid.conditions import Conditions

@@ -8,8 +8,8 @@ from dataclasses import fields
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise.camera import PRESETS, Camera
 from blurnoise.metrics.estimate import Estimate
+from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.calibration.measurement import Measurement
 
 _MEASURED = (

@@ -17,7 +17,7 @@ import numpy as np
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import positive
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.calibration.as_camera import on_base
 from blurnoise_eval.system.files import check_regular
 

@@ -37,7 +37,7 @@ def cameras(
 
     A file may hold 'base: imx250' and only the fields that differ.
     """
-    from blurnoise.camera import PRESETS
+    from blurnoise.optics.camera import PRESETS
     from blurnoise_eval.drawing import photon_transfer
 
     if camera is None:

@@ -11,7 +11,7 @@ from blurnoise_eval.cli._options import CAMERAS, Json, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
+    from blurnoise.optics.camera import Camera
     from blurnoise_eval.calibration.measurement import Measurement
 
 _UNITS = {

@@ -9,8 +9,8 @@ from blurnoise_eval.system.layout import PROSE, cell_len, paragraph, table
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
-    from blurnoise.error_budget import Plan
+    from blurnoise.optics.camera import Camera
+    from blurnoise.scene.plan import Plan
     from blurnoise_eval.report.data import RunData
     from blurnoise_eval.report.opening import Opening
 

@@ -122,7 +122,7 @@ def _asked(
     """What there is to look at, and where one begins. Raises ``ValueError``."""
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise.camera import PRESETS
+    from blurnoise.optics.camera import PRESETS
     from blurnoise_eval.explorer.runs import Run
     from blurnoise_eval.explorer.shelf import Shelf, cell_state
     from blurnoise_eval.explorer.state import BUILT_IN, NO_MODEL, OF_RUN, State, figure

@@ -13,15 +13,14 @@ from blurnoise_eval.cli._options import MODEL_TIMEOUT_S
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.camera import Camera
-    from blurnoise.capture import Capture
-    from blurnoise.colour import Cfa
-    from blurnoise.driving import Vehicle
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut, Matte
-    from blurnoise.motion import Lens
-    from blurnoise.spectra import Curve
-    from blurnoise.trajectory import Trajectory
+    from blurnoise.motion.ego import Lens, Vehicle
+    from blurnoise.motion.trajectory import Trajectory
+    from blurnoise.optics.camera import Camera
+    from blurnoise.optics.colour import Cfa
+    from blurnoise.optics.gains import Capture
+    from blurnoise.optics.spectra import Curve
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.objects import Objects
@@ -62,7 +61,7 @@ def camera_of_run(
 
 def illuminant(name: str) -> str | Curve:
     """The spectrum of a name, checked, or of a CSV file."""
-    from blurnoise.spectra import Curve, illuminant
+    from blurnoise.optics.spectra import Curve, illuminant
 
     if name.lower().endswith(".csv"):
         return Curve.from_csv(name)
@@ -77,7 +76,8 @@ def light(
     import torch
 
     from blurnoise._core.checks import in_range
-    from blurnoise.exposure import anchored, scene_reflectance
+    from blurnoise.scene.metering import anchored
+    from blurnoise.scene.scene import scene_reflectance
     from blurnoise_eval.datasets import decode, decode_linear
 
     if encoding == "linear":
@@ -165,7 +165,7 @@ def _as(scene: Tensor, path: Path, encoding: Literal["srgb", "linear"]) -> Tenso
 
 def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
     """The camera's or one, unless ratios say what shorter ones there are: "16" or "16,256"."""
-    from blurnoise.capture import staggered
+    from blurnoise.optics.gains import staggered
 
     if ratios is None:
         return camera.captures or staggered()
@@ -201,8 +201,8 @@ def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -
 def trajectory(
     text: str | None, camera: Camera, light: Tensor, exposure_s: float, seed: int
 ) -> Trajectory | None:
-    """As :mod:`blurnoise.stated_trajectory` has it, for a picture's exposure."""
-    from blurnoise.stated_trajectory import StatedTrajectory
+    """As :mod:`blurnoise.motion.causes` has it, for a picture's exposure."""
+    from blurnoise.motion.causes import StatedTrajectory
 
     size = (light.shape[-2], light.shape[-1])
     return None if text is None else StatedTrajectory.parse(text).of(camera, size, exposure_s, seed)

@@ -13,8 +13,8 @@ from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
-    from blurnoise.motion import Lens
+    from blurnoise.motion.ego import Lens
+    from blurnoise.optics.camera import Camera
 
 _MAP = "With --map: the camera on the vehicle, and what it sees"
 
@@ -125,7 +125,7 @@ def motion(
     missing = [f"--{name.replace('_', '-')}" for name, value in needed.items() if value is None]
     if missing:
         raise ValueError(f"{', '.join(missing)}: needed, unless --map draws every distance")
-    from blurnoise.motion import blur_pixels, velocity_px_s
+    from blurnoise.motion.ego import blur_pixels, velocity_px_s
 
     seen: Any = {"target_width_m": target_width_m, "width_px": width_px, "hfov_deg": hfov_deg, "lens": lens}
     velocity = velocity_px_s(speed_m_s, distance_m, **seen)  # type: ignore[arg-type]
@@ -155,7 +155,7 @@ def _draw_map(
     """Draw the map, write its values, and say what it answers."""
     from blurnoise._core.files import check_writable
     from blurnoise._core.limits import limited
-    from blurnoise.ego_motion import Mount, View
+    from blurnoise.motion.ego import Mount, View
     from blurnoise_eval.drawing import motion_map
     from blurnoise_eval.drawing.photon_transfer import plot_suffix
 

@@ -16,7 +16,7 @@ from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, width
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
+    from blurnoise.optics.camera import Camera
 
 _what = partial(Option, rich_help_panel="What it is for")
 _limit = partial(Option, rich_help_panel="Limits")
@@ -249,7 +249,7 @@ def _px_s(
 ) -> float:
     """Of what crosses the axis. A small target, so that its own width does not tell."""
     from blurnoise._core.checks import in_range
-    from blurnoise.motion import velocity_px_s
+    from blurnoise.motion.ego import velocity_px_s
 
     lens: Literal["f-theta", "rectilinear"] = "f-theta"
     angle = camera.hfov_deg if hfov_deg is None else hfov_deg

@@ -15,11 +15,11 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.camera import Camera
-    from blurnoise.capture import Capture
     from blurnoise.hdr import Flicker
     from blurnoise.mattes import Cut
-    from blurnoise.trajectory import Trajectory
+    from blurnoise.motion.trajectory import Trajectory
+    from blurnoise.optics.camera import Camera
+    from blurnoise.optics.gains import Capture
 
 
 _EGO = "With --ego: the camera on the vehicle"
@@ -188,13 +188,12 @@ def simulate(
     from blurnoise._core.checks import in_range, integer
     from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
-    from blurnoise.auto_exposure import mean_luma
-    from blurnoise.grey_anchor import reflectance_text, share_above_white
     from blurnoise.hdr import captured, developed, fuse
     from blurnoise.layers import passing
     from blurnoise.operating_point import middle_of
+    from blurnoise.optics.radiometry import filter_electrons, photoelectrons
     from blurnoise.picture.develop import develop_8bit, in_channels
-    from blurnoise.radiometry import filter_electrons, photoelectrons
+    from blurnoise.scene.metering import mean_luma, reflectance_text, share_above_white
     from blurnoise.sensor.mosaic import outside_share
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.sweep.default_camera import is_grey_light
@@ -362,7 +361,7 @@ def _of_captures(
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
     from blurnoise import hdr
-    from blurnoise.capture import windows
+    from blurnoise.optics.gains import windows
 
     ends_e = hdr.saturations_e(taker, captures)
     last_s = windows(captures, exposure_s)[-1]
@@ -435,7 +434,7 @@ def _of_object(
 
 def _of_lamp(lamp: Flicker, captures: tuple[Capture, ...], exposure_s: float) -> dict[str, Any]:
     """Of each capture: the light it got of the lamp's mean, the least and most it may get, how often none."""
-    from blurnoise.capture import windows
+    from blurnoise.optics.gains import windows
 
     facts: dict[str, Any] = {"pwm_phase": lamp.pwm.phase}
     for place, (start_s, taken_s) in enumerate(windows(captures, exposure_s), 1):

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from typer import Option
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
-    from blurnoise.driving import Vehicle
     from blurnoise.layers import Layer
+    from blurnoise.motion.ego import Vehicle
+    from blurnoise.optics.camera import Camera
     from blurnoise_eval.grid.objects import Crossing
 
 LensKind = Literal["f-theta", "rectilinear"]
@@ -80,11 +80,11 @@ def crossing_px_s(
 
 
 def stated(**fields: Any) -> Vehicle | None:
-    """A :class:`blurnoise.driving.Vehicle` of the fields that are not None; None where all are.
+    """A :class:`blurnoise.motion.ego.Vehicle` of the fields that are not None; None where all are.
 
     Raises ``ValueError`` naming the field.
     """
-    from blurnoise.driving import Vehicle
+    from blurnoise.motion.ego import Vehicle
 
     given = {name: value for name, value in fields.items() if value is not None}
     return Vehicle(**given) if given else None

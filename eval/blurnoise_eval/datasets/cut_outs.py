@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import mattes
-from blurnoise.exposure import ExposedScene
 from blurnoise.layers import Layer
 from blurnoise.mattes import Cut, Matte
+from blurnoise.scene.scene import ExposedScene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_picture

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from blurnoise._core.checks import shown
-from blurnoise._core.documents import json_of, yaml_of
+from blurnoise._core.files import json_of, yaml_of
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.storage import Location
 

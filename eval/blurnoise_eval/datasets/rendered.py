@@ -146,7 +146,7 @@ def _render(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
 def _rendered(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
     from blurnoise import charts
-    from blurnoise.encoding import srgb_from_linear
+    from blurnoise.optics.colour import srgb_from_linear
 
     picture = _behind(number, seed)
     for sign in signs:

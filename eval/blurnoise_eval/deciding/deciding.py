@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, integer
-from blurnoise.camera import Camera
-from blurnoise.driving import Vehicle
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import BECAUSE, CHEAPER, QUESTION, Decision, answers_of
 from blurnoise_eval.deciding.nodes import lattice

@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.deciding.observed import on_plane
 from blurnoise_eval.deciding.on_lines import predicted_surfaces
 from blurnoise_eval.deciding.question import Question

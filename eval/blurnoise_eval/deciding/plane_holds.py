@@ -2,7 +2,7 @@
 
 On the plane conditions with the same light on the sensor and the same motion during the exposure are one experiment.
 So nothing that a picture shows may go with the exposure time in another way: dark charge does, and so would a
-shutter that rolls. What the error budget of :mod:`blurnoise.error_budget` leaves out does not count.
+shutter that rolls. What the error budget of :mod:`blurnoise.scene.plan` leaves out does not count.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from blurnoise.camera import Camera
-from blurnoise.error_budget import Contribution, plan_at
+from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
-from blurnoise.stated_trajectory import StatedTrajectory
 from blurnoise_eval.deciding.nodes import Line, by_direction
 
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.camera import Camera
-from blurnoise.radiometry import electrons_per_lux_s
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import electrons_per_lux_s
 
 _CONTRAST, _GREY = 0.62, 0.3  # of a target, and its mean reflectance
 _MOTION_PX, _MOST_MOTION = 16.0, 8.0

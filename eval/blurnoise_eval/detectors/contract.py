@@ -17,7 +17,7 @@ from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
 from blurnoise._core.checks import shown
-from blurnoise._core.documents import json_of, read_document
+from blurnoise._core.files import json_of, read_document
 from blurnoise._core.validation import Characters, check_fields
 from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80, COCO91

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.limits import limited
-from blurnoise.ego_motion import EgoMotion, Floats, Mount, View, longest_exposure_s, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Floats, Mount, View, longest_exposure_s, range_of_depth_m
 from blurnoise_eval.drawing.photon_transfer import plot_suffix
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines

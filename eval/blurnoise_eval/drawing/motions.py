@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from blurnoise import mattes
 from blurnoise.augment import expose_pictures
-from blurnoise.camera import Camera
-from blurnoise.camera_shake import path_duration_s, shake, speed_bump
-from blurnoise.driving import Vehicle
-from blurnoise.ego_motion import View
+from blurnoise.motion.causes import path_duration_s, shake, speed_bump
+from blurnoise.motion.ego import Vehicle, View
+from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
-from blurnoise.simulation import simulate
-from blurnoise.trajectory import Trajectory
+from blurnoise.scene.scene import simulate
 from blurnoise_eval.drawing.gallery import Tile, as_shown
 
 READOUT_S = 0.03

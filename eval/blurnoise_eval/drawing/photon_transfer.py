@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise import camera_files
 from blurnoise._core.checks import one_of
-from blurnoise.camera import PRESETS, Camera
-from blurnoise.colour import FilterCurves
-from blurnoise.lens import Lens
-from blurnoise.spectra import Curve
+from blurnoise.optics import camera_files
+from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.optics.colour import FilterCurves
+from blurnoise.optics.lens import Lens
+from blurnoise.optics.spectra import Curve
 from blurnoise_eval.system.terminal import plain
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 
 from blurnoise._core.limits import LIMITS
-from blurnoise.camera import Camera
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
+from blurnoise.optics.camera import Camera
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage
 from blurnoise_eval.explorer.state import State, of_number

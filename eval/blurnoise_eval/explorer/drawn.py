@@ -13,7 +13,7 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.error_budget import Plan
+from blurnoise.scene.plan import Plan
 from blurnoise_eval.drawing.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Stop

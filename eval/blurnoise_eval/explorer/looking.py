@@ -17,15 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.binning import binned
-from blurnoise.camera import Camera
-from blurnoise.encoding import srgb_from_linear
-from blurnoise.error_budget import TOLERANCE_DN, Plan, plan
-from blurnoise.exposure import Exposure
 from blurnoise.mtf50 import mtf50
 from blurnoise.operating_point import middle_of
+from blurnoise.optics.camera import Camera, binned
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.steps import magnification
-from blurnoise.radiometry import photoelectrons
+from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan
+from blurnoise.scene.scene import Exposure
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Standard, Stop, finer

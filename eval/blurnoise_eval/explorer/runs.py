@@ -16,10 +16,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from blurnoise.auto_exposure import AutoExposure
-from blurnoise.camera import Camera
-from blurnoise.driving import Vehicle
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import AutoExposure
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.contract import parse_contract

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 
 import PIL.Image
 
-from blurnoise.camera import PRESETS, Camera
+from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector, model_sha256
 from blurnoise_eval.detectors.opening import open_models

@@ -15,7 +15,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, MOVES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import Conditions

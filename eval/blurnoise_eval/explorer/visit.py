@@ -19,7 +19,7 @@ from uuid import uuid4
 import cv2
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.explorer.controls import Control, control
 from blurnoise_eval.explorer.judging import Stop
 from blurnoise_eval.explorer.looking import Picture8, Seen, Subject, preview, seen, strip

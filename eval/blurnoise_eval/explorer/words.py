@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from blurnoise.error_budget import Plan
+from blurnoise.scene.plan import Plan
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Standard, keeps_most, works
 from blurnoise_eval.explorer.looking import Seen, found

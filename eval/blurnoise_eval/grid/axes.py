@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from blurnoise.camera import Camera
+    from blurnoise.optics.camera import Camera
 
 
 AUTOMATIC = math.inf
@@ -114,7 +114,7 @@ _MOVES = (
     "all",
     "targets",
     "background",
-)  # of blurnoise.exposure, which would be heavy here; a test compares them
+)  # of blurnoise.scene.scene, which would be heavy here; a test compares them
 _MOVE = ("all moves", "targets move", "background moves")
 
 AXES: tuple[Axis, ...] = (

@@ -18,12 +18,11 @@ import numpy as np
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise._core.limits import limited
-from blurnoise.auto_exposure import USUAL, AutoExposure
-from blurnoise.camera import Camera
-from blurnoise.driving import USUAL_VEHICLE, Vehicle
-from blurnoise.exposure import Exposure
-from blurnoise.grey_anchor import GreyAnchor
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
+from blurnoise.scene.scene import Exposure
 from blurnoise_eval.grid.axes import (
     AUTOMATIC,
     AXES,
@@ -182,11 +181,11 @@ class SweepPlan:
 
     grid: axis name -> values; further axes that are left out stand where the camera has them, velocities at 0.
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
-    (:mod:`blurnoise.grey_anchor`); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
+    (``blurnoise.scene.metering``); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
     auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
     what moves where not all of a picture does, and the boxes that are the truth.
-    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.stated_trajectory` has it. A shake is each
+    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.motion.causes` has it. A shake is each
     picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, the usual one if none is stated.
     only: conditions that are computed in place of the grid's, such as more exposures of some lights and speeds.

@@ -12,8 +12,7 @@ from typing import Any
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
-from blurnoise.auto_exposure import USUAL, AutoExposure
-from blurnoise.grey_anchor import GreyAnchor
+from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, MOVES, setting_of
 from blurnoise_eval.grid.conditions import MOST_REPEATS, Conditions, SweepPlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects

@@ -15,11 +15,9 @@ import numpy as np
 
 from blurnoise._core.checks import in_range, one_of
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.camera import Camera
-from blurnoise.driving import Vehicle
-from blurnoise.ego_motion import EgoMotion, range_of_depth_m
-from blurnoise.exposure import Exposure
-from blurnoise.motion import Lens
+from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, range_of_depth_m
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.scene import Exposure
 
 MATTES = ("auto", "segmentation", "grabcut", "box")
 BOXES = ("object", "half", "swept")

@@ -12,7 +12,7 @@ from itertools import groupby
 
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid.axes import MOVES, VELOCITY
 from blurnoise_eval.maps.nodes import Array, Plane, plane_of
 from blurnoise_eval.maps.predictor import Predictor, predictor_of

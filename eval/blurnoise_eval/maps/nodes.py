@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.camera import Camera
-from blurnoise.radiometry import behind_one_filter, dark_electrons, photoelectrons
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import behind_one_filter, dark_electrons, photoelectrons
 from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality.measure import BRIGHT, DARK

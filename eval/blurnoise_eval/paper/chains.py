@@ -18,8 +18,8 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise import charts
-from blurnoise.camera import Camera
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 
 Chain = Literal["paper", "camera"]

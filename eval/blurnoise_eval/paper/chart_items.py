@@ -16,8 +16,8 @@ import torch
 from scipy.optimize import brentq
 
 from blurnoise import psf, transfer
-from blurnoise.camera import Camera
 from blurnoise.metrics.estimate import Estimate
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near
 from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, Saturation
 from blurnoise_eval.quality.measure import TILT_DEG

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from blurnoise import charts
-from blurnoise.camera import Camera
-from blurnoise.motion import blur_pixels
-from blurnoise.radiometry import photoelectrons
+from blurnoise.motion.ego import blur_pixels
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.paper.item import Check, Found
 from blurnoise_eval.paper.measurement import CAMERA, Measurements
 from blurnoise_eval.paper.target_frequencies import target_frequencies

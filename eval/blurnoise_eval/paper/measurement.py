@@ -14,9 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from blurnoise import charts, simulate
-from blurnoise.camera import Camera
 from blurnoise.metrics import Flag, slanted_edge
 from blurnoise.metrics.estimate import Estimate
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
 from blurnoise_eval.paper import chains

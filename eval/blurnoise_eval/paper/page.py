@@ -12,8 +12,8 @@ from typing import Any
 import cv2
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from blurnoise.camera import Camera
-from blurnoise.exposure import ExposedScene, Exposure
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise_eval.paper import chains
 from blurnoise_eval.paper.drawing import png
 from blurnoise_eval.paper.item import AGREES, DIFFERS, NOT_JUDGED, NOT_RUN, Outcome

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from blurnoise._core.checks import in_range
-from blurnoise.auto_exposure import AutoExposure
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import AutoExposure
 
 LED_S = 1 / 90
 PREGIUS_LEAST_S = 20e-6

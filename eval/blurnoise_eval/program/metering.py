@@ -1,6 +1,6 @@
 """Metering: the gain that a run's camera sets at a light and an exposure, by the mean light of the run's pictures.
 
-Domain: lux, seconds, dB. The rule is that of :mod:`blurnoise.auto_exposure`, which set each picture's gain in the
+Domain: lux, seconds, dB. The rule is that of :mod:`blurnoise.scene.metering`, which set each picture's gain in the
 run by that picture's own mean light; a program is for the mean of them.
 """
 
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise.auto_exposure import USUAL, AutoExposure
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure
 
 _UNHURRIED = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
 _TOLD_DB = 0.01  # from a limit of the gain: then it tells of the picture's light

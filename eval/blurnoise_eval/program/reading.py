@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.deciding.decision import BECAUSE, QUESTION, on_lines
 from blurnoise_eval.deciding.nodes import Line
 from blurnoise_eval.deciding.observed import FURTHER, Observed, on_plane

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise.metrics import Flag
+from blurnoise.optics.colour import LUMINANCE
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE
@@ -31,7 +32,6 @@ _CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noi
 _EVEN = 2.5  # times the variance of cells that noise alone explains
 _COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
 _Z = 1.96
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def compare(pair: Pair) -> Compared:
 
 def _share(light: Linear) -> Floats:
     planes = light.picture.numpy()
-    grey = np.tensordot(_LUMINANCE, planes, 1) if len(planes) == 3 else planes[0]
+    grey = np.tensordot(np.array(LUMINANCE), planes, 1) if len(planes) == 3 else planes[0]
     return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 

@@ -23,6 +23,7 @@ from torch import Tensor
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.flags import WITHHELD
 from blurnoise.metrics.regions import Roi
+from blurnoise.optics.colour import LUMINANCE
 
 SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""
@@ -117,7 +118,7 @@ class _Frame:
 
     def __init__(self, picture: Tensor, full_scale: float, black_level: float) -> None:
         self.picture, self.full_scale, self.black_level = picture, full_scale, black_level
-        weights = picture.new_tensor([0.2126, 0.7152, 0.0722] if len(picture) == 3 else [1.0])
+        weights = picture.new_tensor(LUMINANCE if len(picture) == 3 else [1.0])
         self.plane: NDArray[np.float32] = np.ascontiguousarray(
             torch.einsum("chw,c->hw", picture, weights).sub(black_level).float().numpy()
         )

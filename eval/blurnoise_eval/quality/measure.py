@@ -26,13 +26,13 @@ import torch
 from torch import Tensor
 
 from blurnoise import charts, simulate
-from blurnoise.camera import Camera
 from blurnoise.metrics import Flag, SlantedEdge, edge_information, slanted_edge
 from blurnoise.metrics.contrast import detection_probability, patch_contrast
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.noise import patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
-from blurnoise.radiometry import behind_one_filter, photoelectrons
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.system.threads import limited_threads

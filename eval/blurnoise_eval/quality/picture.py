@@ -17,7 +17,6 @@ from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise._core.limits import limited
-from blurnoise.encoding import linear_from_srgb
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.edge_information import (
@@ -30,6 +29,7 @@ from blurnoise.metrics.edge_information import (
 )
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
+from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
 from blurnoise_eval.quality.oecf import Oecf

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.bench.written import write_bench
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from blurnoise.driving import Vehicle
-from blurnoise.grey_anchor import reflectance_text
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import Vehicle
+from blurnoise.scene.metering import reflectance_text
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.report.data import RunData

@@ -8,8 +8,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from blurnoise.camera import Camera
-from blurnoise.driving import Vehicle
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions

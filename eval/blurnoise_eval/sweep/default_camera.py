@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 from torch import Tensor
 
-from blurnoise.camera import Camera
-from blurnoise.colour import PLANES, Cfa
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise.three_sensors import worth
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 from blurnoise_eval.detectors.detector import model_sha256

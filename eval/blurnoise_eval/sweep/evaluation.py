@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import torch
 
 from blurnoise._core.limits import limited_motion
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector

@@ -18,17 +18,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.auto_exposure import USUAL, AutoExposure, mean_luma
-from blurnoise.camera import Camera
 from blurnoise.cut_scene import CutScene
-from blurnoise.driving import Vehicle
-from blurnoise.exposure import ExposedScene, Exposure
-from blurnoise.exposure import Frame as Taken
 from blurnoise.layers import boxes_in_motion
 from blurnoise.light import effects
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
+from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
@@ -63,7 +63,7 @@ class Frame(NamedTuple):
 class Scene:
     """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits.
 
-    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.grey_anchor`). picture: whose targets ``objects``
+    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`). picture: whose targets ``objects``
     tells apart, once that is asked for. Raises ``UnreadablePicture`` where the picture has no such place, or no light
     there.
     """

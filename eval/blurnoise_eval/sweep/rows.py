@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Sight

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.scoring.estimates import Estimate

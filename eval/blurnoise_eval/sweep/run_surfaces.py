@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.grid.axes import setting_of, velocity_of
 from blurnoise_eval.scoring import criterion as criteria

@@ -12,10 +12,10 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from blurnoise.auto_exposure import USUAL, AutoExposure
-from blurnoise.camera import Camera
-from blurnoise.driving import Vehicle
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise.motion.causes import StatedTrajectory
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_content, source_identity
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.conditions import Cell

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from blurnoise._core.checks import shown
-from blurnoise._core.documents import json_of, read_document, yaml_of
+from blurnoise._core.files import json_of, read_document, yaml_of
 
 LAUGHS = "\n".join(
     ["a0: &a0 [ha, ha, ha]", *(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))]

@@ -8,18 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from blurnoise import camera_shake
 from blurnoise._core import files
-from blurnoise._core.documents import read_document
-from blurnoise._core.samples import read_samples
-from blurnoise.stated_trajectory import StatedTrajectory
+from blurnoise._core.files import read_document, read_samples
+from blurnoise.motion import causes
+from blurnoise.motion.causes import StatedTrajectory
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
 @pytest.mark.parametrize(
     "read",
     [
-        camera_shake.from_csv,
+        causes.from_csv,
         read_document,
         lambda path: read_samples(path, 1, "wavelength"),
         lambda path: StatedTrajectory.parse(str(path)),

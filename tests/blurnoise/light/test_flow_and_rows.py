@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from blurnoise import Camera, Trajectory, simulate
-from blurnoise.ego_motion import Mount, View
 from blurnoise.light.effects import through
+from blurnoise.motion.ego import Mount, View
 from blurnoise.operating_point import operating_points
 
 VIEW = View(95, 71, 70.0, "rectilinear")

@@ -12,13 +12,13 @@ from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, blur, plan, simulate
 from blurnoise.field_blur import TOLERANCE
-from blurnoise.lens import Distortion, Lens, Mtf, RelativeIllumination
 from blurnoise.light import effects
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
 from blurnoise.light.motion import MOTION
 from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 from blurnoise.transfer import Optics
 
 H, W = 61, 87

@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, Layer, expose_layers, plan, simulate
-from blurnoise.capture import staggered
 from blurnoise.hdr import captured
 from blurnoise.layers import passing
-from blurnoise.lens import Distortion, Lens
 from blurnoise.light.effects import through
 from blurnoise.light.objects import OBJECTS, displaced
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.gains import staggered
+from blurnoise.optics.lens import Distortion, Lens
 
 CAMERA = Camera.preset("imx250")
 SIZE = (61, 84)

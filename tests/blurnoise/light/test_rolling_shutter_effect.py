@@ -11,9 +11,9 @@ import torch
 from brute_force import photograph, rms_dn, rolled
 
 from blurnoise import Camera, Exposure, RandomExposure, Trajectory, blur, plan, simulate
-from blurnoise.lens import Distortion, Lens
 from blurnoise.light import effects
 from blurnoise.operating_point import operating_points
+from blurnoise.optics.lens import Distortion, Lens
 
 SIZE = (40, 64)
 GLOBAL = replace(Camera.preset("imx250"), width_px=64, height_px=40)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Camera, develop, tone
-from blurnoise.encoding import srgb_from_linear
+from blurnoise import Camera, develop
+from blurnoise.optics import colour
+from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated
 
 IMX250 = Camera.preset("imx250")
@@ -28,24 +29,24 @@ def numbers(channels: int = 3, side: int = 24) -> torch.Tensor:
 
 def test_filmic_is_an_s_curve_of_srgb() -> None:
     light = torch.linspace(-0.2, 1.4, 50)
-    coded = tone.coded(light, "filmic")
+    coded = colour.toned(light, "filmic")
     value = srgb_from_linear(light)
     torch.testing.assert_close(coded, 3 * value**2 - 2 * value**3)
     assert float(coded[0]) == 0
     assert float(coded[-1]) == 1
-    assert float(tone.coded(torch.tensor(0.2140411), "filmic")) == pytest.approx(0.5, abs=1e-6)  # sRGB 0.5
+    assert float(colour.toned(torch.tensor(0.2140411), "filmic")) == pytest.approx(0.5, abs=1e-6)  # sRGB 0.5
 
 
 def test_points_are_joined_by_straight_lines() -> None:
     points = ((0.0, 0.1), (0.25, 0.5), (0.5, 0.5), (1.0, 0.9))
     light = torch.linspace(-0.5, 1.5, 81, dtype=torch.float64).requires_grad_()
-    coded = tone.coded(light, points)
+    coded = colour.toned(light, points)
     at, values = np.array(points).T
     assert coded.detach().numpy() == pytest.approx(np.interp(light.detach().clamp(0, 1).numpy(), at, values))
     coded.sum().backward()
     assert light.grad is not None
     assert light.grad[[10, 29, 31]].tolist() == pytest.approx([0, 1.6, 0])  # at -0.25, below and above 0.25
-    linear = tone.coded(light.detach(), ((0, 0), (1, 1)))
+    linear = colour.toned(light.detach(), ((0, 0), (1, 1)))
     torch.testing.assert_close(linear, light.detach().clamp(0, 1))
 
 
@@ -55,7 +56,7 @@ def test_cameras_develop_by_their_curve(curve: Any) -> None:
     assert tabulated(taker)
     linear = develop(numbers(), taker, encoding="linear")
     assert torch.equal(linear, develop(numbers(), IMX250, encoding="linear"))
-    torch.testing.assert_close(develop(numbers(), taker), tone.coded(linear, curve), rtol=0, atol=1e-6)
+    torch.testing.assert_close(develop(numbers(), taker), colour.toned(linear, curve), rtol=0, atol=1e-6)
     assert not torch.equal(develop(numbers(), taker), develop(numbers(), IMX250))
 
 

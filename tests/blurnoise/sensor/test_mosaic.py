@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
-from blurnoise import exposure as exposure_module
-from blurnoise.colour import FilterCurves, behind_generic_filters, inverse
+from blurnoise.optics.colour import FilterCurves, behind_generic_filters, inverse
+from blurnoise.optics.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification
-from blurnoise.radiometry import colour_shares, filter_electrons
+from blurnoise.scene import scene as exposure_module
 from blurnoise.sensor import mosaic
 
 IMX250 = Camera.preset("imx250")

@@ -12,9 +12,9 @@ import torch
 from scipy.stats import norm, poisson
 
 from blurnoise import Camera
-from blurnoise.camera import PRESETS
+from blurnoise.optics.camera import PRESETS
+from blurnoise.optics.radiometry import dark_electrons, photoelectrons
 from blurnoise.picture.develop import develop, develop_8bit
-from blurnoise.radiometry import dark_electrons, photoelectrons
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.sensor.stages import noisy_electrons

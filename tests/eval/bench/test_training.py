@@ -30,7 +30,7 @@ from onnx import helper
 from plans import plan as swept
 
 from blurnoise import charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
 SIDE_PX = 128

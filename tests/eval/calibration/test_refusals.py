@@ -15,7 +15,7 @@ from blurnoise_eval.calibration.listing import frames_of
 from blurnoise_eval.calibration.measurement import measure
 from blurnoise_eval.calibration.planes import read_plane
 
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = replace(
     made_frames.drawn_camera(2),

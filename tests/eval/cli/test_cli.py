@@ -22,7 +22,7 @@ from blurnoise_models import matched_filter
 from commands import Output, pixels, told
 
 from blurnoise import charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 MOTION = "motion --speed-kmh 1 --distance-m 1 --target-width-m 1 --exposure-ms 1 --width-px 9 --hfov-deg 9"
 LFS_POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"

@@ -13,7 +13,7 @@ from blurnoise_eval.cli._errors import in_a_line
 from blurnoise_eval.grid.axes import AXES
 
 from blurnoise._core.checks import OutOfRange
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 
 Output = pytest.CaptureFixture[str]
 

@@ -17,7 +17,7 @@ from blurnoise_models import matched_filter
 from onnx import TensorProto, helper, numpy_helper
 
 from blurnoise import charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
 

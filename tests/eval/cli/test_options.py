@@ -23,7 +23,7 @@ from blurnoise_eval.sweep.engines import ENGINES
 from typer import Option, Typer
 from typer.main import get_command
 
-from blurnoise.camera import PRESETS
+from blurnoise.optics.camera import PRESETS
 
 Output = pytest.CaptureFixture[str]
 NAMES = [run.__name__.replace("_", " ") for run, _ in COMMANDS]

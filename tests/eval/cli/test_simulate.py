@@ -14,9 +14,9 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, pixels, told
 
 from blurnoise import Camera, simulate
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.radiometry import photoelectrons
 
 
 @pytest.mark.parametrize("shape", [(31, 44), (31, 44, 3)])

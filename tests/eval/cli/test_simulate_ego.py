@@ -14,8 +14,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, pixels, told
 
 from blurnoise import Camera, simulate
-from blurnoise.driving import Vehicle
-from blurnoise.ego_motion import EgoMotion, Mount, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Mount, Vehicle, View, range_of_depth_m
 
 SIZE = (45, 60)
 CAMERA = Camera.preset("imx250")

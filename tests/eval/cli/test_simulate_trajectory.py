@@ -14,7 +14,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, pixels, told
 
 from blurnoise import Camera, Trajectory, simulate
-from blurnoise.camera_shake import from_csv
+from blurnoise.motion.causes import from_csv
 
 
 def native(path: Path) -> np.ndarray:

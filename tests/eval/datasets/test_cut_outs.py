@@ -21,8 +21,8 @@ from blurnoise_eval.datasets import (
 )
 from blurnoise_eval.grid.objects import Objects
 
-from blurnoise.exposure import ExposedScene
 from blurnoise.layered import at_rest
+from blurnoise.scene.scene import ExposedScene
 
 HEIGHT, WIDTH = 60, 81
 TRIANGLE = {"segmentation": [[10.0, 10.0, 40.0, 10.0, 10.0, 40.0]]}

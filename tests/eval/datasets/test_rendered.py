@@ -98,7 +98,7 @@ def test_texture_falls_as_one_over_frequency() -> None:
 def test_outside_the_signs_is_the_background() -> None:
     import torch
 
-    from blurnoise.encoding import srgb_from_linear
+    from blurnoise.optics.colour import srgb_from_linear
 
     for number, picture in enumerate(rendered_signs(count=2 * KINDS)):
         image, outside = picture.load(), np.ones((RENDERED_SIZE_PX,) * 2, bool)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from blurnoise import motion_blur
 from blurnoise.charts import stop_sign, stop_sign_text_box
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 MODELS = rapidocr_models()
 pytestmark = pytest.mark.skipif(MODELS is None, reason="needs the models of the rapidocr package")

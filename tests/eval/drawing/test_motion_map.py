@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.drawing import motion_map
 
-from blurnoise.ego_motion import EgoMotion, Mount, View
+from blurnoise.motion.ego import EgoMotion, Mount, View
 
 VIEW = View(961, 541, 60.0, "rectilinear")  # f = 832.25 px
 SPEED_M_S = 50 / 3.6

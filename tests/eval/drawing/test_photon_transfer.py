@@ -19,7 +19,7 @@ from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.drawing import photon_transfer as cameras
 
 from blurnoise import Camera
-from blurnoise.camera import PRESETS
+from blurnoise.optics.camera import PRESETS
 from blurnoise.sensor import readout as sensor
 
 Output = pytest.CaptureFixture[str]

@@ -14,8 +14,8 @@ from blurnoise_eval.grid import axes, conditions
 from blurnoise_eval.grid.axes import AUTOMATIC, axis
 
 from blurnoise import Camera
-from blurnoise.camera import PRESETS
 from blurnoise.light.effects import EFFECTS
+from blurnoise.optics.camera import PRESETS
 from blurnoise.sensor.stages import STAGES
 
 IMX250 = Camera.preset("imx250")

@@ -10,7 +10,7 @@ from blurnoise_eval.maps import predictor
 from made_maps import plane, scores_at
 
 from blurnoise import Camera
-from blurnoise.radiometry import photoelectrons
+from blurnoise.optics.radiometry import photoelectrons
 
 PLANE = plane()
 KNOWN = np.array([-3.0, 1.5, -0.1, -2.0, 0.3, -0.4])

@@ -10,9 +10,9 @@ import torch
 from blurnoise_eval.paper import chains
 
 from blurnoise import charts
-from blurnoise.encoding import srgb_from_linear
-from blurnoise.exposure import ExposedScene, Exposure
-from blurnoise.radiometry import photoelectrons
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 SIDE: Any = {"height_px": 320, "width_px": 320}
 

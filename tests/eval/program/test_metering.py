@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from blurnoise_eval.program.metering import Metering, mean_light
 
-from blurnoise.auto_exposure import USUAL
-from blurnoise.camera import PRESETS
+from blurnoise.optics.camera import PRESETS
+from blurnoise.scene.metering import USUAL
 
 CAMERA = PRESETS["imx250"]
 

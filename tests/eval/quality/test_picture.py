@@ -25,9 +25,9 @@ from torch import Tensor
 
 from blurnoise import Camera, charts, simulate
 from blurnoise.blur import motion_blur
-from blurnoise.encoding import srgb_from_linear
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.estimate import Estimate
+from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
 PHOTOS = sorted((Path(__file__).parents[4] / "shared/real/photos").glob("*.jpg"))

@@ -22,10 +22,10 @@ from matplotlib.colors import to_hex, to_rgba
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.capture import staggered
 from blurnoise.metrics import information
 from blurnoise.metrics.estimate import Estimate
-from blurnoise.radiometry import behind_one_filter, photoelectrons
+from blurnoise.optics.gains import staggered
+from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
 
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")

@@ -16,7 +16,7 @@ from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 
 from blurnoise import charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 SIZE_PX, HEIGHT_PX, WIDTH_PX, SHIFT_PX = 24, 54, 64, 15
 BOX = tuple(float(e) for e in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))

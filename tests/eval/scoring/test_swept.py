@@ -19,7 +19,7 @@ from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper, frames
 from numpy.typing import NDArray
 
 from blurnoise import Camera, RandomExposure
-from blurnoise.exposure import Exposure
+from blurnoise.scene.scene import Exposure
 
 CAMERA = Camera.preset("imx250")
 SIDE_PX, BOX = 20, (130.0, 60.0, 150.0, 80.0)

@@ -21,7 +21,7 @@ from blurnoise_models import matched_filter
 from onnx import numpy_helper
 from plans import plan
 
-from blurnoise.camera import Camera
+from blurnoise.optics.camera import Camera
 
 CAMERA = Camera.preset("imx250")
 PLAN: SweepPlan = plan((0.004,), (33.3,), (0.0, 333.3), examples=False)

@@ -18,7 +18,7 @@ from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper
 from plans import plan as swept
 from signs_in_memory import BOX, CAMERA, matched_detector, picture, picture_set, sign
 
-from blurnoise.exposure import Exposure
+from blurnoise.scene.scene import Exposure
 
 SIZE = (80, 120)
 BOXES = np.array([[10.0, 20.0, 30.0, 60.0], [40.0, 40.0, 80.0, 80.0]])

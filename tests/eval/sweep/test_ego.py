@@ -20,7 +20,7 @@ from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise
 
 from blurnoise import Exposure, simulate
-from blurnoise.driving import Vehicle
+from blurnoise.motion.ego import Vehicle
 from blurnoise.picture.develop import develop_8bit
 
 SIZE = (103, 143)

@@ -28,7 +28,7 @@ from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
 OPTIONS = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400", "--gain", "0")

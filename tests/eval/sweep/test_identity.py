@@ -98,7 +98,7 @@ def test_every_field_of_a_target_is_in_the_identity(cut: Path, name: str) -> Non
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_models.detector import STOP_SIGN
 
-    from blurnoise.camera import Camera
+    from blurnoise.optics.camera import Camera
 
     with Store(cut) as store:
         camera = Camera.from_dict(store.about("manifest")["camera"])

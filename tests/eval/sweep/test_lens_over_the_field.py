@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
-from blurnoise.lens import Distortion, Lens, Mtf
 from blurnoise.light.distortion import DISTORTION
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.lens import Distortion, Lens, Mtf
 
 SIZE_PX, CENTRES = 24, {(320, 480): (55.0, 40.0), (480, 320): (40.0, 430.0)}
 PINCUSHION = Distortion("opencv", (0.095, 0.0, 0.0, 0.0))

@@ -27,12 +27,13 @@ from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 
-from blurnoise import charts, exposure
+from blurnoise import charts
 from blurnoise.cut_scene import CutScene
-from blurnoise.exposure import ExposedScene, Exposure
 from blurnoise.layered import at_rest
 from blurnoise.layers import boxes_in_motion
 from blurnoise.mattes import Cut
+from blurnoise.scene import scene
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 KINDS = (0.0, 1.0, 2.0)
 AT: Any = {"exposures_s": (0.01,), "lights_lux": (100.0,), "right_px_s": (0.0, 1600.0)}
@@ -58,7 +59,7 @@ def test_names_are_those_of_the_simulator() -> None:
 
     from blurnoise.layers import BOX_KINDS
 
-    assert MOVES.choices == exposure.MOVES
+    assert MOVES.choices == scene.MOVES
     assert (_options.MATTES, _options.BOXES, BOXES) == (MATTES, BOXES, BOX_KINDS)
 
 

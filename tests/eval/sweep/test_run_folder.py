@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
+from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 PLAN = swept((0.002, 0.01, 0.02), (50.0,), (0.0, 400.0), repeats=2)

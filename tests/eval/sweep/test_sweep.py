@@ -40,10 +40,11 @@ from signs_in_memory import (
     unreadable,
 )
 
-from blurnoise import Camera, exposure, simulate
-from blurnoise.encoding import srgb_from_linear
+from blurnoise import Camera, simulate
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.radiometry import photoelectrons
+from blurnoise.scene import scene
 from blurnoise.sensor import readout as sensor
 
 EVERY_EFFECT = replace(
@@ -85,7 +86,7 @@ def test_cell_is_what_simulate_and_the_detector_give(
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(exposure, "read_out", watched)
+            patch.setattr(scene, "read_out", watched)
             sweep.run([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell["clean"]]
         kept = 0

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.encoding import srgb_from_linear
 from blurnoise.light import effects
+from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.sensor import stages
 
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 96, 128

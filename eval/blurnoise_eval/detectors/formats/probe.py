@@ -19,7 +19,7 @@ RAW_SIZE_LIMIT = 16.0
 def picture(side_px: int = 416) -> NDArray[np.uint8]:
     """A stop sign and bars before a gradient, (side, side, 3) RGB, the same for every call."""
     from blurnoise import charts  # torch takes a second to import, and few graphs need this picture
-    from blurnoise.encoding import srgb_from_linear
+    from blurnoise.optics.colour import srgb_from_linear
 
     sign = charts.stop_sign(side_px / 3, height_px=side_px, width_px=side_px, background=0.18)
     coded = srgb_from_linear(sign[0]).mul(255).permute(1, 2, 0).numpy()

@@ -1,9 +1,4 @@
-"""Auto-exposure: the exposure time and gain that a camera sets itself for a scene's light.
-
-Domain: light on the scene in lux, mean light of the picture as a share of white (its luma, linear), seconds, dB. The
-meter reads the mean frame, never a noisy one: mean (DN - black) / (full scale - black), without the clipping of
-highlights. Motion and lens do not change it. Time comes first, up to its limits, then analogue gain, then digital.
-"""
+"""Metering: what of a picture is 18 % reflectance, and which exposure and gain a camera sets for its light."""
 
 from __future__ import annotations
 
@@ -11,18 +6,104 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+import numpy as np
+import torch
 from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
-from blurnoise._core.checks import batch_shaped, in_range
+from blurnoise._core.checks import batch_shaped, in_range, shown
 from blurnoise._core.limits import limited
 from blurnoise._core.validation import Figure, check_fields
-from blurnoise.camera import Camera
-from blurnoise.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
-from blurnoise.spectra import Curve
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import LUMINANCE
+from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
+from blurnoise.optics.spectra import Curve
 
-LUMA = (0.2126, 0.7152, 0.0722)
-"""Weights of linear red, green and blue (ITU-R BT.709)."""
+GREY = 0.18
+_ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (px, x1 and y1 not included)"
+
+
+@dataclass(frozen=True)
+class GreyAnchor:
+    """A percentile of the luminance, or the mean of a region (x0, y0, x1, y1), px; neither: the mean of all."""
+
+    percentile: float | None = None
+    region_px: tuple[int, int, int, int] | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> GreyAnchor:
+        """Of "mean", "pNN" or "x0,y0,x1,y1". Raises ``ValueError``."""
+        word = text.strip().lower() if isinstance(text, str) else ""
+        try:
+            if word == "mean":
+                return cls()
+            if word.startswith("p"):
+                percentile = float(word[1:])
+                if 0 < percentile <= 100:
+                    return cls(percentile=percentile)
+            else:
+                x0, y0, x1, y1 = (int(part) for part in word.split(","))
+                if 0 <= x0 < x1 and 0 <= y0 < y1:
+                    return cls(region_px=(x0, y0, x1, y1))
+        except ValueError:
+            pass
+        raise ValueError(f"grey_anchor = {shown(text)}: {_ALLOWED}")
+
+    def __str__(self) -> str:
+        """As it is parsed."""
+        if self.region_px is not None:
+            return ",".join(map(str, self.region_px))
+        return "mean" if self.percentile is None else f"p{self.percentile:g}"
+
+    @property
+    def words(self) -> str:
+        """In running text."""
+        if self.region_px is not None:
+            return f"the mean of the region {self}"
+        return "the mean" if self.percentile is None else f"the {self.percentile:g} % percentile"
+
+    def anchored(self, light: Tensor) -> Tensor:
+        """Pictures (B, C, H, W) scaled so that the anchor is 0.18, each by itself.
+
+        Raises ``ValueError`` for a region outside the picture, and where the anchor is black.
+        """
+        return torch.stack([picture * self._scale(picture) for picture in light])
+
+    def _scale(self, picture: Tensor) -> float:
+        channels, height, width = picture.shape
+        weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
+        seen = picture.detach().cpu().numpy()
+        if self.region_px is not None:
+            x0, y0, x1, y1 = self.region_px
+            if x1 > width or y1 > height:
+                raise ValueError(f"grey_anchor = {self}: lies outside the picture of {width} x {height} px")
+            seen = seen[:, y0:y1, x0:x1]
+        luminance = np.tensordot(np.array(weights), seen.astype(float), 1)
+        grey = float(
+            luminance.mean() if self.percentile is None else np.percentile(luminance, self.percentile)
+        )
+        if grey <= 0 or not math.isfinite(GREY / grey):
+            raise ValueError(f"grey_anchor = {self}: is black here; must have some light to be 18 % grey")
+        return GREY / grey
+
+
+def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
+    """Pictures with what ``grey_anchor`` says at 18 % reflectance; None: as they are."""
+    return light if grey_anchor is None else GreyAnchor.parse(grey_anchor).anchored(light)
+
+
+def share_above_white(light: Tensor) -> float:
+    """Share of the pixels of pictures (B, C, H, W) any of whose colours exceeds the reflectance of white."""
+    return float((light.detach().amax(1) > 1).double().mean())
+
+
+def reflectance_text(anchor: str | None) -> str:
+    """What light on a photograph's scene means, in half a line."""
+    if anchor is None:
+        return "brightness is taken for reflectance, 1 EV darker for half of it; --grey-anchor ties it to 18 % grey"
+    return f"18 % reflectance is {GreyAnchor.parse(anchor).words} of each picture (--grey-anchor {anchor})"
+
+
 _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for rounding stays whole
 
 
@@ -138,10 +219,10 @@ def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Cur
     Of a camera whose pictures are grey by what its pixels make of them.
     """
     means = batch_shaped("light", light).mean(dim=(-2, -1))
-    if light.shape[1] != len(LUMA):
+    if light.shape[1] != len(LUMINANCE):
         return means.mean(dim=1)
     if camera is None or camera.cfa not in ("mono", "RCCC"):
-        return means @ means.new_tensor(LUMA)
+        return means @ means.new_tensor(LUMINANCE)
     return means @ means.new_tensor(colour_shares(camera, illuminant))
 
 

@@ -14,12 +14,12 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, integer, one_of, shown
 from blurnoise._core.limits import limited
-from blurnoise.camera import Amplified, Camera
-from blurnoise.driving import USUAL_VEHICLE, Vehicle
 from blurnoise.light import effects
+from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
+from blurnoise.motion.trajectory import Trajectory
 from blurnoise.operating_point import OperatingPoint, of_one_exposure
-from blurnoise.radiometry import electrons_per_lux_s
-from blurnoise.trajectory import Trajectory
+from blurnoise.optics.camera import Amplified, Camera
+from blurnoise.optics.radiometry import electrons_per_lux_s
 
 MOVES = ("all", "targets", "background")
 """What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""

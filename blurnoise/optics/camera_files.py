@@ -2,10 +2,10 @@
 
 ``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
 {wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; one that is cut
-short within the visible band is marked in its source (:func:`blurnoise.spectra.cut_short`). Behind a mosaic it is
-{red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the figures of
-:class:`blurnoise.lens.Lens`, whose curves may be {csv: path, column: 1, unit: ...}. The presets are such files in
-``data/cameras``.
+short within the visible band is marked in its source (:func:`blurnoise.optics.spectra.cut_short`). Behind a mosaic
+it is {red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the figures of
+:class:`blurnoise.optics.lens.Lens`, whose curves may be {csv: path, column: 1, unit: ...}. The presets are such files
+in ``data/cameras``.
 """
 
 from __future__ import annotations
@@ -22,15 +22,12 @@ import yaml
 from annotated_types import Ge, Le
 
 from blurnoise._core.checks import known, one_of, shown
-from blurnoise._core.documents import read_document
-from blurnoise._core.files import write_whole
-from blurnoise._core.samples import read_samples
+from blurnoise._core.files import read_document, read_samples, write_whole
 from blurnoise._core.validation import Text, check_fields
-from blurnoise.capture import Capture
-from blurnoise.colour import FilterCurves, marked
-from blurnoise.gain import ConversionGain
-from blurnoise.lens import Distortion, Lens, Mtf, RelativeIllumination
-from blurnoise.spectra import Curve
+from blurnoise.optics.colour import FilterCurves, marked
+from blurnoise.optics.gains import Capture, ConversionGain
+from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
+from blurnoise.optics.spectra import Curve
 
 PRESETS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"

@@ -1,7 +1,10 @@
-"""Colour filters before the pixels: patterns, the quantum efficiency behind each, and the colour matrix.
+"""Colour: filters before the pixels, the colour matrix, tone curves, and sRGB (IEC 61966-2-1).
 
 Convention: a pattern names its filters in reading order, the first row's two and then the second row's: R red, G
-green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white.
+green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to the
+coded values of a picture, both in [0, 1]: "srgb"; "filmic", an S-curve on top of it, 3 v^2 - 2 v^3 of the coded value
+v, as Brooks et al., Unprocessing Images for Learned Raw Denoising, CVPR 2019, assume of photographs; or one's own
+points (light, value), with straight lines between them.
 """
 
 from __future__ import annotations
@@ -12,10 +15,13 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core.checks import in_range, shown
-from blurnoise.spectra import Curve, Spectrum, cut_short
+from blurnoise._core.threads import in_pieces, plain
+from blurnoise.optics.spectra import Curve, Spectrum, cut_short
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 Row = tuple[float, float, float]
@@ -26,6 +32,8 @@ _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
 _ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
 _GENERIC_NM = {"red": (600.0, 40.0), "green": (535.0, 40.0), "blue": (460.0, 30.0)}
 _LARGEST_INVERSE = 100.0
+LUMINANCE: Row = (0.2126, 0.7152, 0.0722)
+"""Weights of linear red, green and blue (ITU-R BT.709)."""
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NO_GAINS: Row = (1.0, 1.0, 1.0)
 
@@ -81,7 +89,7 @@ def behind_generic_filters(bare: Spectrum) -> FilterCurves:
 
 
 def marked(curves: Spectrum | FilterCurves) -> str:
-    """Where curves are cut short (:func:`blurnoise.spectra.cut_short`), a filter's by its name; "" if none is."""
+    """Where curves are cut short (:func:`.spectra.cut_short`), a filter's by its name; "" if none is."""
     if isinstance(curves, Curve):
         return cut_short(curves)
     stated = curves.stated() if isinstance(curves, FilterCurves) else ()
@@ -175,3 +183,76 @@ def product(left: Matrix, right: Matrix) -> Matrix:
 def _row(values: object) -> Row:
     red, green, blue = (float(value) for value in values)  # type: ignore[attr-defined]
     return red, green, blue
+
+
+Points = tuple[tuple[float, float], ...]
+ToneCurve = Literal["srgb", "filmic"] | Points
+_MUST = "must be 'srgb', 'filmic' or points (light, value)"
+
+
+def checked_tone(value: object) -> ToneCurve:
+    """A tone curve. Raises ``TypeError`` or ``ValueError`` for no curve from light 0 to 1 that never falls."""
+    if isinstance(value, str):
+        if value not in ("srgb", "filmic"):
+            raise ValueError(f"tone = {shown(value)}: {_MUST}")
+        return value  # type: ignore[return-value]
+    try:
+        points = np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"tone = {shown(value)}: {_MUST}") from None
+    if points.ndim != 2 or points.shape[1] != 2 or not 2 <= len(points) <= 1 << 16:
+        raise ValueError(f"tone = {shown(value)}: {_MUST}, at least two")
+    light, values = points.T
+    inside = bool(((points >= 0) & (points <= 1)).all())
+    rises = bool((np.diff(light) > 0).all() and (np.diff(values) >= 0).all())
+    if not (inside and rises and light[0] == 0 and light[-1] == 1):
+        raise ValueError(
+            f"tone = {shown(value)}: light must increase from 0 to 1, values lie in [0, 1] and never fall"
+        )
+    return tuple((float(at), float(coded)) for at, coded in points)
+
+
+def toned(light: Tensor, curve: ToneCurve) -> Tensor:
+    """``light``, any shape, clamped to [0, 1] and coded; differentiable."""
+    if curve == "srgb":
+        return srgb_from_linear(light)
+    if curve == "filmic":
+        value = srgb_from_linear(light)
+        return value * value * (3 - 2 * value)
+    at, values = light.new_tensor(curve).unbind(-1)
+    light = light.clamp(0.0, 1.0)
+    last = torch.searchsorted(at[1:-1].contiguous(), light.detach().contiguous(), right=True)
+    slope = values.diff() / at.diff()
+    return values[last] + slope[last] * (light - at[last])
+
+
+Encoding = Literal["srgb", "linear"]
+
+
+def linear_from_srgb(coded: Tensor) -> Tensor:
+    """Linear light of sRGB-coded values, any shape; values outside [0, 1] are clamped."""
+    # torch's power rounds by a number's place in memory; exponential and logarithm do not, and take half the time.
+    if not plain(coded):
+        coded = coded.clamp(0.0, 1.0)
+        power = torch.exp(2.4 * torch.log((coded + 0.055) / 1.055))
+        return torch.where(coded <= 0.04045, coded / 12.92, power)
+    flat = coded.detach().reshape(-1).numpy()
+    light = np.empty_like(flat)
+
+    def decode(piece: slice) -> None:  # NumPy wakes no threads of its own
+        clamped, power = np.clip(flat[piece], 0.0, 1.0), light[piece]
+        np.divide(np.add(clamped, 0.055, out=power), 1.055, out=power)
+        np.exp(np.multiply(np.log(power, out=power), 2.4, out=power), out=power)
+        np.copyto(power, clamped / 12.92, where=clamped <= 0.04045)
+
+    in_pieces(decode, len(flat), torch.get_num_threads())
+    return torch.from_numpy(light).view(coded.shape)
+
+
+def srgb_from_linear(linear: Tensor) -> Tensor:
+    """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped."""
+    linear = linear.clamp(0.0, 1.0)
+    # The inner clamp keeps the unused branch's gradient finite at 0.
+    return torch.where(
+        linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(1e-4) ** (1 / 2.4) - 0.055
+    )

@@ -26,17 +26,17 @@ from functools import lru_cache
 
 from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
-from blurnoise.camera import Camera
 from blurnoise.layers import Passing
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION
+from blurnoise.motion.trajectory import Trajectory
 from blurnoise.operating_point import OperatingPoint
-from blurnoise.radiometry import photoelectrons
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.optics.spectra import Curve
 from blurnoise.sensor import mosaic, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
-from blurnoise.spectra import Curve
-from blurnoise.trajectory import Trajectory
 
 TOLERANCE_DN = 0.1
 """Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""

@@ -1,0 +1,60 @@
+"""Former names of modules, which work for one release: to import one warns, and gives the new one's names."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.abc
+import importlib.machinery
+import sys
+import warnings
+from collections.abc import Sequence
+from types import ModuleType
+
+FORMER = {
+    "blurnoise.auto_exposure": "blurnoise.scene.metering",
+    "blurnoise.binning": "blurnoise.optics.camera",
+    "blurnoise.camera": "blurnoise.optics.camera",
+    "blurnoise.camera_files": "blurnoise.optics.camera_files",
+    "blurnoise.camera_shake": "blurnoise.motion.causes",
+    "blurnoise.capture": "blurnoise.optics.gains",
+    "blurnoise.colour": "blurnoise.optics.colour",
+    "blurnoise.distortion": "blurnoise.optics.distortion",
+    "blurnoise.driving": "blurnoise.motion.ego",
+    "blurnoise.ego_motion": "blurnoise.motion.ego",
+    "blurnoise.encoding": "blurnoise.optics.colour",
+    "blurnoise.error_budget": "blurnoise.scene.plan",
+    "blurnoise.exposed_with": "blurnoise.scene.exposure",
+    "blurnoise.exposure": "blurnoise.scene.scene",
+    "blurnoise.field": "blurnoise.optics.lens",
+    "blurnoise.gain": "blurnoise.optics.gains",
+    "blurnoise.grey_anchor": "blurnoise.scene.metering",
+    "blurnoise.lens": "blurnoise.optics.lens",
+    "blurnoise.radiometry": "blurnoise.optics.radiometry",
+    "blurnoise.simulation": "blurnoise.scene.scene",
+    "blurnoise.spectra": "blurnoise.optics.spectra",
+    "blurnoise.stated_trajectory": "blurnoise.motion.causes",
+    "blurnoise.tone": "blurnoise.optics.colour",
+    "blurnoise.trajectory": "blurnoise.motion.trajectory",
+}
+
+
+class _FormerNames(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        return importlib.machinery.ModuleSpec(fullname, self) if fullname in FORMER else None
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType | None:
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        new = FORMER[module.__name__]
+        warnings.warn(f"{module.__name__} is {new} now", DeprecationWarning, stacklevel=2)
+        names = vars(importlib.import_module(new))
+        vars(module).update({name: value for name, value in names.items() if not name.startswith("__")})
+
+
+def register() -> None:
+    """Have former names found, after all that is there."""
+    if not any(isinstance(finder, _FormerNames) for finder in sys.meta_path):
+        sys.meta_path.append(_FormerNames())

@@ -1,0 +1,1 @@
+"""Motion in the picture: paths over time, their causes, and cameras on vehicles."""

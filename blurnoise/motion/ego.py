@@ -1,0 +1,395 @@
+"""Ego-motion: where a camera on a vehicle sees the road, things ahead and the sky move in its picture, px/s.
+
+Convention: camera axes X right, Y down, Z along the optical axis, which meets the picture's middle. Pixels x right, y
+down, (0, 0) the centre of the first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its
+share along Z. Arrays are (2, ...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens.
+Flow is that of mid-exposure; times the exposure it is the blur, as long as what is seen goes straight and evenly.
+
+A lens is "f-theta", a constant number of pixels per degree, as in Lin et al., Sensors 2024, 24, 5135, eq. 14;
+"rectilinear", a pinhole, focal length in pixels on the axis; or a camera's own, distortion included. What a picture
+of a vehicle's camera shows is taken for road up to the horizon and for sky above it, or for a frontal plane before
+both: what stands on the road moves with it unless a plane says how far it is. Rays beyond the lens are at rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise._core.checks import one_of
+from blurnoise._core.limits import LARGEST_PICTURE, counted, limited
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.lens import Field
+
+Lens = Literal["f-theta", "rectilinear"]
+
+
+def velocity_px_s(
+    speed_m_s: float,
+    distance_m: float,
+    *,
+    target_width_m: float,
+    width_px: float,
+    hfov_deg: float,
+    lens: Lens = "f-theta",
+) -> float:
+    """Speed in the image, px/s, of a target that crosses the optical axis at ``speed_m_s``.
+
+    speed_m_s >= 0, across the line of sight; distance_m, target_width_m > 0; width_px and hfov_deg are the
+    camera's. The target's image is ``Size_px`` wide and moves Size_px / target_width_m pixels per metre:
+
+    * f-theta: Size_px = 2 atan(w / 2d) [deg] * width_px / hfov_deg (Lin et al. 2024, eq. 14);
+    * rectilinear: Size_px = f w / d with f = (width_px / 2) / tan(hfov / 2).
+
+    Raises ``ValueError`` for values outside these ranges (a rectilinear lens needs hfov_deg < 180).
+    """
+    speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
+    target, width = limited("target_width_m", target_width_m), limited("width_px", width_px)
+    hfov = limited("hfov_deg", hfov_deg)
+    one_of("lens", lens, ("f-theta", "rectilinear"))
+    if lens == "f-theta":
+        size_px = math.degrees(2 * math.atan(target / (2 * distance))) * width / hfov
+    else:
+        if hfov >= 180:
+            raise ValueError(f"hfov_deg = {hfov_deg!r}: must be < 180 for a rectilinear lens")
+        size_px = width / 2 / math.tan(math.radians(hfov) / 2) * target / distance
+    return size_px * speed / target
+
+
+def blur_pixels(
+    speed_m_s: float,
+    distance_m: float,
+    exposure_s: float,
+    *,
+    target_width_m: float,
+    width_px: float,
+    hfov_deg: float,
+    lens: Lens = "f-theta",
+) -> float:
+    """Length of the motion blur in px: ``velocity_px_s`` times the exposure in s (>= 0)."""
+    exposure = limited("exposure_s", exposure_s)
+    return exposure * velocity_px_s(
+        speed_m_s,
+        distance_m,
+        target_width_m=target_width_m,
+        width_px=width_px,
+        hfov_deg=hfov_deg,
+        lens=lens,
+    )
+
+
+Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
+_STEP = 1e-6  # of a direction X/Z, over which a lens is taken for straight
+
+
+@dataclass(frozen=True)
+class EgoMotion:
+    """Velocity, m/s, and rotation, degrees/s and right-handed, of a camera along and about its own axes X, Y, Z.
+
+    Raises ``ValueError`` beyond 3e8 m/s or 1e5 degrees/s.
+    """
+
+    velocity_m_s: Vector = (0.0, 0.0, 0.0)
+    rotation_deg_s: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name, entry in (("velocity_m_s", self.velocity_m_s), ("rotation_deg_s", self.rotation_deg_s)):
+            if len(entry) != 3:
+                raise ValueError(f"{name} = {entry!r}: must be three numbers (X, Y, Z)")
+            for value in entry:
+                limited(name, value)
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A camera on a vehicle on a flat road: height_m above it, looking pitch_deg down and heading_deg to the right.
+
+    Raises ``ValueError`` for a height <= 0, a pitch beyond 90 or a heading beyond 360 degrees.
+    """
+
+    height_m: float
+    pitch_deg: float = 0.0
+    heading_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("height_m", "pitch_deg", "heading_deg"):
+            limited(name, getattr(self, name), "camera_height_m" if name == "height_m" else None)
+
+    @property
+    def down(self) -> Floats:
+        """The direction towards the road, in the camera's axes."""
+        pitch = math.radians(self.pitch_deg)
+        return np.array([0.0, math.cos(pitch), math.sin(pitch)])
+
+    @property
+    def ahead(self) -> Floats:
+        """The direction in which the vehicle drives, in the camera's axes."""
+        pitch, heading = math.radians(self.pitch_deg), math.radians(self.heading_deg)
+        level = math.cos(heading)
+        return np.array([-math.sin(heading), -math.sin(pitch) * level, math.cos(pitch) * level])
+
+    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0) -> EgoMotion:
+        """The camera's motion where the vehicle drives at speed_m_s and turns to the right at yaw_deg_s."""
+        speed, yaw = limited("speed_m_s", speed_m_s), limited("yaw_deg_s", yaw_deg_s, "rotation_deg_s")
+        return EgoMotion(_vector(speed * self.ahead), _vector(yaw * self.down))
+
+    def road_m(self, rays: Floats) -> Floats:
+        """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
+        sinks = np.tensordot(self.down, rays, 1)
+        with np.errstate(divide="ignore"):
+            return np.asarray(
+                np.where(sinks > 0, self.height_m / sinks, np.where(np.isnan(sinks), np.nan, np.inf))
+            )
+
+
+@dataclass(frozen=True)
+class View:
+    """A picture's size, its horizontal field of view, and the lens: "f-theta" or "rectilinear", a pinhole.
+
+    calibrated: a camera's own lens, distortion included, in place of hfov_deg and lens. Raises ``ValueError`` outside
+    the limits; a rectilinear lens needs hfov_deg < 180.
+    """
+
+    width_px: int
+    height_px: int
+    hfov_deg: float
+    lens: Lens = "f-theta"
+    calibrated: Field | None = None
+
+    def __post_init__(self) -> None:
+        counted("width_px", self.width_px)
+        counted("height_px", self.height_px, "width_px")
+        limited("hfov_deg", self.hfov_deg)
+        if one_of("lens", self.lens, ("f-theta", "rectilinear")) == "rectilinear" and self.hfov_deg >= 180:
+            raise ValueError(f"hfov_deg = {self.hfov_deg!r}: must be < 180 for a rectilinear lens")
+
+    @property
+    def focal_px(self) -> float:
+        """Pixels per radian on the axis."""
+        half = math.radians(self.hfov_deg) / 2
+        return self.width_px / 2 / (half if self.lens == "f-theta" else math.tan(half))
+
+    def pixels(self, most: int | None = None) -> Floats:
+        """The pixels' centres (2, H, W); with ``most``, at most so many along each side, the outermost among them.
+
+        Raises ``ValueError`` for more than 2^28.
+        """
+        counts = [size if most is None else min(size, most) for size in (self.width_px, self.height_px)]
+        if math.prod(counts) > LARGEST_PICTURE:
+            raise ValueError(
+                f"width_px, height_px: {counts[0]} x {counts[1]} pixels; at most {LARGEST_PICTURE} are computed"
+            )
+        sizes = (self.width_px, self.height_px)
+        x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(sizes, counts, strict=True))
+        return np.stack(np.meshgrid(x, y))
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Unit vectors (3, ...) towards what pixels (2, ...) see."""
+        x, y = self._from_axis(pixels)
+        if self._straight:
+            rays = np.stack([x, y, np.ones_like(x)])
+            return np.asarray(rays / np.linalg.norm(rays, axis=0))
+        theta = np.hypot(x, y)
+        bent = np.sinc(theta / np.pi)  # sin(theta) / theta
+        return np.asarray(np.where(theta <= np.pi, np.stack([x * bent, y * bent, np.cos(theta)]), np.nan))
+
+    def project(self, points_m: Floats) -> Floats:
+        """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
+        x, y, z = points_m
+        if self._straight:
+            with np.errstate(divide="ignore"):
+                scale = np.where(z > 0, 1 / z, np.nan)
+            if self.calibrated is not None:
+                return np.stack(self.calibrated.imaged(x * scale, y * scale, self._size))
+        else:
+            across = np.hypot(x, y)
+            scale = np.where(
+                across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1), 1 / np.abs(z)
+            )
+        middle = np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+        return np.asarray(self.focal_px * scale * points_m[:2] + middle.reshape(2, *[1] * x.ndim))
+
+    def flow_px_s(self, pixels: Floats, range_m: Floats, motion: EgoMotion) -> Floats:
+        """Velocity (2, ...) of what pixels (2, ...) see at ranges (...), by the camera's motion, px/s.
+
+        A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
+        wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x. F-theta: a ray s at range R
+        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it. A
+        calibrated lens images the pinhole's motion. Raises ``ValueError`` for a range <= 0.
+        """
+        _ahead("range_m", range_m)
+        velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
+        if self._straight:
+            x, y = self._from_axis(pixels)
+            near = np.sqrt(1 + x * x + y * y) / range_m
+            (vx, vy, vz), (wx, wy, wz) = velocity, turn
+            u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
+            v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
+            if self.calibrated is not None:
+                return self._imaged_motion(self.calibrated, x, y, u, v)
+            return self.focal_px * np.stack([u, v])
+        rays = self.rays(pixels)
+        along = np.tensordot(velocity, rays, 1)
+        column = (3, *[1] * (rays.ndim - 1))
+        turned = -np.cross(turn, rays, axisb=0, axisc=0) - (velocity.reshape(column) - along * rays) / range_m
+        across = np.hypot(rays[0], rays[1])
+        off = across > 0
+        divisor = np.where(off, across, 1.0)
+        radial = np.stack([np.where(off, rays[0] / divisor, 1.0), rays[1] / divisor])
+        around = np.stack([-radial[1], radial[0]])
+        theta = np.arctan2(across, rays[2])
+        angular = rays[2] * (radial * turned[:2]).sum(0) - across * turned[2]
+        wider = np.where(off, theta / divisor, 1.0)
+        return np.asarray(self.focal_px * (angular * radial + wider * (around * turned[:2]).sum(0) * around))
+
+    @property
+    def _straight(self) -> bool:
+        """Whether directions are given by X/Z and Y/Z."""
+        return self.calibrated is not None or self.lens == "rectilinear"
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.height_px, self.width_px
+
+    def _imaged_motion(self, field: Field, x: Floats, y: Floats, u: Floats, v: Floats) -> Floats:
+        """The motion (u, v) of directions (x, y), per second, as a lens images it, px/s."""
+        fastest = np.hypot(u, v)
+        step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
+        after = field.imaged(x + u * step_s, y + v * step_s, self._size)
+        before = field.imaged(x - u * step_s, y - v * step_s, self._size)
+        return np.stack([(late - early) / (2 * step_s) for late, early in zip(after, before, strict=True)])
+
+    def _from_axis(self, pixels: Floats) -> tuple[Floats, Floats]:
+        """Directions of pixels: from the axis in focal lengths, of a calibrated lens (X/Z, Y/Z)."""
+        x, y = pixels
+        if self.calibrated is not None:
+            return self.calibrated.directions(x, y, self._size)
+        return (x - (self.width_px - 1) / 2) / self.focal_px, (y - (self.height_px - 1) / 2) / self.focal_px
+
+
+def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
+    """Ranges (...) of what rays (3, ...) meet at a depth, m: of a frontal plane, or a map (...), inf for the sky.
+
+    inf for rays that do not look ahead, which meet no plane before the camera. Raises ``ValueError`` for a
+    depth <= 0.
+    """
+    _ahead("depth_m", depth_m)
+    ahead = rays[2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(ahead > 0, depth_m / ahead, np.where(np.isnan(ahead), np.nan, np.inf)))
+
+
+def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
+    """The longest exposure (...) that keeps a flow's (2, ...) blur within blur_px (> 0); inf where nothing moves."""
+    limited("blur_px", blur_px)
+    with np.errstate(divide="ignore"):
+        return np.asarray(blur_px / np.hypot(*flow_px_s))
+
+
+def _vector(axes: Floats) -> Vector:
+    x, y, z = axes.tolist()
+    return x, y, z
+
+
+def _ahead(name: str, away_m: float | Floats) -> None:
+    """Raise ``ValueError`` unless all is before the camera, or unknown."""
+    nearest = float(np.nanmin(away_m)) if not np.isnan(away_m).all() else math.inf
+    if nearest <= 0:
+        raise ValueError(
+            f"{name}: the smallest is {nearest:g}; must be > 0, inf for the sky, NaN where none is known"
+        )
+
+
+_KEPT = 8  # flows, of a vehicle and a picture's size each
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """height_m above the road, looking pitch_deg down and heading_deg to the right; plane_m: of a wall ahead.
+
+    hfov_deg: of the picture; None: the camera's, of whose sensor the picture is the largest part of its shape. lens:
+    "f-theta" or "rectilinear"; None: the camera's own where it has a distortion and hfov_deg is not given, else
+    f-theta. yaw_deg_s, pitch_deg_s: it turns to the right, and up. Raises ``ValueError`` that names the field.
+    """
+
+    height_m: float = 1.5
+    pitch_deg: float = 0.0
+    heading_deg: float = 0.0
+    hfov_deg: float | None = None
+    lens: Lens | None = None
+    plane_m: float | None = None
+    yaw_deg_s: float = 0.0
+    pitch_deg_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        Mount(self.height_m, self.pitch_deg, self.heading_deg)
+        View(1, 1, 60.0 if self.hfov_deg is None else self.hfov_deg, self.lens or "f-theta")
+        for name in ("yaw_deg_s", "pitch_deg_s"):
+            limited(name, getattr(self, name), "rotation_deg_s")
+        if self.plane_m is not None:
+            limited("plane_m", self.plane_m, "depth_m")
+
+    @property
+    def turns(self) -> bool:
+        """Whether it does, whatever its speed."""
+        return bool(self.yaw_deg_s or self.pitch_deg_s)
+
+    def view(self, camera: Camera, size: tuple[int, int]) -> View:
+        """What a picture (H, W) of the camera sees. Raises ``ValueError`` for a field of view beyond the lens's."""
+        (height, width), lens = size, self.lens or "f-theta"
+        if self.hfov_deg is not None:
+            return View(width, height, self.hfov_deg, lens)
+        if self.lens is None and camera.lens.displaces:
+            return View(width, height, camera.hfov_deg, calibrated=camera.field)
+        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
+        half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
+        half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
+        return View(width, height, 2 * half_deg, lens)
+
+    def flow_at(self, pixels: Floats, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Floats:
+        """Velocities (2, ...), px/s, of what pixels (2, ...) of a picture (H, W) see at a speed ahead."""
+        return _flow_at(pixels, self, self.view(camera, size), speed_m_s)
+
+    def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Tensor:
+        """That of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
+        speed = torch.tensor([limited("speed_m_s", speed_m_s)], dtype=torch.float32)
+        return self.flows_px_s(camera, size, speed)[0]
+
+    def flows_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: Tensor) -> Tensor:
+        """That at speeds (B,), (B, 2, H, W), in their type and on their device; differentiable in them."""
+        ahead, turning = _flows(self, self.view(camera, size))
+        flows = speed_m_s[:, None, None, None] * ahead.to(speed_m_s)
+        return flows if turning is None else flows + turning.to(speed_m_s)
+
+
+def _flow_at(pixels: Floats, vehicle: Vehicle, view: View, speed_m_s: float) -> Floats:
+    mount = Mount(vehicle.height_m, vehicle.pitch_deg, vehicle.heading_deg)
+    moving = mount.driving(speed_m_s, vehicle.yaw_deg_s)
+    x, y, z = moving.rotation_deg_s
+    moving = replace(moving, rotation_deg_s=(x + vehicle.pitch_deg_s, y, z))
+    rays = view.rays(pixels)
+    ranges = mount.road_m(rays)
+    if vehicle.plane_m is not None:
+        ranges = np.minimum(ranges, range_of_depth_m(rays, vehicle.plane_m))
+    return np.nan_to_num(view.flow_px_s(pixels, ranges, moving))
+
+
+@lru_cache(maxsize=_KEPT)
+def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
+    """What 1 m/s ahead does, and what turning does, if it turns; their sum is the flow. Neither is to be changed."""
+    pixels = view.pixels()
+    straight = replace(vehicle, yaw_deg_s=0.0, pitch_deg_s=0.0)
+    turning = _flow_at(pixels, vehicle, view, 0.0).astype(np.float32) if vehicle.turns else None
+    ahead = _flow_at(pixels, straight, view, 1.0).astype(np.float32)
+    return torch.from_numpy(ahead), None if turning is None else torch.from_numpy(turning)
+
+
+USUAL_VEHICLE = Vehicle()

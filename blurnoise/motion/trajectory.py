@@ -1,0 +1,299 @@
+"""Trajectories: where what is seen goes in the picture over time, and the part of it that an exposure sees.
+
+Convention: s and px, x right, y down; between its knots a trajectory is straight. Time 0 is mid-exposure (of the
+middle row, where rows are read one after another), so that a shorter exposure sees a part of what a longer one does.
+A picture shows each place where it is on average (``reference`` "centroid": labels stay) or where it is at time 0
+("middle").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise._core.checks import in_range, one_of, positive, shown
+from blurnoise._core.limits import LIMITS, limited
+
+Floats = NDArray[np.float64]
+Reference = Literal["centroid", "middle"]
+SIMPLIFIED_PX = 0.02
+"""How far, at any time, what an exposure sees of a path may be from the path: at most 2 pi f of it is the error of a
+transfer function, and RMS a tenth of that."""
+_SAG_PX = 1e-3  # of curves between their knots
+_MOST_KNOTS = 1 << 20
+_SPAN = (
+    4096  # knots simplified together: of many periods, whose ends are equal, each would be cut off by itself
+)
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """What an exposure sees of a trajectory: knots, px from where the picture shows the place, and shares of time."""
+
+    x_px: tuple[float, ...]
+    y_px: tuple[float, ...]
+    shares: tuple[float, ...]
+
+    @cached_property
+    def knots(self) -> Floats:
+        """(2, K), px."""
+        return np.array((self.x_px, self.y_px))
+
+    @cached_property
+    def box(self) -> tuple[float, float, float, float]:
+        """Smallest x and y, largest x and y, px."""
+        return min(self.x_px), min(self.y_px), max(self.x_px), max(self.y_px)
+
+    @property
+    def reach_px(self) -> tuple[float, float]:
+        """How far it goes along x and y, to either side."""
+        left, top, right, bottom = self.box
+        return max(-left, right, 0.0), max(-top, bottom, 0.0)
+
+    @cached_property
+    def centroid_px(self) -> tuple[float, float]:
+        """Its mean over time."""
+        return _mean(self.knots, np.array(self.shares))
+
+    @cached_property
+    def error(self) -> float:
+        """RMS error, in units of white, of leaving it out: a bound for any picture within [0, 1].
+
+        |1 - H(f)| is at most 2 pi f . c of the centroid c and 2 pi^2 f . S f of the second moments S about it. As for
+        straight motion, the worst picture is a checkerboard, f = (1/2, 1/2) or (1/2, -1/2); |1 - H| is at most 2.
+        """
+        shares = np.array(self.shares)
+        starts, ends = self.knots[:, :-1], self.knots[:, 1:]
+        second = ((starts[:, None] * starts + ends[:, None] * ends) / 3 * shares).sum(-1)
+        second += ((starts[:, None] * ends + ends[:, None] * starts) / 6 * shares).sum(-1)
+        centroid = np.array(self.centroid_px)
+        (a, c), (_, b) = second - np.outer(centroid, centroid)
+        spread = 2 * math.pi**2 * max(0.0, float(a + b + 2 * abs(c))) / 4
+        shifted = math.pi * float(np.abs(centroid).sum())
+        return min(2.0, spread + shifted) / 2
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Knots of a trajectory: times, s, increasing, and places, px. Raises ``TypeError`` or ``ValueError``.
+
+    An exposure that begins before the first knot or ends after the last is an error, where it is used.
+    """
+
+    time_s: tuple[float, ...]
+    x_px: tuple[float, ...]
+    y_px: tuple[float, ...]
+    reference: Reference = "centroid"
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "x_px", "y_px"):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        one_of("reference", self.reference, ("centroid", "middle"))
+        if not len(self.time_s) == len(self.x_px) == len(self.y_px) >= 2:
+            counts = len(self.time_s), len(self.x_px), len(self.y_px)
+            raise ValueError(f"time_s, x_px, y_px: got {counts} numbers; must be as many of each, at least 2")
+        for before, after in pairwise(self.time_s):
+            if not before < after:
+                raise ValueError(f"time_s: {after!r} follows {before!r}; must increase")
+        most = LIMITS["displacement_px"].high
+        for name in ("x_px", "y_px"):
+            values = getattr(self, name)
+            if max(values) - min(values) > most:
+                raise ValueError(f"{name}: spans {max(values) - min(values):g} px; must be at most {most:g}")
+
+    @classmethod
+    def of(cls, time_s: Any, places_px: NDArray[Any], reference: Reference = "centroid") -> Trajectory:
+        """Of times (K,) and places (2, K), px."""
+        if np.ndim(time_s) != 1 or np.shape(places_px) != (2, len(time_s)):
+            raise ValueError(
+                f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
+            )
+        x, y = np.asarray(places_px).tolist()
+        return cls(tuple(np.asarray(time_s).tolist()), tuple(x), tuple(y), reference)
+
+    @classmethod
+    def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
+        """Uniform motion, for exposures up to ``duration_s``."""
+        half = positive("duration_s", duration_s) / 2
+        x, y = _vector("velocity_px_s", velocity_px_s)
+        return cls((-half, half), (-x * half, x * half), (-y * half, y * half))
+
+    @classmethod
+    def sinusoid(
+        cls,
+        amplitude_px: float,
+        frequency_hz: float,
+        duration_s: float,
+        *,
+        phase_rad: float = 0.0,
+        direction_deg: float = 0.0,
+    ) -> Trajectory:
+        """Vibration a sin(2 pi f t + phase) along a direction, counter-clockwise as displayed.
+
+        Its transfer functions: :func:`blurnoise.transfer_of_paths.vibration`. Knots lie so close that it is within
+        1e-3 px of them.
+        """
+        amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
+        omega = 2 * math.pi * limited("frequency_hz", frequency_hz)
+        half = positive("duration_s", duration_s) / 2
+        step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
+        time = _steps(half, step)
+        angle = math.radians(limited("direction_deg", direction_deg))
+        phase = limited("phase_rad", phase_rad)
+        along = amplitude * np.sin(omega * time + phase)
+        return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
+
+    @classmethod
+    def accelerated(
+        cls, velocity_px_s: tuple[float, float], acceleration_px_s2: tuple[float, float], duration_s: float
+    ) -> Trajectory:
+        """Constant acceleration; the velocity is that at mid-exposure.
+
+        Its transfer function: :func:`blurnoise.transfer_of_paths.accelerated`.
+        """
+        half = positive("duration_s", duration_s) / 2
+        velocity = _vector("velocity_px_s", velocity_px_s)
+        acceleration = _vector("acceleration_px_s2", acceleration_px_s2)
+        rate = float(np.hypot(*acceleration))
+        time = _steps(half, math.sqrt(8 * _SAG_PX / rate) if rate else 2 * half)
+        return cls.of(time, np.outer(velocity, time) + np.outer(acceleration, time**2 / 2))
+
+    def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
+        """Knots (2, K), px, and durations (K - 1,), s, of what lies between two times; of one moment one knot.
+
+        Raises ``ValueError`` unless the trajectory holds both.
+        """
+        first, last = self.time_s[0], self.time_s[-1]
+        slack = 1e-6 * (last - first)  # of times that were rounded to single precision
+        if not first - slack <= start_s <= stop_s <= last + slack:
+            raise ValueError(
+                f"trajectory: goes from {first:.6g} to {last:.6g} s; must hold the exposure, {start_s:.6g} to "
+                f"{stop_s:.6g} s about mid-exposure"
+            )
+        time, x, y = self._arrays
+        if stop_s <= start_s:
+            return np.array([[np.interp(start_s, time, x)], [np.interp(start_s, time, y)]]), np.zeros(0)
+        within = time[(time > start_s) & (time < stop_s)]
+        at = np.concatenate([[start_s], within, [stop_s]])
+        return np.stack([np.interp(at, time, x), np.interp(at, time, y)]), np.diff(at)
+
+    def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
+        """What an exposure sees of it, with uniform motion added; to 0.02 px. Raises as :meth:`window` does."""
+        x, y = _vector("velocity_px_s", velocity_px_s).tolist()
+        return _seen(self, limited("exposure_s", exposure_s), (x, y))
+
+    def origin_px(
+        self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)
+    ) -> tuple[float, float]:
+        """The place that a picture shows where it was: the mean of an exposure's, or that at time 0."""
+        if self.reference == "middle":
+            time, x, y = self._arrays
+            return float(np.interp(0.0, time, x)), float(np.interp(0.0, time, y))
+        knots, durations = self.window(-exposure_s / 2, exposure_s / 2)
+        return _mean(knots, durations)  # uniform motion about time 0 has none
+
+    @cached_property
+    def _arrays(self) -> tuple[Floats, Floats, Floats]:
+        return np.array(self.time_s), np.array(self.x_px), np.array(self.y_px)
+
+
+@lru_cache(maxsize=256)
+def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float, float]) -> Polyline:
+    knots, durations = trajectory.window(-exposure_s / 2, exposure_s / 2)
+    if not len(durations):
+        return Polyline((0.0,), (0.0,), ())
+    time = np.concatenate([[0.0], np.cumsum(durations)]) - exposure_s / 2
+    knots = knots + np.outer(velocity_px_s, time) - np.array(trajectory.origin_px(exposure_s))[:, None]
+    kept = simplified(time, knots, SIMPLIFIED_PX)
+    knots, shares = knots[:, kept], np.diff(time[kept]) / (time[-1] - time[0])
+    if trajectory.reference == "centroid":  # that of the path as it was, to rounding and 0.02 px
+        knots = knots - np.array(_mean(knots, shares))[:, None]
+    x, y = knots
+    return Polyline(tuple(x.tolist()), tuple(y.tolist()), tuple(shares.tolist()))
+
+
+def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
+    """Which of the knots (2, K) at times (K,) to keep, so that at no time a place is further off.
+
+    After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
+    """
+    ends = np.unique([*range(0, len(time), _SPAN), len(time) - 1])
+    kept = [ends]
+    firsts, lasts = ends[:-1], ends[1:]
+    while True:  # all spans between two knots that are kept, at once
+        inside = lasts - firsts > 1
+        firsts, lasts = firsts[inside], lasts[inside]
+        if not len(firsts):
+            return [int(knot) for knot in np.unique(np.concatenate(kept))]
+        counts = lasts - firsts - 1
+        begins = np.cumsum(counts) - counts
+        span = np.repeat(np.arange(len(counts)), counts)
+        place = np.arange(len(span)) - begins[span] + firsts[span] + 1
+        share = (time[place] - time[firsts[span]]) / (time[lasts] - time[firsts])[span]
+        line = knots[:, firsts[span]] + share * (knots[:, lasts] - knots[:, firsts])[:, span]
+        off = np.hypot(*(knots[:, place] - line))
+        most = np.maximum.reduceat(off, begins)
+        found = np.flatnonzero((off == most[span]) & (off > tolerance_px))
+        found = found[np.unique(span[found], return_index=True)[1]]  # the first of equals
+        middle, cut = place[found], span[found]
+        kept.append(middle)
+        firsts, lasts = np.concatenate([firsts[cut], middle]), np.concatenate([middle, lasts[cut]])
+
+
+def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:
+    """The mean place over time of knots (2, K)."""
+    if not len(durations):
+        return float(knots[0, 0]), float(knots[1, 0])
+    x, y = ((knots[:, :-1] + knots[:, 1:]) / 2 * durations).sum(-1) / durations.sum()
+    return float(x), float(y)
+
+
+def _steps(half_s: float, step_s: float) -> Floats:
+    """Times from -half_s to half_s, at most ``step_s`` apart."""
+    count = math.ceil(2 * half_s / step_s) + 1
+    if count > _MOST_KNOTS:
+        raise ValueError(
+            f"duration_s = {2 * half_s:g}: needs {count} knots; at most {_MOST_KNOTS} are allowed"
+        )
+    return np.linspace(-half_s, half_s, max(2, count))
+
+
+def _numbers(name: str, values: Iterable[float]) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except OverflowError:  # an integer beyond 1e308
+        raise ValueError(f"{name}: must be finite") from None
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} = {shown(values)}: must be numbers") from None
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{name}: must be finite")
+    return numbers
+
+
+def _vector(name: str, value: Iterable[float]) -> Floats:
+    """Two numbers (x, y) within the limit of their name."""
+    along = tuple(value)
+    if len(along) != 2:
+        raise ValueError(f"{name} = {shown(value)}: must be two numbers (x, y)")
+    return np.array([limited(name, each) for each in along])
+
+
+def per_picture(
+    trajectory: Trajectory | Sequence[Trajectory | None] | None, batch: int
+) -> tuple[Trajectory | None, ...]:
+    """One trajectory or none for each of a batch's pictures; () where none has any. Raises ``TypeError``."""
+    if trajectory is None:
+        return ()
+    each = (trajectory,) * batch if isinstance(trajectory, Trajectory) else tuple(trajectory)
+    if any(one is not None and not isinstance(one, Trajectory) for one in each):
+        raise TypeError("trajectory: must be a blurnoise.Trajectory, or one or None for each picture")
+    if len(each) != batch:
+        raise ValueError(f"trajectory: got {len(each)} for a batch of {batch}; must be one per picture")
+    return each if any(each) else ()

@@ -1,0 +1,1 @@
+"""Cameras: their lens, pixels and converter, light and colours."""

@@ -1,0 +1,383 @@
+"""None"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import torch
+from annotated_types import Ge, Le
+from torch import Tensor
+
+from blurnoise._core import rng
+from blurnoise._core.checks import in_range, integer, known, shown
+from blurnoise._core.limits import LIMITS, within
+from blurnoise._core.validation import Figure, Text, check_fields
+from blurnoise.optics import camera_files, colour, gains
+from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
+from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens
+from blurnoise.optics.spectra import Curve
+from blurnoise.transfer import Optics
+
+_Side = Annotated[int, Ge(1), Le(1 << 20)]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera: lens, pixel, converter (EMVA 1288 release 4, linear model).
+
+    pixel_pitch_um: square pixel. f_number: working f-number N. transmission: lens and atmosphere, 0-1.
+    quantum_efficiency: electrons per photon, a number over 400-700 nm or a :class:`Curve`, IR-cut included; with a
+    mosaic of colour filters one for each filter, :class:`blurnoise.optics.colour.FilterCurves`.
+    full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark, at gain
+    0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
+    analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
+    conversion_gains: what the pixel becomes from a gain on, see :class:`blurnoise.optics.gains.ConversionGain`.
+    captures: of which it makes one HDR picture, for :mod:`blurnoise.hdr`; what takes one frame refuses them.
+    dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
+    black_level_dn: offset before rounding. bit_depth: of the converter.
+    defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
+    ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
+    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none.
+    cfa: the mosaic, see :mod:`blurnoise.optics.colour`. "none": each colour of a picture has a sensor of its own, and
+    all share the quantum efficiency. "mono": one plane of light, which comes out grey.
+    white_balance, demosaic, ccm, tone, jpeg_quality: how frames become pictures, see :mod:`blurnoise.picture.steps`.
+    white_balance: "auto" follows the light; or the gains of red, green (or clear) and blue, whose ratios count.
+    ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same.
+    width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
+    shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" as ``scan``
+    says; "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
+    lens: what changes over the field, see :class:`blurnoise.optics.lens.Lens`; a picture of another size stands for
+    the largest part of the sensor that has its shape.
+    sources: field name -> where its figure comes from.
+
+    Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
+    (:data:`blurnoise._core.limits.LIMITS`).
+    """
+
+    name: Text
+    pixel_pitch_um: Annotated[Figure, within("pixel_pitch_um")]
+    f_number: Annotated[Figure, within("f_number")]
+    transmission: Annotated[Figure, Ge(0), Le(1)]
+    quantum_efficiency: Figure | Curve | FilterCurves
+    full_well_e: Annotated[Figure, within("full_well_e")]
+    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
+    read_noise_e: Annotated[Figure, within("read_noise_e")]
+    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
+    analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
+    gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
+    conversion_gains: tuple[gains.ConversionGain, ...] = ()
+    captures: tuple[gains.Capture, ...] = ()
+    dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
+    dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
+    dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
+    prnu: Annotated[Figure, within("prnu")] = 0.0
+    dsnu_e: Annotated[Figure, within("dsnu_e")] = 0.0
+    black_level_dn: Figure = 0.0
+    bit_depth: Annotated[int, Ge(1), Le(16)] = 12
+    defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
+    defocus_counts_pixel: bool = False
+    diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
+    cfa: Cfa = "none"
+    white_balance: Literal["auto"] | Row = "auto"
+    demosaic: Literal["bilinear", "edge"] = "bilinear"
+    ccm: Matrix | None = None
+    tone: colour.ToneCurve = "srgb"
+    jpeg_quality: Annotated[int | None, Ge(1), Le(100)] = None
+    width_px: _Side = 1920
+    height_px: _Side = 1080
+    hfov_deg: Annotated[Figure, within("hfov_deg")] = 60.0
+    row_time_s: Annotated[Figure, within("row_time_s")] = 0.0
+    shutter: Literal["global", "rolling", "global-reset"] = "global"
+    scan: Literal["down", "up"] = "down"
+    lens: Annotated[Lens, "must be a Lens"] = SAME_EVERYWHERE
+    sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ccm", colour.checked_matrix(self.ccm, self.cfa))
+        object.__setattr__(self, "white_balance", colour.checked_gains(self.white_balance, self.cfa))
+        object.__setattr__(self, "tone", colour.checked_tone(self.tone))
+        check_fields(self)
+        curve = self.quantum_efficiency
+        if not isinstance(curve, FilterCurves):
+            for value in curve.values if isinstance(curve, Curve) else (curve,):
+                in_range("quantum_efficiency", value, 0.0, 1.0)
+        colour.check_filters(self.cfa, curve)
+        self._check_gains()
+        in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
+        for name in self.sources:
+            known("sources: field", name, [entry.name for entry in fields(self)])
+        _ = self.optics  # whose figures have limits of their own
+        self._check_lens()
+        if self.row_time_s and self.shutter == "global":
+            raise ValueError(
+                f"row_time_s = {self.row_time_s!r}: must be 0 where shutter is 'global'; "
+                "'rolling' and 'global-reset' take it"
+            )
+
+    def _check_lens(self) -> None:
+        lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um
+        if lens.mtf and blurred:
+            raise ValueError(
+                "lens.mtf: is measured with defocus and diffraction, at its own f-number; defocus_radius_px and "
+                "diffraction_wavelength_um must be 0 beside it"
+            )
+        if lens.field_curvature_px and self.defocus_counts_pixel:
+            raise ValueError("lens.field_curvature_px: must be 0 where defocus_counts_pixel is true")
+        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not lens.focal_px)):
+            raise ValueError(
+                f"hfov_deg = {self.hfov_deg:g}: must be < 180 for the field angles of lens.falloff_power and "
+                "lens.distortion, or lens.distortion states its focal_px"
+            )
+        if lens.displaces:
+            self.field.check()
+
+    def _check_gains(self) -> None:
+        if self.analogue_gain_max_db > self.gain_max_db:
+            raise ValueError(
+                f"analogue_gain_max_db = {self.analogue_gain_max_db!r}: must be <= gain_max_db, {self.gain_max_db:g}"
+            )
+        starts, last_db = [row.from_db for row in self.conversion_gains], self.analogue_gain_max_db
+        if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
+            raise ValueError(
+                f"conversion_gains: from_db are {shown(starts)}; must increase, above 0 and up to "
+                f"analogue_gain_max_db, {last_db:g}"
+            )
+
+    def __hash__(self) -> int:
+        """Of what cameras differ in, mostly: tables are looked up by camera several times a frame."""
+        light = self.name, self.f_number, self.defocus_radius_px, self.diffraction_wavelength_um
+        return hash((*light, self.system_gain_dn_per_e, self.read_noise_e, self.dark_current_e_s, self.prnu))
+
+    @property
+    def full_scale_dn(self) -> int:
+        """Highest digital number, 2^bit_depth - 1."""
+        return int(2**self.bit_depth) - 1
+
+    @property
+    def clip_dn(self) -> float:
+        """The digital number at which light stops to show: full scale, or the full well's if that is lower.
+
+        Read noise comes after the well, so that a saturated pixel may lie on either side of that.
+        """
+        return min(
+            self.full_scale_dn,
+            round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn),
+        )
+
+    @property
+    def well_limit_e(self) -> float:
+        """Electrons that the pixel holds, where that ends below the converter's range; else infinite.
+
+        A well that fills the range to its last step is the converter's limit: so are saturation capacities, which
+        EMVA 1288 measures behind the converter.
+        """
+        return self.full_well_e if self.clip_dn < self.full_scale_dn else math.inf
+
+    @property
+    def saturated_dn(self) -> float:
+        """From here on a pixel counts as saturated: full scale, or what noise leaves of a well below it.
+
+        Three deviations of read noise and DSNU below the well, above which all but 0.14 % of full pixels lie,
+        but at least half of it.
+        """
+        if self.clip_dn == self.full_scale_dn:
+            return self.clip_dn
+        noise_e = 3 * math.hypot(self.read_noise_e, self.dsnu_e)
+        least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
+        return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
+
+    @property
+    def saturation_e(self) -> float:
+        """Electrons at which the signal clips: the full well, or the converter's limit if that is lower."""
+        return min(self.full_well_e, (self.full_scale_dn - self.black_level_dn) / self.system_gain_dn_per_e)
+
+    @property
+    def optics(self) -> Optics:
+        """The lens's blur that acts through its transfer function."""
+        return Optics(
+            defocus_radius_px=0.0 if self.defocus_counts_pixel else self.defocus_radius_px,
+            diffraction_lambda_n_px=self.diffraction_wavelength_um * self.f_number / self.pixel_pitch_um,
+            measured=self.lens.mtf.per_px(self.pixel_pitch_um) if self.lens.mtf else None,
+        )
+
+    def at_gain(self, gain_db: float) -> Amplified:
+        """The camera as it stands at a gain, and what of the gain is left to do after the converter.
+
+        Analogue up to ``analogue_gain_max_db``: K g, read noise and well of the row of ``conversion_gains`` that
+        holds there; the rest, and what attenuates, is digital. Raises ``ValueError`` beyond ``gain_max_db``.
+        """
+        in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
+        return _at_gain(self, float(gain_db))
+
+    @property
+    def field(self) -> Field:
+        """The field that the lens has on the sensor."""
+        return Field(self.lens, self.width_px, self.height_px, self.hfov_deg, self.pixel_pitch_um)
+
+    def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
+        """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
+
+        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). The same
+        camera, shape and seed give the same pattern in every frame. Raises ``TypeError`` or ``ValueError`` for a
+        seed that is no integer in [0, 2**63), or a shape of anything but three sides of 1 or more.
+        """
+        if len(shape) != 3:
+            raise ValueError(f"shape = {shown(shape)}: must be (C, H, W)")
+        sides = tuple(integer("shape", side, 1, 1 << 20) for side in shape)
+        return _fixed_pattern(self.prnu, self.dsnu_e, sides, integer("seed", seed, 0, rng.LAST_SEED))
+
+    def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
+        """Temporal variance without light, DN^2: K^2 (read^2 + dark_e) + 1/12 (rounding)."""
+        return self.system_gain_dn_per_e**2 * (self.read_noise_e**2 + dark_e) + 1 / 12
+
+    @property
+    def snr_max_db(self) -> float:
+        """Shot noise alone at saturation, 20 log10 sqrt(saturation_e): what EMVA 1288 quotes."""
+        return 10 * math.log10(self.saturation_e)
+
+    @property
+    def threshold_e(self) -> float:
+        """Photo-electrons at which the temporal SNR is 1, without dark current, rounding included."""
+        return 0.5 + math.sqrt(0.25 + self.dark_variance_dn2() / self.system_gain_dn_per_e**2)
+
+    @property
+    def dynamic_range_db(self) -> float:
+        """Saturation over :attr:`threshold_e`, 20 log10."""
+        return 20 * math.log10(self.saturation_e / self.threshold_e)
+
+    @classmethod
+    def preset(cls, name: str) -> Camera:
+        """A camera by name; see ``PRESETS`` for the names and ``camera.sources`` for where figures are from.
+
+        Raises ``ValueError`` that lists the names for an unknown one.
+        """
+        if name not in PRESETS:
+            raise ValueError(f"camera = {name!r}: unknown; presets are {', '.join(sorted(PRESETS))}")
+        return PRESETS[name]
+
+    @classmethod
+    def from_dict(
+        cls, values: Mapping[str, Any], *, source: str = "given", folder: str | Path = "."
+    ) -> Camera:
+        """The camera that ``values`` states as :meth:`to_dict` does; ``base`` names a preset for the rest.
+
+        ``source`` is noted for every figure without one in ``values["sources"]``; ``folder`` is where a
+        relative ``quantum_efficiency: {csv: path}`` starts. Raises ``TypeError`` or ``ValueError`` naming
+        the field, its value and what is allowed.
+        """
+        return cls(**camera_files.completed(values, fields(cls), PRESETS, source, Path(folder)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> Camera:
+        """The camera of a .json, .yaml or .yml file; without ``name`` it is named after the file.
+
+        Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError`` where it
+        cannot be read.
+        """
+        path = Path(path)
+        try:
+            values = camera_files.read(path)
+            return cls.from_dict(values, source=f"from {path.name}", folder=path.parent)
+        except (TypeError, ValueError) as error:
+            raise camera_files.within(str(path), error) from None
+
+    def save(self, path: str | Path) -> None:
+        """Write a .json, .yaml or .yml file that :meth:`load` reads back, sources included.
+
+        The file appears whole or not at all. Raises ``ValueError`` for another suffix, ``OSError`` where it
+        cannot be written.
+        """
+        camera_files.write(Path(path), self.to_dict())
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain values for JSON, sources included."""
+        values: dict[str, object] = camera_files.plain(self)
+        return values
+
+
+class Amplified(NamedTuple):
+    """A camera at a gain, whose figures hold there, and the digital gain that is left, dB."""
+
+    camera: Camera
+    digital_db: float
+
+
+@lru_cache(maxsize=512)
+def _at_gain(camera: Camera, gain_db: float) -> Amplified:
+    analogue_db = min(max(gain_db, 0.0), camera.analogue_gain_max_db)
+    if analogue_db == 0:
+        return Amplified(camera, gain_db)
+    own = gains.ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
+    row = gains.row_at((own, *camera.conversion_gains), analogue_db)
+    amplified = replace(
+        camera,
+        system_gain_dn_per_e=camera.system_gain_dn_per_e * gains.factor(analogue_db),
+        full_well_e=row.full_well_e,
+        read_noise_e=gains.read_noise_e(row, analogue_db),
+        read_noise_post_share=0.0,
+        analogue_gain_max_db=0.0,
+        conversion_gains=(),
+    )
+    return Amplified(amplified, gain_db - analogue_db)
+
+
+@lru_cache(maxsize=4)
+@torch.inference_mode(False)  # it is kept, and must serve derivatives whoever asked first
+def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
+    like = torch.empty(1, *shape, dtype=torch.float32, device="cpu")
+    gain = 1.0 + prnu * rng.standard_normal([seed], like, "prnu")[0]
+    offset_e = dsnu_e * rng.standard_normal([seed], like, "dsnu")[0]
+    return gain, offset_e
+
+
+PRESETS: dict[str, Camera] = {}
+"""Cameras by name."""
+for _name in camera_files.PRESETS:
+    PRESETS[_name] = Camera.from_dict(camera_files.preset(_name))
+
+
+def binned(camera: Camera, n: int) -> Camera:
+    """The camera of n x n averaged pixels. Raises ``ValueError`` for n < 1, or for figures beyond a camera's
+    limits."""
+    integer("n", n, 1, 1 << 10)
+    if n == 1:
+        return camera
+    area = n * n
+    return replace(
+        camera,
+        pixel_pitch_um=camera.pixel_pitch_um * n,
+        full_well_e=camera.full_well_e * area,
+        system_gain_dn_per_e=camera.system_gain_dn_per_e / area,
+        read_noise_e=camera.read_noise_e * n,
+        dark_current_e_s=camera.dark_current_e_s * area,
+        prnu=camera.prnu / n,
+        dsnu_e=camera.dsnu_e * n,
+        conversion_gains=tuple(
+            replace(each, full_well_e=each.full_well_e * area, read_noise_e=each.read_noise_e * n)
+            for each in camera.conversion_gains
+        ),
+        defocus_radius_px=camera.defocus_radius_px / n,
+        row_time_s=camera.row_time_s * n,
+        width_px=max(1, round(camera.width_px / n)),
+        height_px=max(1, round(camera.height_px / n)),
+        lens=_binned_lens(camera.lens, n),
+    )
+
+
+def _binned_lens(lens: Lens, n: int) -> Lens:
+    """The lens in px of n times the side. Pixel centres are whole numbers: the corner of the sensor is -1/2."""
+    distortion, mtf = lens.distortion, lens.mtf
+    if distortion is not None:
+        distortion = replace(
+            distortion,
+            focal_px=tuple(focal / n for focal in distortion.focal_px),
+            centre_px=tuple((centre + 0.5) / n - 0.5 for centre in distortion.centre_px),
+        )
+    if mtf is not None and mtf.unit == "cycles/px":
+        mtf = replace(mtf, frequencies=tuple(frequency * n for frequency in mtf.frequencies))
+    return replace(lens, field_curvature_px=lens.field_curvature_px / n, distortion=distortion, mtf=mtf)

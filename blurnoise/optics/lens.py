@@ -1,0 +1,320 @@
+"""The lens over its field: defocus, colour, light and places that change from a picture's centre to its corner.
+
+Units: field height 1 is the corner of the sensor, half its diagonal from the centre; angles are those of a pinhole
+camera of the same focal length. Figures that are 0 or None leave their effect out. x right, y down, px, (0, 0) the
+centre of the first pixel. A picture of another size than the sensor's stands for the largest part of the sensor that
+has its shape, about the sensor's centre. NumPy, float64.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from blurnoise._core.checks import in_range, shown
+from blurnoise._core.limits import limited, within
+from blurnoise._core.validation import Figure, check_fields
+from blurnoise.optics import distortion
+from blurnoise.optics.distortion import Floats
+from blurnoise.transfer import Measured
+
+_Share = Annotated[Figure, Ge(0), Le(1)]
+_LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do
+
+
+@dataclass(frozen=True)
+class Mtf:
+    """A measured, radial MTF of the lens without the pixel: modulation, 0 to 1, at frequencies, linear between.
+
+    frequencies: increasing, from 0, where it is 1 whether stated or not; unit: "cycles/px" or "lp/mm". Beyond the
+    last frequency its value holds. Raises ``TypeError`` or ``ValueError``.
+    """
+
+    frequencies: tuple[float, ...]
+    values: tuple[_Share, ...]
+    unit: Literal["cycles/px", "lp/mm"]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        _check_positions("frequencies", self.frequencies, self.values)
+        if self.frequencies[0] == 0 and abs(self.values[0] - 1) > 1e-3:
+            raise ValueError(f"values: must be 1 at frequency 0, got {self.values[0]:g}")
+
+    def per_px(self, pixel_pitch_um: float) -> Measured:
+        """As a transfer function of cycles/px. Raises ``ValueError`` where it ends before the pixels' limit."""
+        per_unit = 1.0 if self.unit == "cycles/px" else pixel_pitch_um / 1e3
+        frequencies = tuple(each * per_unit for each in self.frequencies)
+        if frequencies[-1] < 0.5 and self.values[-1] > _LEFT:
+            raise ValueError(
+                f"lens.mtf: frequencies: must reach 0.5 cycles/px ({0.5 / per_unit:g} {self.unit}) or a value "
+                f"of {_LEFT:g}, end at {self.frequencies[-1]:g} {self.unit} with {self.values[-1]:g}"
+            )
+        first = () if frequencies[0] == 0 else (0.0,)
+        return Measured((*first, *frequencies), (1.0, *self.values[1 - len(first) :]))
+
+
+@dataclass(frozen=True)
+class RelativeIllumination:
+    """Light over the field, 0 to 1 of the brightest, at field heights, linear between, held beyond them.
+
+    heights: increasing; unit: "relative", 1 at the sensor's corner, or "mm" on the sensor.
+    """
+
+    heights: tuple[float, ...]
+    values: tuple[_Share, ...]
+    unit: Literal["relative", "mm"] = "relative"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        _check_positions("heights", self.heights, self.values)
+
+    def at(self, height: Floats, corner_mm: float) -> Floats:
+        """The light at relative field heights of a sensor whose corner is ``corner_mm`` from its centre."""
+        per_unit = 1.0 if self.unit == "relative" else 1 / corner_mm
+        return np.interp(height, np.multiply(self.heights, per_unit), self.values)
+
+
+@dataclass(frozen=True)
+class Distortion:
+    """Distortion by one of OpenCV's models; see :mod:`blurnoise.optics.distortion`.
+
+    focal_px: (fx, fy) of the calibration, in px of the sensor, or () for the rectilinear lens of the camera's
+    hfov_deg. centre_px: (cx, cy), or () for the centre of the sensor, ((width - 1) / 2, (height - 1) / 2).
+    """
+
+    model: Literal["opencv", "fisheye"]
+    coefficients: tuple[float, ...]
+    focal_px: tuple[float, ...] = ()
+    centre_px: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, entry, counts in (
+            ("coefficients", "coefficient", distortion.COUNTS[self.model]),
+            ("focal_px", None, (0, 2)),
+            ("centre_px", None, (0, 2)),
+        ):
+            values = getattr(self, name)
+            if len(values) not in counts:
+                allowed = " or ".join(map(str, counts))
+                raise ValueError(f"{name} = {shown(values)}: must be {allowed} numbers, got {len(values)}")
+            for value in values:
+                limited(name, value, entry)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """How a lens changes over its field.
+
+    field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign;
+    the radius is what remains without its sign. lateral_red, lateral_blue: by how much larger than green's, as a
+    share, the picture of these colours is: 0.0005 is half a pixel at 1000 px from the centre.
+    falloff_power: of the field angle's cosine, natural vignetting; the law's is 4. relative_illumination: a
+    measured curve in its place. distortion: by OpenCV's models. mtf: measured, in place of the camera's
+    defocus_radius_px and diffraction. Raises ``TypeError`` or ``ValueError`` naming the figure.
+    """
+
+    field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0
+    lateral_red: Annotated[Figure, within("lateral_red")] = 0.0
+    lateral_blue: Annotated[Figure, within("lateral_blue")] = 0.0
+    falloff_power: Annotated[Figure, within("falloff_power")] = 0.0
+    relative_illumination: RelativeIllumination | None = None
+    distortion: Distortion | None = None
+    mtf: Mtf | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.falloff_power and self.relative_illumination:
+            raise ValueError(
+                f"falloff_power = {self.falloff_power:g}: must be 0 beside relative_illumination, which holds it"
+            )
+
+    @property
+    def displaces(self) -> bool:
+        """Whether it moves what is in the picture; the colours' own displacements apart."""
+        shape = self.distortion
+        return shape is not None and (shape.model == "fisheye" or any(shape.coefficients))
+
+    @property
+    def focal_px(self) -> tuple[float, ...]:
+        """(fx, fy) that the distortion's calibration states, px of the sensor; or ()."""
+        return self.distortion.focal_px if self.distortion else ()
+
+    @property
+    def centre_px(self) -> tuple[float, ...]:
+        """(cx, cy) of the same."""
+        return self.distortion.centre_px if self.distortion else ()
+
+
+SAME_EVERYWHERE = Lens()
+"""A lens that adds nothing to the camera's figures."""
+
+
+def _check_positions(name: str, positions: tuple[float, ...], values: tuple[float, ...]) -> None:
+    if len(positions) != len(values) or len(positions) < 2:
+        raise ValueError(
+            f"{name}, values: must be as many, at least 2, got {len(positions)} and {len(values)}"
+        )
+    if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
+        raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
+    in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
+
+
+Size = tuple[int, int]
+"""Of a picture, (H, W)."""
+_COARSE = 33  # points along an axis on which a smooth field is looked at
+_AROUND = 64  # points of an ellipse
+
+
+@dataclass(frozen=True)
+class Field:
+    """A lens before a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across."""
+
+    lens: Lens
+    width_px: int
+    height_px: int
+    hfov_deg: float
+    pixel_pitch_um: float
+
+    @property
+    def size(self) -> Size:
+        """Of the sensor."""
+        return self.height_px, self.width_px
+
+    @property
+    def corner_px(self) -> float:
+        """From the sensor's centre to its corner."""
+        return math.hypot(self.width_px, self.height_px) / 2
+
+    @property
+    def focal_px(self) -> tuple[float, float]:
+        """Focal lengths (x, y), px of the sensor."""
+        if self.lens.focal_px:
+            return self.lens.focal_px[0], self.lens.focal_px[1]
+        focal = self.width_px / 2 / math.tan(math.radians(self.hfov_deg) / 2)
+        return focal, focal
+
+    def per_sensor_px(self, size: Size) -> float:
+        """Pixels of a picture (H, W) per pixel of the sensor."""
+        return max(size[0] / self.height_px, size[1] / self.width_px)
+
+    def axis_px(self, size: Size) -> tuple[float, float]:
+        """Where the optical axis meets a picture, (x, y)."""
+        centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+        off = [own - half for own, half in zip(self.lens.centre_px or centre, centre, strict=True)]
+        scale = self.per_sensor_px(size)
+        return (size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale
+
+    def heights(self, size: Size) -> Floats:
+        """Relative field heights (H, W): 0 on the axis, 1 at the corner of the sensor about its centre."""
+        x, y = self._from_axis(*_pixels(size), size)
+        return np.hypot(x, y) / (self.corner_px * self.per_sensor_px(size))
+
+    def light(self, size: Size) -> Floats:
+        """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
+        curve = self.lens.relative_illumination
+        if curve is not None:
+            return curve.at(self.heights(size), self.corner_px * self.pixel_pitch_um / 1e3)
+        x, y = self.directions(*_pixels(size), size)
+        return np.asarray((1 + x * x + y * y) ** (-self.lens.falloff_power / 2))
+
+    def sources(self, size: Size) -> tuple[Floats, Floats]:
+        """Where the pinhole's picture has what each pixel sees, (x, y), (H, W) each."""
+        return self._seen_at(*self.directions(*_pixels(size), size), size)
+
+    def larger(self, share: float, size: Size) -> tuple[Floats, Floats]:
+        """Where the picture has what each pixel sees in one that is larger by a share, (x, y), (H, W) each."""
+        x, y = _pixels(size)
+        axis_x, axis_y = self.axis_px(size)
+        return axis_x + (x - axis_x) / (1 + share), axis_y + (y - axis_y) / (1 + share)
+
+    def moved(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
+        """Where the lens images points of the pinhole's picture."""
+        return self.imaged(*self._normalised(x, y, size), size) if self.lens.distortion else (x, y)
+
+    def imaged(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
+        """Where the lens images directions (X/Z, Y/Z), px."""
+        shape = self.lens.distortion
+        if shape is not None:
+            u, v = distortion.before_fold(shape.model, shape.coefficients, u, v)
+            u, v = distortion.distorted(shape.model, shape.coefficients, u, v)
+        return self._seen_at(u, v, size)
+
+    def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
+        """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them.
+
+        Each bounds the image of the ellipse inscribed in its box: an object seldom fills the corners, which move
+        most. Corners of a picture beyond where the lens images anything stay at its limit.
+        """
+        turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+        low, high = boxes_xyxy[:, None, :2] - 0.5, boxes_xyxy[:, None, 2:] - 0.5
+        middle, half = (low + high) / 2, (high - low) / 2
+        x, y = self.moved(
+            middle[..., 0] + half[..., 0] * np.cos(turn), middle[..., 1] + half[..., 1] * np.sin(turn), size
+        )
+        return 0.5 + np.stack([x.min(1), y.min(1), x.max(1), y.max(1)], -1)
+
+    def check(self) -> None:
+        """Raise ``ValueError`` unless the distortion is one to one over the sensor."""
+        try:
+            self._displaced()
+        except ValueError as error:
+            raise ValueError(f"lens.distortion: {error}") from None
+
+    def farthest_px(self) -> float:
+        """The largest displacement by distortion in a picture of the sensor's size."""
+        return _farthest_px(self)
+
+    def least_light(self) -> float:
+        """The least relative illumination in a picture of the sensor's size."""
+        return _least_light(self)
+
+    def _displaced(self) -> float:
+        (height, width), share = self.size, np.linspace(0.0, 1.0, _COARSE)
+        x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)  # from edge to edge
+        seen_x, seen_y = self._seen_at(*self.directions(x, y, self.size), self.size)
+        return float(np.hypot(seen_x - x, seen_y - y).max())
+
+    def _from_axis(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
+        axis_x, axis_y = self.axis_px(size)
+        return x - axis_x, y - axis_y
+
+    def _normalised(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
+        (x, y), scale = self._from_axis(x, y, size), self.per_sensor_px(size)
+        return x / (self.focal_px[0] * scale), y / (self.focal_px[1] * scale)
+
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
+        """The directions (X/Z, Y/Z) that pixels see."""
+        u, v = self._normalised(x, y, size)
+        if not self.lens.displaces or self.lens.distortion is None:
+            return u, v
+        return distortion.undistorted(self.lens.distortion.model, self.lens.distortion.coefficients, u, v)
+
+    def _seen_at(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
+        """Where a pinhole images directions."""
+        (axis_x, axis_y), scale = self.axis_px(size), self.per_sensor_px(size)
+        return axis_x + u * self.focal_px[0] * scale, axis_y + v * self.focal_px[1] * scale
+
+
+@lru_cache(maxsize=256)
+def _farthest_px(field: Field) -> float:
+    return field._displaced()
+
+
+@lru_cache(maxsize=256)
+def _least_light(field: Field) -> float:
+    height, width = field.size
+    step = max(1, min(height, width) // 256)
+    return float(field.light((max(1, height // step), max(1, width // step))).min())
+
+
+def _pixels(size: Size) -> tuple[Floats, Floats]:
+    """The pixels' centres (x, y), (H, W) each."""
+    across, down = np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0])))
+    return across, down

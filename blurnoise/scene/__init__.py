@@ -1,0 +1,1 @@
+"""Scenes and their exposures: what is simulated of them, metered and planned."""
