@@ -107,18 +107,6 @@ def _take_place(unfinished: Path, path: Path, over: bool) -> None:
             shutil.rmtree(aside, ignore_errors=True)
 
 
-def check_writable(path: Path) -> None:
-    """Raise ``OSError`` where :func:`write_whole` could not write ``path``, before anything is computed for it."""
-    probe = _beside(path)
-    try:
-        probe.open("xb").close()
-        probe.unlink()
-        if path.is_dir():
-            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-
-
 def _sync(place: Path) -> None:
     """Have a file's content, or a folder's names where its file system can do so, on disk."""
     handle = os.open(place, os.O_RDONLY)

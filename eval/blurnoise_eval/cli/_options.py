@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from typer import Argument, Context, Option
 
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, Axis
+from blurnoise_eval.system.files import check_writable, check_writable_folder
 from blurnoise_eval.system.storage import Location, location
 
 Grid = dict[str, tuple[float, ...]]
@@ -32,6 +33,24 @@ SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "ex
 _LIST = "1,5,10 or start:stop:step (stop included)"
 _MOST_NUMBERS = 100_000
 _QUICKLY_READ = 30_000_000  # bytes; completion must not keep anybody waiting
+
+
+def new_file(text: str) -> Path:
+    """A file to write. Raises ``OSError`` where that is not possible."""
+    check_writable(Path(text))
+    return Path(text)
+
+
+def new_folder(text: str) -> Path:
+    """A folder to write to. Raises ``OSError`` where that is not possible."""
+    check_writable_folder(Path(text))
+    return Path(text)
+
+
+def new_place(place: str | Location) -> Location:
+    """As :func:`new_folder`, or a URL."""
+    found: Location = location(place)
+    return new_folder(str(found)) if isinstance(found, Path) else found
 
 
 class Range(NamedTuple):
@@ -256,14 +275,17 @@ Boxes = Annotated[
         autocompletion=one_of(BOXES),
     ),
 ]
+PictureWritten = Annotated[
+    Path, Option("-o", "--output", parser=new_file, metavar="OUT.png", help="the picture")
+]
 RunWritten = Annotated[
-    Location, Option("-o", "--output", parser=location, metavar="RUN", help="folder or URL for everything")
+    Location, Option("-o", "--output", parser=new_place, metavar="RUN", help="folder or URL for everything")
 ]
 RunRead = Annotated[
     Location, Argument(parser=location, metavar="RUN", help="the folder or URL of a sweep or a decision")
 ]
 Folder = Annotated[
-    Location, Option("-o", "--output", parser=location, metavar="DIR", help="folder or URL for everything")
+    Location, Option("-o", "--output", parser=new_place, metavar="DIR", help="folder or URL for everything")
 ]
 CacheGb = Annotated[
     float | None,

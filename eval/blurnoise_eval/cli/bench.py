@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument, Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import FAMILIES, Json, Threads, one_of
+from blurnoise_eval.cli._options import FAMILIES, Json, Threads, new_folder, one_of
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
@@ -71,6 +71,7 @@ def bench(
         Option(
             "-o",
             "--output",
+            parser=new_folder,
             metavar="DIR",
             help="for all but sweep: tables, JSON and charts (default: bench-simulate, bench-blur, ...)",
         ),
@@ -159,7 +160,7 @@ def bench(
     if seed is not None:
         integer("seed", seed, 0, LAST_SEED)
     workers = given.threads(threads)
-    folder = output or Path(f"bench-{what}")
+    folder = output or new_folder(f"bench-{what}")
     if what == "sweep":
         _sweep(model, contract, images, workers, heavy=heavy, as_json=as_json)
     elif what == "augment":

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import CAMERAS, Json, one_of
+from blurnoise_eval.cli._options import CAMERAS, Json, new_file, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 
@@ -21,9 +21,11 @@ def cameras(
         ),
     ] = None,
     *,
-    save: Annotated[Path | None, Option(metavar="FILE.yaml", help="write it, to edit; or FILE.json")] = None,
+    save: Annotated[
+        Path | None, Option(parser=new_file, metavar="OUT.yaml", help="write it, to edit; or OUT.json")
+    ] = None,
     plot: Annotated[
-        Path | None, Option(metavar="FILE.png", help="draw its photon transfer, measured")
+        Path | None, Option(parser=new_file, metavar="OUT.png", help="draw its photon transfer, measured")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import CAMERAS, Json, one_of
+from blurnoise_eval.cli._options import CAMERAS, Json, new_file, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ def cameras_fit(
         Path | None, Argument(metavar="FOLDER", help="of dark and flat frames, two or more of each exposure")
     ] = None,
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="FILE.yaml", help="the camera; or FILE.json")],
+    output: Annotated[
+        Path, Option("-o", "--output", parser=new_file, metavar="OUT.yaml", help="the camera; or OUT.json")
+    ],
     dng: Annotated[
         Path | None, Option(metavar="PHOTO.dng", help="take what this file states, instead of frames")
     ] = None,

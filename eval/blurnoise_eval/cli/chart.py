@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from typer import Argument, Option
 
+from blurnoise_eval.cli._options import PictureWritten
 from blurnoise_eval.system.terminal import say
 
 Kind = Literal["slanted-edge", "siemens-star", "stop-sign", "flat-patch"]
@@ -16,7 +16,7 @@ CHARTS: tuple[str, ...] = get_args(Kind)
 def chart(
     kind: Annotated[Kind, Argument(metavar="KIND", help="which")],
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
+    output: PictureWritten,
     size: Annotated[float, Option(metavar="PX", help="of star and sign, px")] = 100.0,
     width: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
     height: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json
+from blurnoise_eval.cli._options import Json, new_file
 from blurnoise_eval.system.terminal import say, say_json, show
 
 
@@ -28,10 +28,14 @@ def compare(
         float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
     ] = None,
     plot: Annotated[
-        Path | None, Option(metavar="OUT.png", help="draw noise over level and both spectra; or .pdf, .svg")
+        Path | None,
+        Option(
+            parser=new_file, metavar="OUT.png", help="draw noise over level and both spectra; or .pdf, .svg"
+        ),
     ] = None,
     table: Annotated[
-        Path | None, Option("--csv", metavar="OUT.csv", help="a row per quantity, for pandas")
+        Path | None,
+        Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per quantity, for pandas"),
     ] = None,
     as_json: Json = False,
 ) -> None:

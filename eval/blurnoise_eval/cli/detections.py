@@ -6,9 +6,9 @@ from typing import Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli._options import Json, RunRead
+from blurnoise_eval.cli._options import Json, RunRead, new_place
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.storage import Location, location
+from blurnoise_eval.system.storage import Location
 from blurnoise_eval.system.terminal import say, say_json
 
 
@@ -20,7 +20,7 @@ def detections(
         Option(
             "-o",
             "--output",
-            parser=location,
+            parser=new_place,
             metavar="DIR",
             help="a folder per model: instances.json and a file per condition and repeat (default: RUN/coco)",
         ),
@@ -39,7 +39,7 @@ def detections(
     from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    target = run / "coco" if output is None else output
+    target = new_place(run / "coco") if output is None else output
     with read_run(run) as read, Store(read.path) as store, output_folder(target) as folder:
         path_within(read.path, "coco")
         steps = store.count_different(*CONDITIONS, "model", "repeat")

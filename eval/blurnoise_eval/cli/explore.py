@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import MODEL_TIMEOUT_S, CameraName, Grid, Json, ModelTimeout, axis_options
+from blurnoise_eval.cli._options import (
+    MODEL_TIMEOUT_S,
+    CameraName,
+    Grid,
+    Json,
+    ModelTimeout,
+    axis_options,
+    new_file,
+)
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.terminal import say
 
@@ -58,7 +66,11 @@ def explore(
     output: Annotated[
         Path | None,
         Option(
-            "-o", "--output", metavar="OUT.png", help="write this picture and what is told of it; no page"
+            "-o",
+            "--output",
+            parser=new_file,
+            metavar="OUT.png",
+            help="write this picture and what is told of it; no page",
         ),
     ] = None,
     host: Annotated[

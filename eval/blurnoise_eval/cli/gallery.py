@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from typer import Argument, Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import Json, Range, bounds
+from blurnoise_eval.cli._options import Json, Range, bounds, new_file
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -22,7 +22,9 @@ def _range(usual: Range, about: str) -> Any:
 def gallery(
     image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour, sRGB-coded")],
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="or .pdf, .svg")],
+    output: Annotated[
+        Path, Option("-o", "--output", parser=new_file, metavar="OUT.png", help="or .pdf, .svg")
+    ],
     exposure_ms: Annotated[Range, _range(_EXPOSURE_MS, "exposure time, ms")] = _EXPOSURE_MS,
     lux: Annotated[Range, _range(_LUX, "light on the scene, lux")] = _LUX,
     speed: Annotated[Range, _range(_SPEED_PX_S, "motion, px/s")] = _SPEED_PX_S,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import FAMILIES, MODEL_TIMEOUT_S, Json, ModelTimeout, one_of
+from blurnoise_eval.cli._options import FAMILIES, MODEL_TIMEOUT_S, Json, ModelTimeout, new_file, one_of
 from blurnoise_eval.cli.console import print_assumptions, print_facts
 from blurnoise_eval.system.layout import table_lines
 from blurnoise_eval.system.storage import Location, location
@@ -50,12 +50,18 @@ def inspect(
     ] = None,
     output: Annotated[
         Path | None,
-        Option("-o", "--output", metavar="OUT.png", help="of --probe (default: MODEL-IMAGE-probe.png)"),
+        Option(
+            "-o",
+            "--output",
+            parser=new_file,
+            metavar="OUT.png",
+            help="of --probe (default: MODEL-IMAGE-probe.png)",
+        ),
     ] = None,
     save_contract: Annotated[
         str | None,
         Option(
-            metavar="[FILE]",
+            metavar="[OUT.json]",
             help="write the contract as JSON (default: MODEL.contract.json beside the model, where every command "
             "finds it)",
         ),
@@ -99,6 +105,8 @@ def inspect(
     if reads and (output or save_contract is not None):
         name = "output: nothing is drawn" if output else "save-contract: none is written"
         raise ValueError(f"{name} for a text recogniser")
+    if probe and not output and not reads:
+        output = new_file(f"{model.stem}-{probed[0][0].stem}-probe.png")
     kept = None if save_contract is None else _contract_file(save_contract, named)
     look = _look_at_reader if reads else _look_at_detector
     network, facts, found = look(model, contract, model_timeout_s, probed, output)
@@ -149,7 +157,7 @@ def _contract_file(stated: str, model: Location) -> Path:
         raise ValueError(f"save-contract = {str(path)!r}: exists; must be a new file")
     if path.suffix != ".json":
         raise ValueError(f"save-contract = {str(path)!r}: must end in .json")
-    return path
+    return new_file(str(path))
 
 
 def _look_at_detector(
@@ -183,7 +191,7 @@ def _look_at_detector(
         facts |= {"baked": limits, "limits": baked_text(limits)}
     if typed := contract_option(detector.contract):
         facts["--contract"] = typed
-    if not probed:
+    if not probed or output is None:
         return detector, facts, None
     return detector, facts, _probed(detector, *probed[0], output)
 
@@ -214,14 +222,11 @@ def _recognised(detector: Detector) -> str:
     return source if own else f"stated ({source}); the graph agrees: {detector.why}"
 
 
-def _probed(
-    detector: Detector, path: Location, picture: NDArray[np.uint8], output: Path | None
-) -> dict[str, Any]:
+def _probed(detector: Detector, path: Location, picture: NDArray[np.uint8], output: Path) -> dict[str, Any]:
     """Write the picture with its detections to ``output``; return both, and what was below notice."""
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.drawing.annotate import drawn_example
 
-    output = output or Path(f"{detector.name}-{path.stem}-probe.png")
     answers = detector.detect(picture).leading
     rows = [
         {"class": detector.contract.classes[number], "score": float(score), "box_xyxy": box.tolist()}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json, Region, region
+from blurnoise_eval.cli._options import Json, Region, new_file, region
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
@@ -56,12 +56,13 @@ def measure(
     plot: Annotated[
         Path | None,
         Option(
+            parser=new_file,
             metavar="OUT.png",
             help="draw the regions, and of the first four edge, ESF, LSF and SFR; or .pdf, .svg",
         ),
     ] = None,
     table: Annotated[
-        Path | None, Option("--csv", metavar="OUT.csv", help="a row per region, for pandas")
+        Path | None, Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per region, for pandas")
     ] = None,
     as_json: Json = False,
 ) -> None:

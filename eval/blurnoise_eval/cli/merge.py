@@ -7,6 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from blurnoise_eval.cli._options import new_place
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.storage import Location, Url, listing, location
 from blurnoise_eval.system.terminal import say
@@ -20,7 +21,7 @@ def merge(
     output: Annotated[
         Location,
         Option(
-            "-o", "--output", parser=location, metavar="DIR", help="a new folder or URL for the joined run"
+            "-o", "--output", parser=new_place, metavar="DIR", help="a new folder or URL for the joined run"
         ),
     ],
 ) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from blurnoise_eval.cli import given, vehicle
-from blurnoise_eval.cli._options import CAMERAS, Json, numbers, one_of
+from blurnoise_eval.cli._options import CAMERAS, Json, new_file, numbers, one_of
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
@@ -47,6 +47,7 @@ def motion(
         Path | None,
         Option(
             "--map",
+            parser=new_file,
             metavar="OUT.png|OUT.svg|OUT.pdf",
             help="draw the longest exposure that keeps blur within --max-blur-px, at every pixel",
             rich_help_panel=_MAP,
@@ -77,6 +78,7 @@ def motion(
     values: Annotated[
         Path | None,
         Option(
+            parser=new_file,
             metavar="OUT.csv|OUT.npy",
             help="the maps' values too: a table of 33 points along a side, or ms at every pixel",
             rich_help_panel=_MAP,
@@ -153,16 +155,12 @@ def _draw_map(
     values: Path | None = None,
 ) -> None:
     """Draw the map, write its values, and say what it answers."""
-    from blurnoise._core.files import check_writable
     from blurnoise._core.limits import limited
     from blurnoise.motion.ego import Mount, View
     from blurnoise_eval.drawing import motion_map
     from blurnoise_eval.drawing.photon_transfer import plot_suffix
 
     plot_suffix(path)  # before anything is computed
-    for each in (path, values):
-        if each is not None:
-            check_writable(each)
     limited("max_blur_px", max_blur_px, "blur_px")
     if exposure_s is not None:
         limited("exposure_s", exposure_s)

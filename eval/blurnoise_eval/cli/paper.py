@@ -10,7 +10,7 @@ import typer
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import Json, Threads
+from blurnoise_eval.cli._options import Json, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -35,7 +35,9 @@ def paper(
     ] = None,
     seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     threads: Threads = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="for page and table")],
+    output: Annotated[
+        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for page and table")
+    ],
     as_json: Json = False,
 ) -> None:
     """Rerun the paper that this project starts from, Lin et al., Sensors 2024, 24(16), 5135: its tables and figures

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options
+from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options, new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
@@ -28,7 +28,9 @@ def quality(
     threads: Annotated[
         int | None, Option(metavar="N", help="conditions at a time (default: every core)")
     ] = None,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="for everything")],
+    output: Annotated[
+        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")
+    ],
     as_json: Json = False,
 ) -> None:
     """What exposure, light and motion do to a camera's picture, in numbers: on simulated charts MTF50, edge SNR,

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from blurnoise_eval.cli._options import SCORES, Json, RunRead, one_of
+from blurnoise_eval.cli._options import SCORES, Json, RunRead, new_place, one_of
 from blurnoise_eval.cli.console import print_opening
-from blurnoise_eval.system.storage import Location, location
+from blurnoise_eval.system.storage import Location
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def report(
     cluster: Cluster = None,
     output: Annotated[
         Location | None,
-        Option("-o", "--output", parser=location, metavar="DIR", help="where to write them (default: RUN)"),
+        Option("-o", "--output", parser=new_place, metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
     parquet: Parquet = False,
     as_json: Json = False,
@@ -88,6 +89,8 @@ def report(
     if parquet:
         check_parquet()
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+    if output is None and isinstance(run, Path) and run.is_dir():
+        new_place(run)
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
         tell(done, as_json=as_json, first=done.how(), parquet=parquet)

@@ -7,13 +7,16 @@ from typing import Annotated
 
 from typer import Option
 
+from blurnoise_eval.cli._options import new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 
 
 def scenes(
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="DIR", help="pictures and instances.json")],
+    output: Annotated[
+        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="pictures and instances.json")
+    ],
     count: Annotated[int, Option(metavar="N", help="how many")] = 100,
     size: Annotated[int, Option(metavar="PX", help="width and height")] = 320,
     seed: Annotated[int, Option(metavar="N", help="which scenes")] = 2,

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli import given, vehicle
-from blurnoise_eval.cli._options import CameraName, Cfa, FNumber, FrameRate, GreyAnchor, Json, Mains, or_auto
+from blurnoise_eval.cli import _options, given, vehicle
+from blurnoise_eval.cli._options import CameraName, Cfa, FNumber, FrameRate, GreyAnchor, Json, Mains
 from blurnoise_eval.cli.console import print_camera, print_facts, print_stages
 from blurnoise_eval.grid.axes import AUTOMATIC
 
@@ -31,11 +31,11 @@ def simulate(
         Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour; or floats, with --encoding linear"),
     ],
     *,
-    output: Annotated[Path, Option("-o", "--output", metavar="OUT.png", help="the picture")],
+    output: _options.PictureWritten,
     exposure_ms: Annotated[
         float,
         Option(
-            parser=or_auto,
+            parser=_options.or_auto,
             metavar="MS|auto",
             help="exposure time, ms; auto: as the camera sets it, then its gain",
         ),
@@ -75,7 +75,7 @@ def simulate(
         float,
         Option(
             "--gain",
-            parser=or_auto,
+            parser=_options.or_auto,
             metavar="DB|auto",
             help="analogue as far as the camera goes, then digital, which native numbers are before; auto: to 18 %",
         ),

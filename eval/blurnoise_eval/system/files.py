@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
+import uuid
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -26,6 +29,28 @@ def written_whole(path: Path, *, over: bool = True) -> AbstractContextManager[Pa
     from blurnoise._core import files  # with blurnoise comes torch
 
     return files.written_whole(path, over=over)
+
+
+def check_writable(path: Path) -> None:
+    """Raise ``OSError`` where :func:`write_whole` could not write ``path``, before anything is computed for it."""
+    _check_new(path, path.parent)
+    if path.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+
+
+def check_writable_folder(path: Path) -> None:
+    """Raise ``OSError`` where no file could be written into the folder, which need not be there yet."""
+    there = next(each for each in (path, *path.absolute().parents) if each.exists())
+    _check_new(path, there)
+
+
+def _check_new(path: Path, folder: Path) -> None:
+    probe = folder / f".{uuid.uuid4().hex}.probe"
+    try:
+        probe.touch(exist_ok=False)
+        probe.unlink()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def check_regular(path: Path) -> None:

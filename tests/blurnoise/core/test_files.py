@@ -41,14 +41,6 @@ def test_a_table_is_of_limited_size(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         read_samples(path, 1, "wavelength")
 
 
-def test_a_place_that_cannot_be_written_is_known_before(tmp_path: Path) -> None:
-    files.check_writable(tmp_path / "a.png")
-    assert not list(tmp_path.iterdir())
-    for path in (tmp_path / "none" / "a.png", tmp_path):
-        with pytest.raises(OSError, match=str(path)):
-            files.check_writable(path)
-
-
 def test_other_bytes_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"1,2\n\xff")
     with pytest.raises(ValueError, match=r"a\.csv: not UTF-8 text \(byte 4\)"):

@@ -335,7 +335,7 @@ def test_read_only_medium(run: Path, mounted: Callable[[str], Path], tmp_path: P
     capsys.readouterr()
     pictures = str(run.parent)
     for command, named in (
-        (["report", str(disk / "run")], "results.csv"),
+        (["report", str(disk / "run")], "run"),
         (["detections", str(disk / "run")], "coco"),
         (["sweep", "--images", pictures, "-o", str(disk / "run")], "run"),
         (["sweep", "--images", pictures, "-o", str(disk / "new")], "new"),
