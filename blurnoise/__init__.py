@@ -22,8 +22,8 @@ from blurnoise.scene.scene import ExposedScene, Exposure, simulate
 from blurnoise.transfer import Optics
 
 if TYPE_CHECKING:
-    from blurnoise.augment import RandomExposure
     from blurnoise.metrics import slanted_edge
+    from blurnoise.training.augmentation import RandomExposure
 
 __all__ = [
     "AutoExposure",
@@ -53,7 +53,7 @@ former_names.register()
 def __getattr__(name: str) -> Any:
     """What few need and all would wait for: Kornia's augmentations, the metrics."""
     if name == "RandomExposure":
-        from blurnoise.augment import RandomExposure
+        from blurnoise.training.augmentation import RandomExposure
 
         return RandomExposure
     if name == "slanted_edge":

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 
 from blurnoise import AutoExposure, RandomExposure, charts
-from blurnoise.augment import expose_pictures
 from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.training.expose import expose_pictures
 
 SIDE = 48
 

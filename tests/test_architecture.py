@@ -34,7 +34,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"operating_point"},
         {"light", "sensor", "picture"},
         {"scene"},
-        {"augment", "augment_torchvision"},
+        {"training"},
     ],
     "blurnoise.metrics": [
         {"values", "estimate", "regions"},

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from types import ModuleType
 
 FORMER = {
+    "blurnoise.augment": "blurnoise.training.augmentation",
+    "blurnoise.augment_torchvision": "blurnoise.training.torchvision",
     "blurnoise.auto_exposure": "blurnoise.scene.metering",
     "blurnoise.binning": "blurnoise.optics.camera",
     "blurnoise.camera": "blurnoise.optics.camera",
@@ -25,6 +27,8 @@ FORMER = {
     "blurnoise.error_budget": "blurnoise.scene.plan",
     "blurnoise.exposed_with": "blurnoise.scene.exposure",
     "blurnoise.exposure": "blurnoise.scene.scene",
+    "blurnoise.exposure_ranges": "blurnoise.training.ranges",
+    "blurnoise.exposure_table": "blurnoise.training.table",
     "blurnoise.field": "blurnoise.optics.lens",
     "blurnoise.gain": "blurnoise.optics.gains",
     "blurnoise.grey_anchor": "blurnoise.scene.metering",

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from blurnoise._core import checks
-from blurnoise.augment import RandomExposure
+from blurnoise.training.augmentation import RandomExposure
 
 Arm = Literal["none", "kornia", "exposure"]
 ARMS: tuple[Arm, ...] = ("none", "kornia", "exposure")
@@ -58,8 +58,10 @@ def augmentation(arm: Arm, share: float = MOST) -> nn.Module:
     if arm == "kornia":
         return InShare(share, [(1.0, blur_and_noise(0.8))])
     exposure_s = (1e-3, 40e-3)
-    dark = RandomExposure("imx250", exposure_s, white_e=(70.0, 70e3), blur_px=(0.0, 8.0), p=1.0)
-    moving = RandomExposure("imx250", exposure_s, white_e=(700.0, 35e3), blur_px=(0.0, 60.0), p=1.0)
+    dark = RandomExposure("imx250", exposure_s=exposure_s, white_e=(70.0, 70e3), blur_px=(0.0, 8.0), p=1.0)
+    moving = RandomExposure(
+        "imx250", exposure_s=exposure_s, white_e=(700.0, 35e3), blur_px=(0.0, 60.0), p=1.0
+    )
     return InShare(share, [(1 / 2, dark), (1 / 2, moving)])
 
 

@@ -14,7 +14,6 @@ from torch import Tensor
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
-from blurnoise.augment import expose_pictures
 from blurnoise.metrics import (
     contrast,
     edge_information,
@@ -23,6 +22,7 @@ from blurnoise.metrics import (
     similarity,
     slanted_edge,
 )
+from blurnoise.training.expose import expose_pictures
 
 CAMERA = Camera.preset("imx250")
 PICTURES = torch.rand(2, 3, 24, 31, generator=torch.Generator().manual_seed(1))

@@ -36,12 +36,13 @@ from blurnoise import (
     develop,
     simulate,
 )
-from blurnoise.augment import RandomExposure, expose_pictures
 from blurnoise.hdr import Flicker, fused
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import PRESETS
 from blurnoise.optics.gains import dual_gain, staggered
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures
 
 Frames = dict[str, Callable[[], Tensor]]
 REAL = Path(__file__).resolve().parents[3] / "shared" / "real"

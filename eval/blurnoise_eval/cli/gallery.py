@@ -55,7 +55,7 @@ def gallery(
     as_json: Json = False,
 ) -> None:
     """Show what ranges of exposure, light and speed do to a picture, before a network
-    is trained on them: draws as the augmentation blurnoise.augment.RandomExposure
+    is trained on them: draws as the augmentation blurnoise.training.augmentation.RandomExposure
     makes them, one tile each, brightest first.
 
       blurnoise gallery photo.jpg -o gallery.png
@@ -69,7 +69,7 @@ def gallery(
     picture as shown, in any direction.
     """
     from blurnoise._core.checks import in_range
-    from blurnoise.augment import ExposureRanges
+    from blurnoise.training.ranges import ExposureRanges
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.drawing import gallery
     from blurnoise_eval.drawing.photon_transfer import find, plot_suffix

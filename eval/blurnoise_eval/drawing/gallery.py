@@ -21,9 +21,10 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
-from blurnoise.augment import ExposureRanges, expose_pictures
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.training.expose import expose_pictures
+from blurnoise.training.ranges import ExposureRanges
 from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain

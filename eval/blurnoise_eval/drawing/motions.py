@@ -15,13 +15,13 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise import mattes
-from blurnoise.augment import expose_pictures
 from blurnoise.motion.causes import path_duration_s, shake, speed_bump
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene.scene import simulate
+from blurnoise.training.expose import expose_pictures
 from blurnoise_eval.drawing.gallery import Tile, as_shown
 
 READOUT_S = 0.03

@@ -1,4 +1,4 @@
-"""The conditions that a run has met, and its cameras, as :mod:`blurnoise.exposure_table` reads them for training.
+"""The conditions that a run has met, and its cameras, as :mod:`blurnoise.training.table` reads them for training.
 
 Units are in the names; gains that auto-exposure sets are "auto".
 """

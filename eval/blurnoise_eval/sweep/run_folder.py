@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from blurnoise.exposure_table import FILE as CONDITIONS_FILE
 from blurnoise.optics.camera import Camera
+from blurnoise.training.table import FILE as CONDITIONS_FILE
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, source_content, source_identity
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import shown

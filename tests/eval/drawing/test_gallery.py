@@ -15,7 +15,7 @@ from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.drawing import gallery
 
 from blurnoise import photoelectrons
-from blurnoise.augment import ExposureRanges
+from blurnoise.training.ranges import ExposureRanges
 
 TWO = ExposureRanges(("imx250", "ar0237"))
 Output = pytest.CaptureFixture[str]

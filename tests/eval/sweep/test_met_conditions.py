@@ -21,7 +21,7 @@ from plans import plan as swept
 from signs_in_memory import matched_detector, picture, picture_set
 
 from blurnoise import RandomExposure
-from blurnoise.exposure_table import FILE, ExposureTable
+from blurnoise.training.table import FILE, ExposureTable
 
 PLAN = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0,), f_number=(2.0, 4.0))
 

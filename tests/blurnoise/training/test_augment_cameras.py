@@ -11,7 +11,9 @@ import torch
 from batches import pictures
 
 from blurnoise import AutoExposure, Camera
-from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures
+from blurnoise.training.ranges import ExposureRanges
 
 TWO = ("imx250", "ar0237")
 _RANGES = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")

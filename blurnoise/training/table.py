@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 from os import PathLike
@@ -22,10 +22,14 @@ from typing import Any, Literal, NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, integer, one_of, shown
+from blurnoise._core.checks import integer, one_of, shown
 from blurnoise._core.files import json_of
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.exposure_ranges import (
+from blurnoise.moving_masks import Moves
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise.scene.scene import MOVES
+from blurnoise.training.ranges import (
     DRAWN,
     Cameras,
     Draws,
@@ -36,10 +40,6 @@ from blurnoise.exposure_ranges import (
     cameras_of,
     warn_of_milliseconds,
 )
-from blurnoise.moving_masks import Moves
-from blurnoise.optics.camera import Camera
-from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise.scene.scene import MOVES
 
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""
@@ -291,15 +291,6 @@ class ExposureTable(Draws):
             for values in ([getattr(row, name) for row in self.rows],)
         )
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
-
-
-def beside_table(table: object, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of an augmentation whose conditions a table states. Raises ``TypeError`` for no table, or a range."""
-    an_instance("table", table, ExposureTable)
-    for name in options:
-        if name in {each.name for each in fields(ExposureRanges)}:
-            raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
-    return dict(options)
 
 
 def _middle(low: float, high: float, *, linear: bool) -> float:

@@ -13,8 +13,9 @@ from scipy import stats
 from torch import Tensor
 
 from blurnoise import Camera
-from blurnoise.augment import ExposureRanges, RandomExposure
-from blurnoise.exposure_table import ExposureTable
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.ranges import ExposureRanges
+from blurnoise.training.table import ExposureTable
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 TWO = ("imx250", "ar0237")

@@ -6,7 +6,7 @@ import copy
 import inspect
 import math
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -15,9 +15,12 @@ from batches import pictures
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from blurnoise import Camera, augment, develop, photoelectrons, simulate
-from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures, velocity_px_s
+from blurnoise import Camera, develop, photoelectrons, simulate
 from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.training import augmentation
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures, velocity_px_s
+from blurnoise.training.ranges import ExposureRanges, Ranges
 
 TWO = ("imx250", "ar0237")
 CONDITIONS = {"exposure_s": 0.02, "illuminance_lux": 80.0}
@@ -69,7 +72,7 @@ def test_class_passes_on_every_argument_of_its_twin(monkeypatch: pytest.MonkeyPa
         calls.append(signature.bind(*args, **kwargs).arguments)
         return torch.zeros_like(args[0])
 
-    monkeypatch.setattr(augment, "expose_pictures", recorded)
+    monkeypatch.setattr(augmentation, "expose_pictures", recorded)
     aug = RandomExposure(TWO, temperature_c=(0, 50), encoding="linear", fidelity="full", p=1.0)
     aug(pictures())
     (call,) = calls
@@ -83,9 +86,12 @@ def test_class_passes_on_every_argument_of_its_twin(monkeypatch: pytest.MonkeyPa
 
 
 def test_class_offers_every_range_of_its_conditions() -> None:
-    own = inspect.signature(RandomExposure).parameters
-    for name, parameter in inspect.signature(ExposureRanges).parameters.items():
-        assert own[name].default == parameter.default, name
+    defaults = {each.name: each.default for each in fields(ExposureRanges)}
+    assert {"camera", *Ranges.__annotations__} == {*defaults}
+    assert RandomExposure(**defaults).ranges == ExposureRanges()
+    assert RandomExposure(ego_kmh=(0.0, 50.0), p=0.1).ranges == ExposureRanges(ego_kmh=(0.0, 50.0))
+    with pytest.raises(TypeError, match="speed_px"):
+        RandomExposure(speed_px=(0.0, 100.0))  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize(
@@ -146,7 +152,7 @@ def test_only_the_chosen_pictures_are_computed(monkeypatch: pytest.MonkeyPatch) 
         seen.append(len(image))
         return torch.zeros_like(image)
 
-    monkeypatch.setattr(augment, "expose_pictures", counted)
+    monkeypatch.setattr(augmentation, "expose_pictures", counted)
     aug, image = RandomExposure(p=0.5), pictures()
     gate = torch.tensor([0.0, 1.0, 0.0, 1.0])
     out = aug(image, params={**aug.forward_parameters(image.shape), "batch_prob": gate})

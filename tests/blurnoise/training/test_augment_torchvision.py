@@ -16,11 +16,12 @@ from made_up import Shift
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.augment import RandomExposure, expose_pictures
-from blurnoise.exposure_ranges import DRAWN
-from blurnoise.exposure_table import ExposureTable
 from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures
+from blurnoise.training.ranges import DRAWN
+from blurnoise.training.table import ExposureTable
 
 pytest.importorskip("PIL")
 if importlib.util.find_spec("torchvision") is None:
@@ -35,7 +36,7 @@ import PIL.Image  # noqa: E402
 from torchvision import tv_tensors  # noqa: E402
 from torchvision.transforms import v2  # noqa: E402
 
-from blurnoise.augment_torchvision import RandomExposureV2  # noqa: E402
+from blurnoise.training.torchvision import RandomExposureV2  # noqa: E402
 
 STRAIGHT: dict[str, Any] = {
     "exposure_s": 0.02,

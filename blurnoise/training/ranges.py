@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 import torch
@@ -41,6 +41,23 @@ DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temper
 """What every picture has a value of."""
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges to the condition that follows from them, or that they are in place of."""
+
+
+class Ranges(TypedDict, total=False):
+    """Fields of :class:`ExposureRanges` but for the camera, as options."""
+
+    exposure_s: Range
+    illuminance_lux: Range
+    speed_px_s: Range
+    direction_deg: Range
+    temperature_c: Range
+    gain_db: Gain
+    shake_px: Range
+    moves: Moves | Sequence[Moves]
+    white_e: Range | None
+    blur_px: Range | None
+    ego_kmh: Range | None
+    vehicle: Vehicle
 
 
 class Draws(ABC):
@@ -81,6 +98,19 @@ class Draws(ABC):
         if "moves_index" not in params:
             return ["all"] * len(params["exposure_s"][of])
         return [self.moves[index] for index in params["moves_index"][of].tolist()]
+
+    def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
+        """What :func:`.expose.expose_pictures` takes of these pictures' conditions."""
+        cameras = [self.cameras[index] for index in params["camera_index"][of].tolist()]
+        return {
+            **{name: params[name][of] for name in DRAWN},
+            "ego_kmh": params["ego_kmh"][of] if "ego_kmh" in params else None,
+            "camera": cameras,
+            "gain_db": self.gain(params, of),
+            "moves": self.moving(params, of),
+            "trajectory": shakes(params, cameras, of),
+            "vehicle": self.vehicle,
+        }
 
 
 @dataclass(frozen=True)

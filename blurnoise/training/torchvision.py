@@ -1,4 +1,4 @@
-"""The augmentation of :mod:`blurnoise.augment` as a torchvision v2 transform; needs torchvision.
+"""The augmentation of :mod:`blurnoise.training.augmentation` as a torchvision v2 transform; needs torchvision.
 
 Domain: images and videos (..., C, H, W), uint8 or float in [0, 1], and PIL images; each comes back as it came,
 uint8 rounded. Convention: as in v2, all images of one call get the same conditions; each frame has its own noise.
@@ -6,8 +6,7 @@ uint8 rounded. Convention: as in v2, all images of one call get the same conditi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any, Unpack
 
 import PIL.Image
 import torch
@@ -17,19 +16,16 @@ from torchvision.transforms import v2
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.augment import ExposureGenerator, expose_pictures
-from blurnoise.augment_boxes import moved_corners, swept_px, within_picture
-from blurnoise.exposure_ranges import Cameras, Draws, ExposureRanges, Gain, Range, shakes
-from blurnoise.exposure_table import ExposureTable, Place, beside_table
 from blurnoise.light import effects
-from blurnoise.motion.ego import Vehicle
-from blurnoise.moving_masks import Moves
 from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
+from blurnoise.training.augmentation import ExposureGenerator, OverConditions
+from blurnoise.training.expose import expose_pictures, moved_corners, swept_px, within_picture
+from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Ranges
 
 
-class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
-    """:class:`blurnoise.augment.RandomExposure` for torchvision's v2, with the same ranges, ``p`` and defaults.
+class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
+    """:class:`blurnoise.RandomExposure` for torchvision's v2, with the same ranges, ``p`` and defaults.
 
     Boxes stay, or with ``grow_boxes`` cover what the motion sweeps, whole pixels if they are integers; masks and
     keypoints stay. ``make_params`` draws everything, the noise seed included, from torch's global generator:
@@ -43,59 +39,24 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
     def __init__(
         self,
         camera: Cameras = ExposureRanges.camera,
-        exposure_s: Range = ExposureRanges.exposure_s,
-        illuminance_lux: Range = ExposureRanges.illuminance_lux,
-        speed_px_s: Range = ExposureRanges.speed_px_s,
-        direction_deg: Range = ExposureRanges.direction_deg,
-        temperature_c: Range = ExposureRanges.temperature_c,
-        gain_db: Gain = ExposureRanges.gain_db,
-        shake_px: Range = ExposureRanges.shake_px,
-        moves: Moves | Sequence[Moves] = ExposureRanges.moves,
-        white_e: Range | None = ExposureRanges.white_e,
-        blur_px: Range | None = ExposureRanges.blur_px,
-        ego_kmh: Range | None = ExposureRanges.ego_kmh,
-        vehicle: Vehicle = ExposureRanges.vehicle,
+        *,
         encoding: Encoding = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         p: float = 0.5,
+        **ranges: Unpack[Ranges],
     ) -> None:
         super().__init__()
-        self.ranges: Draws = ExposureRanges(
-            camera,
-            exposure_s,
-            illuminance_lux,
-            speed_px_s,
-            direction_deg,
-            temperature_c,
-            gain_db,
-            shake_px,
-            moves,
-            white_e,
-            blur_px,
-            ego_kmh,
-            vehicle,
-        )
+        self._draw_from(ExposureRanges(camera, **ranges))
         one_of("encoding", encoding, ("srgb", "linear"))
         one_of("fidelity", fidelity, ("auto", "full"))
         self.encoding: Encoding = encoding
         self.fidelity: Fidelity = fidelity
         self.grow_boxes = grow_boxes
         self.p = in_range("p", p, 0.0, 1.0)
-        self._generator = ExposureGenerator(self.ranges)
 
-    @classmethod
-    def for_run(cls, run: str | Place, *, direction_deg: Range | None = None, **options: Any) -> Self:
-        """As :meth:`blurnoise.augment.RandomExposure.for_run`."""
-        return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
-
-    @classmethod
-    def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
-        """As :meth:`blurnoise.augment.RandomExposure.for_conditions`."""
-        transform = cls(**beside_table(table, options))
-        transform.ranges = table
-        transform._generator = ExposureGenerator(table)
-        return transform
+    def _draw_from(self, ranges: Draws) -> None:
+        self.ranges, self._generator = ranges, ExposureGenerator(ranges)
 
     def extra_repr(self) -> str:
         """The ranges, then the rest."""
@@ -133,21 +94,11 @@ class RandomExposureV2(v2.Transform):  # type: ignore[misc]  # torchvision is no
         scene = picture.float() / 255 if picture.dtype == torch.uint8 else picture
         frames = scene.reshape(-1, *scene.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
-        camera, masks = self.ranges.cameras[int(params["camera_index"])], params.get("masks")
+        masks, taken = params.get("masks"), self.ranges.arguments(params)
         exposed = expose_pictures(
             frames,
-            camera,
-            exposure_s=params["exposure_s"],
-            illuminance_lux=params["illuminance_lux"],
-            speed_px_s=params["speed_px_s"],
-            direction_deg=params["direction_deg"],
-            temperature_c=params["temperature_c"],
-            gain_db=self.ranges.gain(params),
+            **{**taken, "moves": taken["moves"][0], "trajectory": taken["trajectory"][0]},
             masks=None if masks is None else masks.expand(len(frames), -1, -1, -1),
-            moves=self.ranges.moving(params)[0],
-            trajectory=shakes(params, [camera], slice(None))[0],
-            ego_kmh=params.get("ego_kmh"),
-            vehicle=self.ranges.vehicle,
             generator=rng.item_seeds(noise, len(frames)),
             encoding=self.encoding,
             fidelity=self.fidelity,

@@ -17,9 +17,10 @@ from scipy import stats
 from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, photoelectrons
-from blurnoise.augment import ExposureRanges, expose_pictures
-from blurnoise.exposure_table import FILE, Condition, ExposureTable
 from blurnoise.scene.metering import AutoExposure
+from blurnoise.training.expose import expose_pictures
+from blurnoise.training.ranges import ExposureRanges
+from blurnoise.training.table import FILE, Condition, ExposureTable
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 IMX250 = Camera.preset("imx250")

@@ -13,8 +13,10 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise import Camera, develop, simulate
-from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures
 from blurnoise.motion.ego import Vehicle
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures
+from blurnoise.training.ranges import ExposureRanges
 
 SIZE = (46, 63)
 CAMERA = Camera.preset("imx250")

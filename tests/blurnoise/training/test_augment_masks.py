@@ -14,10 +14,11 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise import Camera, develop, mattes, simulate
-from blurnoise.augment import ExposureRanges, RandomExposure, expose_pictures, velocity_px_s
-from blurnoise.exposure_ranges import shakes
 from blurnoise.moving_masks import plate_of
 from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.expose import expose_pictures, velocity_px_s
+from blurnoise.training.ranges import ExposureRanges, shakes
 
 SIZE = (46, 63)
 CONDITIONS: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0, "speed_px_s": 600.0}

@@ -1,0 +1,197 @@
+"""Augmentations that draw conditions in real units for each picture: Kornia's, and what torchvision's twin shares.
+
+Convention: directions run counter-clockwise as displayed, 0 to the right, as Kornia's angles do. A blur keeps
+its centroid, so what moves is swept half the displacement to either side of its place.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import fields
+from typing import Any, Self, Unpack
+
+import torch
+from kornia.augmentation import IntensityAugmentationBase2D
+from kornia.augmentation.random_generator import RandomGeneratorBase, UniformDistribution
+from kornia.geometry.boxes import Boxes
+from torch import Tensor
+
+from blurnoise._core.checks import an_instance, in_range, one_of, shown
+from blurnoise.moving_masks import checked
+from blurnoise.optics.colour import Encoding
+from blurnoise.sensor.readout import Fidelity
+from blurnoise.training.expose import expose_pictures, moved_corners, swept_px, within_picture
+from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, Ranges
+from blurnoise.training.table import ExposureTable, Place
+
+_CORNERS = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+
+
+class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
+    """Draws from ``ranges``, or a table, by torch's global generator, as all of Kornia does: conditions, noise seeds.
+
+    Returns, for a batch of B, (B,) tensors: what their ``conditions`` returns, and ``noise_seed``,
+    int64. Under ``same_on_batch`` they are equal, the noise seed too, so equal pictures stay equal.
+    """
+
+    def __init__(self, ranges: Draws) -> None:
+        super().__init__()
+        self.ranges = ranges
+
+    def __repr__(self) -> str:
+        return str(self.ranges)
+
+    def make_samplers(self, device: torch.device, dtype: torch.dtype) -> None:
+        """Samplers on ``device``, at least float32: half precision has too few exposures and directions."""
+        ends = torch.tensor([0.0, 1.0], device=device, dtype=torch.promote_types(dtype, torch.float32))
+        self.unit = UniformDistribution(ends[0], ends[1], validate_args=False)
+
+    def forward(self, batch_shape: tuple[int, ...], same_on_batch: bool = False) -> Params:
+        """Parameters for a batch of shape (B, C, H, W)."""
+        batch = batch_shape[0]
+        count = min(batch, 1) if same_on_batch else batch
+        drawn = self.ranges.conditions(self.unit.rsample((count, self.ranges.draws)))
+        drawn["noise_seed"] = torch.randint(2**63 - 1, (count,), device=self.device)
+        return {name: value.expand(batch).clone() for name, value in drawn.items()}
+
+
+class OverConditions:
+    """What the augmentations of Kornia and torchvision share: where their conditions come from."""
+
+    ranges: Draws
+
+    @abstractmethod
+    def _draw_from(self, ranges: Draws) -> None:
+        """Draw conditions from these from now on."""
+
+    @classmethod
+    def for_run(cls, run: str | Place, *, direction_deg: Range | None = None, **options: Any) -> Self:
+        """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
+        what moves, as :class:`blurnoise.training.table.ExposureTable` reads and spreads them.
+
+        run: the sweep's folder, or what ``blurnoise_eval.system.storage.location`` makes of its URL. direction_deg:
+        of the motion, None: the run's. options: the class's that are no ranges. Raises ``TypeError`` or
+        ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
+        """
+        return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
+
+    @classmethod
+    def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
+        """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
+        an_instance("table", table, ExposureTable)
+        for name in {each.name for each in fields(ExposureRanges)} & options.keys():
+            raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
+        augmentation = cls(**options)
+        augmentation._draw_from(table)
+        return augmentation
+
+
+class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
+    """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
+
+    The ranges are those of :class:`ExposureRanges`, the functional twin's arguments drawn anew for each picture.
+    encoding: "srgb" or "linear", of the pictures, before and after. fidelity: as ``simulate`` takes it.
+    grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the
+    picture's last pixel (Kornia's boxes end in it); else boxes stay, as masks and keypoints always do.
+    same_on_batch, p, keepdim: as everywhere in Kornia; only the pictures that p chooses are computed.
+
+    With masks, ``expose(pictures, masks=masks)``, parts may move for themselves: moves says what is drawn from.
+    Kornia's containers show masks to no augmentation of pictures: there everything moves, and masks come back as they
+    are. So let a container do the rest, with data_keys of pictures, boxes and masks, and call this one after it;
+    boxes follow by ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``.
+
+    All randomness lies in ``_params``, the noise's too: ``aug(x, params=aug._params)`` gives the same bits.
+    A camera's fixed pattern is one specimen's, the same part of it for pictures of one size; it is drawn once.
+    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. What they are
+    drawn from is the compiler's, whose random numbers may differ from torch's own for the same seed.
+
+    Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
+    """
+
+    def __init__(
+        self,
+        camera: Cameras = ExposureRanges.camera,
+        *,
+        encoding: Encoding = "srgb",
+        fidelity: Fidelity = "auto",
+        grow_boxes: bool = False,
+        same_on_batch: bool = False,
+        p: float = 0.5,
+        keepdim: bool = False,
+        **ranges: Unpack[Ranges],
+    ) -> None:
+        super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
+        self._draw_from(ExposureRanges(camera, **ranges))
+        self.flags = {
+            "encoding": one_of("encoding", encoding, ("srgb", "linear")),
+            "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
+            "grow_boxes": grow_boxes,
+        }
+
+    def _draw_from(self, ranges: Draws) -> None:
+        self.ranges, self._param_generator = ranges, ExposureGenerator(ranges)
+
+    def forward(
+        self, input: Tensor, params: Params | None = None, masks: Tensor | None = None, **kwargs: Any
+    ) -> Tensor:
+        """The pictures (B, C, H, W), or one (C, H, W), exposed; masks as :func:`expose_pictures` takes them.
+
+        Of one picture masks are (N, H, W). They are kept in ``_params``, as a replay needs them.
+        """
+        if masks is not None:
+            batch = self.transform_tensor(input)
+            own = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks
+            own = checked(own, len(batch), (batch.shape[-2], batch.shape[-1]))
+            params = {**(self.forward_parameters(batch.shape) if params is None else params), "masks": own}
+        seen: Tensor = super().forward(input, params, **kwargs)
+        return seen
+
+    @torch.compiler.disable  # type: ignore[untyped-decorator]  # threads, seeds and plans are Python
+    def apply_transform(
+        self, input: Tensor, params: Params, flags: dict[str, Any], transform: Tensor | None = None
+    ) -> Tensor:
+        """The pictures that ``batch_prob`` chooses, exposed; the others as they are."""
+        chosen = self._chosen(params, len(input))
+        if not chosen:
+            return input
+        every = len(chosen) == len(input)
+        of = slice(None) if every else chosen
+        exposed = expose_pictures(
+            input[of],
+            **self.ranges.arguments(params, of),
+            masks=params["masks"][of] if "masks" in params else None,
+            generator=params["noise_seed"][of].tolist(),
+            encoding=flags["encoding"],
+            fidelity=flags["fidelity"],
+        )
+        return exposed if every else input.index_put((torch.tensor(chosen, device=input.device),), exposed)
+
+    def apply_transform_box(
+        self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
+    ) -> Boxes:
+        """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
+        height, width = params["forward_input_shape"][-2:].tolist()
+        corners = moved_corners(input.data, params, self.ranges, (height, width))
+        if corners is not input.data:
+            input = input.clone()
+            input.data.copy_(corners)
+        if not flags["grow_boxes"]:
+            return input
+        # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
+        boxes = torch.cat([corners.amin(-2), corners.amax(-2) + 1], -1)
+        swept = swept_px(params, self.ranges, boxes.view(-1, *boxes.shape[-2:]), (height, width)).to(corners)
+        low, high = (side.reshape(*corners.shape[:-2], 1, 2) for side in swept.unbind(2))
+        centre = (corners.amin(-2, keepdim=True) + corners.amax(-2, keepdim=True)) / 2
+        outward = (corners - centre).sign()
+        # A box of one pixel has all its corners in the centre: there they go by their order.
+        outward = torch.where((outward == 0).all(-2, keepdim=True), corners.new_tensor(_CORNERS), outward)
+        grown = input.clone()
+        by = outward * torch.where(outward < 0, low, high)
+        grown.data.copy_(within_picture(corners, by, (width - 1, height - 1)))
+        return grown
+
+    def _chosen(self, params: Params, batch: int) -> list[int]:
+        """Which pictures to expose. Kornia computes all and discards those that were not to be."""
+        if self.p == 1 and self.p_batch == 1:  # then Kornia asks no gate, either
+            return list(range(batch))
+        return [item for item, gate in enumerate(params["batch_prob"].tolist()) if gate > 0.5]
