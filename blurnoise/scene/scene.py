@@ -37,7 +37,7 @@ from blurnoise.scene.exposure import Exposure as Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.sensor import mosaic
-from blurnoise.sensor.readout import Fidelity, FixedPattern, read_out
+from blurnoise.sensor.readout import Fidelity, FixedPattern, ReadoutOptions, Reuse, digitised
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.sensor.stages import nearly_full_e
 
@@ -192,29 +192,33 @@ class ExposedScene:
         own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
             shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
         )  # else drawn for what little of the picture may need it
-        given: dict[str, Any] = {
-            "white_e": torch.cat([each.points.white_e for each in alike]),
-            "exposure_s": torch.cat([each.points.exposure_s for each in alike]),
-            "temperature_c": torch.cat([each.points.temperature_c for each in alike]),
-            "generator": [shared.seed] * count,
-            "fixed_pattern": self._pattern(shared.camera),
-            "fidelity": self.fidelity,
-            "noise": shared.noisy,
-            "without": shared.without,
-            "checked": True,
-            "normal": self._normal(shared.seed, "frame", planes).expand(count, -1, -1, -1),
-            "read": self._normal(shared.seed, "read", planes).expand(count, -1, -1, -1) if own_read else None,
-        }
+        at = OperatingPoint(
+            shared.camera,
+            torch.cat([each.points.exposure_s for each in alike]),
+            torch.cat([each.points.temperature_c for each in alike]),
+            torch.cat([each.points.white_e for each in alike]),
+        )
+        options = ReadoutOptions(
+            [shared.seed] * count,
+            self._pattern(shared.camera),
+            self.fidelity,
+            noise=shared.noisy,
+            without=shared.without,
+        )
+        drawn = Reuse(
+            self._normal(shared.seed, "frame", planes).expand(count, -1, -1, -1),
+            self._normal(shared.seed, "read", planes).expand(count, -1, -1, -1) if own_read else None,
+        )
         expanded = sensed.expand(count, -1, -1, -1)
         if tabulated(shared.delivering):
             seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
             tones = tones_8bit(shared.delivering, shared.digital_db, self._illuminant)
-            read_out(expanded, shared.camera, **given, tones=tones, out=seen.permute(0, 3, 1, 2))
+            digitised(expanded, at, options, drawn._replace(tones=tones, out=seen.permute(0, 3, 1, 2)))
             if planes == colours:
                 return list(seen.numpy())
             developed = seen.permute(0, 3, 1, 2)
         else:
-            dn = read_out(expanded, shared.camera, **given)
+            dn = digitised(expanded, at, options, drawn)
             developed = develop_8bit(dn, shared.delivering, shared.digital_db, self._illuminant)
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
@@ -282,21 +286,11 @@ class ExposedScene:
         without = needs.without if needs else effects.NOTHING
         moved = effects.through(light, reduced, border=self._border, without=without)
         sensed = mosaic.on_sensor(moved, reduced.camera, self._illuminant)
-        return read_out(
-            sensed,
-            reduced.camera,
-            white_e=points.white_e,
-            exposure_s=points.exposure_s,
-            temperature_c=points.temperature_c,
-            generator=seeds,
-            fixed_pattern=self._pattern(reduced.camera),
-            fidelity=self.fidelity,
-            noise=noise and (needs is None or needs.noisy),
-            quantised=quantised,
-            without=without,
-            checked=True,
-            out=sensed if sensed is not light and sensed.is_contiguous() else None,
-        )
+        noisy = noise and (needs is None or needs.noisy)
+        pattern = self._pattern(reduced.camera)
+        options = ReadoutOptions(seeds, pattern, self.fidelity, noisy, quantised, without)
+        own = sensed is not light and sensed.is_contiguous()
+        return digitised(sensed, reduced, options, Reuse(out=sensed if own else None))
 
     @property
     def _size(self) -> tuple[int, int]:

@@ -7,8 +7,9 @@ dark, where read noise says so; only the converter's limits clip them from below
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import groupby, product
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,6 +19,7 @@ from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
+from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, mean_quantum_efficiency
 from blurnoise.optics.spectra import Curve
@@ -61,6 +63,44 @@ def expose(
     )
 
 
+@dataclass(frozen=True)
+class ReadoutOptions:
+    """What of the read-out is modelled, and by which draws.
+
+    seeds: of the noise, one for each frame. fixed_pattern: what ``camera.fixed_pattern`` returned. fidelity: "full"
+    draws Poisson counts and normal read noise; "auto" makes both of one normal value per pixel from
+    ``MERGE_READ_NOISE_E`` on (:func:`.stages.noisy_electrons`) and counts alone of one below it
+    (:func:`blurnoise._core.rng.poisson_of_normal`), within 0.01 of the exact law in total variation distance and
+    within 0.001 from 100 electrons on. noise: without it, the mean frame. quantised: without it, the frame before
+    rounding. without: names of stages that are passed over.
+    """
+
+    seeds: Sequence[int]
+    fixed_pattern: FixedPattern | None = None
+    fidelity: Fidelity = "auto"
+    noise: bool = True
+    quantised: bool = True
+    without: frozenset[str] = frozenset()
+
+
+class Reuse(NamedTuple):
+    """What a caller who exposes one picture many times has already.
+
+    normal: the N(0, 1) field of ``rng.standard_normal`` for the frames' seeds; read: that of its stream "read", for
+    where read noise has a draw of its own. tones: a value per digital number (such as :func:`tones_8bit`), which is
+    returned in its place. out: where to write, of the result's shape and dtype, contiguous or channels last; it may
+    be the light itself, and gradients leave it unused.
+    """
+
+    normal: Tensor | None = None
+    read: Tensor | None = None
+    tones: Tensor | None = None
+    out: Tensor | None = None
+
+
+_NOTHING = Reuse()
+
+
 def read_out(
     scene: Tensor,
     camera: Camera,
@@ -74,49 +114,47 @@ def read_out(
     noise: bool = True,
     quantised: bool = True,
     without: frozenset[str] = frozenset(),
-    checked: bool = False,
-    normal: Tensor | None = None,
-    read: Tensor | None = None,
-    tones: Tensor | None = None,
-    out: Tensor | None = None,
+    reuse: Reuse = _NOTHING,
 ) -> Tensor:
     """Digital numbers of a frame with ``white_e`` * ``scene`` mean photo-electrons, scene (B, C, H, W).
 
-    Through ``STAGES`` in their order, but for those named in ``without``: by the fast route where it has them
-    all, else stage by stage. The route may change a rounding step, not the law.
-    white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. fixed_pattern:
-    what ``camera.fixed_pattern`` returned. Means below 0 (ringing of a blur) count as 0.
-
-    fidelity: "full" draws Poisson counts and normal read noise; "auto" makes both of one normal value per
-    pixel from ``MERGE_READ_NOISE_E`` on (:func:`.stages.noisy_electrons`) and counts alone of one below it
-    (:func:`blurnoise._core.rng.poisson_of_normal`), within 0.01 of the exact law in total variation distance and
-    within 0.001 from 100 electrons on. noise: without it, the mean frame. quantised: without it, the frame
-    before rounding.
-
-    Gradients reach scene, white_e, exposure and temperature: the noise is reparameterised as in
-    :func:`.stages.noisy_electrons`, rounding lets them through unchanged, a clipped pixel has none.
-
-    For a caller who exposes one picture many times: checked, that the scene is known to be finite; normal, the
-    N(0, 1) field of ``rng.standard_normal`` for these seeds, drawn once, and read, that of its stream "read", for
-    where read noise has a draw of its own; tones, a value per digital number (such as :func:`tones_8bit`), which is
-    returned instead of the digital number itself. A picture expanded to a batch of lights, its normal likewise,
-    gives the same bits in less time than light by light. out: where to write, of the result's shape and dtype,
-    contiguous or channels last; it may be ``scene``. Gradients leave it unused.
+    white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. The rest as
+    :class:`ReadoutOptions` and :class:`Reuse` have it. Means below 0 (ringing of a blur) count as 0.
     """
-    batch = len(scene)
-    if not checked:
-        image_batch("scene", scene)
+    batch = len(image_batch("scene", scene))
+    at = OperatingPoint(
+        camera,
+        limited_per_image("exposure_s", exposure_s, batch, scene),
+        limited_per_image("temperature_c", temperature_c, batch, scene),
+        limited_per_image("white_e", white_e, batch, scene),
+    )
     one_of("fidelity", fidelity, ("auto", "full"))
-    camera = stages.reduced(camera, without)
-    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
-    temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
-    white = limited_per_image("white_e", white_e, batch, scene)
-    dark = dark_electrons(camera, exposure, temperature)
     seeds = rng.item_seeds(generator, batch)
-    gain, offset_e = (plane.to(scene) for plane in fixed_pattern) if fixed_pattern else (None, None)
+    return digitised(
+        scene, at, ReadoutOptions(seeds, fixed_pattern, fidelity, noise, quantised, without), reuse
+    )
+
+
+def digitised(
+    scene: Tensor, at: OperatingPoint[Tensor], options: ReadoutOptions, reuse: Reuse = _NOTHING
+) -> Tensor:
+    """:func:`read_out` of what is checked already: finite light (B, C, H, W), the camera and numbers of ``at``.
+
+    Through ``STAGES`` in their order, but for those left out: by the fast route where it has them all, else stage by
+    stage. The route may change a rounding step, not the law. Gradients reach scene, white_e, exposure and
+    temperature: the noise is reparameterised as in :func:`.stages.noisy_electrons`, rounding lets them through
+    unchanged, a clipped pixel has none. A picture expanded to a batch of lights, its normal likewise, gives the same
+    bits in less time than light by light.
+    """
+    batch, seeds, quantised = len(scene), options.seeds, options.quantised
+    normal, read, tones, out = reuse
+    camera = stages.reduced(at.camera, options.without)
+    white, dark = at.white_e, dark_electrons(camera, at.exposure_s, at.temperature_c)
+    pattern = options.fixed_pattern
+    gain, offset_e = (plane.to(scene) for plane in pattern) if pattern else (None, None)
     with_gradients = differentiable(scene, white, dark)
-    active = stages.active(camera, without, noisy=noise)
-    law = _law(camera, fidelity, noise, with_gradients, active)
+    active = stages.active(camera, options.without, noisy=options.noise)
+    law = _law(camera, options, with_gradients, active)
     if not with_gradients:  # threads below would else start with gradients on
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
 
@@ -220,13 +258,11 @@ def _targets(out: Tensor) -> tuple[list[fast.Plane], bool]:
     raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
 
 
-def _law(
-    camera: Camera, fidelity: Fidelity, noise: bool, with_gradients: bool, active: Sequence[SensorStage]
-) -> Law:
+def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: Sequence[SensorStage]) -> Law:
     """How shot and read noise are drawn."""
-    if not noise:
+    if not options.noise:
         return "none"
-    if fidelity == "full" and not with_gradients:  # counts have no derivative
+    if options.fidelity == "full" and not with_gradients:  # counts have no derivative
         return "exact"
     if camera.read_noise_e < MERGE_READ_NOISE_E and not with_gradients:
         return "counts"

@@ -73,7 +73,8 @@ def equal_chances(shape: tuple[int, ...]) -> Tensor:
 
 def _auto(mean_e: Tensor, converter: Converter, normal: Tensor | None = None) -> Tensor:
     return sensor.read_out(
-        mean_e, camera(converter), exposure_s=0.0, temperature_c=20.0, generator=range(len(mean_e)), normal=normal
+        mean_e, camera(converter), exposure_s=0.0, temperature_c=20.0, generator=range(len(mean_e)),
+        reuse=sensor.Reuse(normal),
     )  # fmt: skip
 
 

@@ -46,7 +46,8 @@ def exposed(light: Tensor, camera: Camera, **options: Any) -> Tensor:
     batch = len(light)
     pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu else None
     given = {"exposure_s": 0.02, "temperature_c": 30.0, "generator": [5] * batch, "fixed_pattern": pattern}
-    return sensor.read_out(light, camera, **{"white_e": 800.0, **given, **options})
+    reuse = sensor.Reuse(**{name: options.pop(name) for name in sensor.Reuse._fields if name in options})
+    return sensor.read_out(light, camera, **{"white_e": 800.0, **given, **options}, reuse=reuse)
 
 
 @by_camera

@@ -78,15 +78,15 @@ def test_cell_is_what_simulate_and_the_detector_give(
     warm = {**PLAN.grid, "illuminance_lux": (333.3,), "temperature_c": (40.0,)}
     plan = SweepPlan(warm, seed=11)
     developed: list[torch.Tensor] = []
-    read_out = sensor.read_out
+    digitised = sensor.digitised
 
-    def watched(*arguments: Any, tones: torch.Tensor, out: torch.Tensor, **options: Any) -> torch.Tensor:
-        developed.extend(read_out(*arguments, **options))
-        return read_out(*arguments, tones=tones, out=out, **options)
+    def watched(light: torch.Tensor, at: Any, options: Any, reuse: sensor.Reuse) -> torch.Tensor:
+        developed.extend(digitised(light, at, options, reuse._replace(tones=None, out=None)))
+        return digitised(light, at, options, reuse)
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
-            patch.setattr(scene, "read_out", watched)
+            patch.setattr(scene, "digitised", watched)
             sweep.run([detector], camera, picture_set(picture("p", lambda: image)), plan, store)
         cells = [cell for cell in store.cells() if not cell["clean"]]
         kept = 0
