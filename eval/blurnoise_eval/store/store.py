@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.store import schema
+from blurnoise_eval.store import documents, schema
 from blurnoise_eval.system.files import RUN_FILE, path_within
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
@@ -129,9 +129,14 @@ class Store:
             db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, json.dumps(value)))
 
     def about(self, key: str) -> Any:
-        """The JSON value under ``key``, None when there is none."""
+        """The JSON value under ``key``, None when there is none. Raises :class:`StoreError` for a value of another
+        form than runs have."""
         rows = list(self.rows("SELECT value FROM about WHERE key = ?", key))
-        return json.loads(rows[0]["value"]) if rows else None
+        try:
+            return documents.read(key, rows[0]["value"]) if rows else None
+        except ValueError as error:
+            told = f"run = {str(self.folder)!r}: {RUN_FILE} is damaged, or was made by other software"
+            raise StoreError(f"{told} ({key}: {error})") from None
 
     def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
         """Commit finished cells, all of them or none, with what they teach of the run and the seconds they took.

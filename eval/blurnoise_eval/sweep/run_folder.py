@@ -29,6 +29,7 @@ from blurnoise_eval.scoring.recommendation import curves, recommendations
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.documents import Stated
 from blurnoise_eval.store.exports import has_json
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
@@ -235,7 +236,7 @@ def read_run(
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
-    order = {model["name"]: place for place, model in enumerate(manifest["models"])}
+    order = Stated({model["name"]: place for place, model in enumerate(manifest["models"])})
     by_size = criterion.score if criterion.score in PRECISIONS else None
     scores, performances, sized = run_scores(store, list(order), cluster, progress, by_size=by_size)
     found_answers: list[Answer] = []

@@ -1,0 +1,81 @@
+"""What a run says of itself as JSON: the form that is relied on, whoever made the run."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from pydantic import BaseModel, Field, ValidationError, model_validator
+
+
+class _Model(BaseModel):
+    name: str
+    kind: str
+    file: str
+    sha256: str
+    contract: dict[str, Any]
+    unknown_labels: list[str]
+    latency: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _detects_classes(self) -> _Model:
+        if self.kind == "detector" and not self.contract.get("classes"):
+            raise ValueError("its contract names no classes")
+        return self
+
+
+class _Images(BaseModel):
+    kind: str
+    source: str
+    count: int
+    labelled: bool
+    notes: list[str]
+
+
+class _Manifest(BaseModel):
+    title: str
+    models: list[_Model] = Field(min_length=1)
+    camera: dict[str, Any]
+    images: _Images
+
+
+class _Plan(BaseModel):
+    repeats: int
+    grid: dict[str, list[float]] = {}
+
+
+class _Identity(BaseModel):
+    model: list[dict[str, Any]]
+    camera: dict[str, Any]
+    plan: _Plan
+    pictures: str
+    targets: str = Field(alias="choice of targets")
+
+
+class _Learnt(BaseModel):
+    wall_s: float = 0.0
+    non_finite_values: dict[str, int] = {}
+
+
+_FORMS: dict[str, type[BaseModel]] = {"manifest": _Manifest, "identity": _Identity, "learnt": _Learnt}
+
+
+class Stated(dict[str, Any]):
+    """An object that says which key it has not, where that is one that not every run has."""
+
+    def __missing__(self, key: str) -> Any:
+        raise ValueError(f"run: was made by other software (states no {key!r})")
+
+
+def read(key: str, text: str) -> Any:
+    """The document of that name. Raises ``ValueError`` for text that is no JSON, or of another form."""
+    if key not in _FORMS:
+        return json.loads(text)
+    value = json.loads(text, object_hook=Stated)
+    try:
+        _FORMS[key].model_validate(value)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise ValueError(f"{place or 'value'}: {first['msg'][:1].lower()}{first['msg'][1:]}") from None
+    return value
