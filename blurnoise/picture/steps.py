@@ -34,7 +34,6 @@ class BlackLevel(PictureStep):
     name = "black level"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """(dn - black) / (full scale - black)."""
         return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
 
 
@@ -45,7 +44,6 @@ class WhiteBalance(PictureStep):
     pointwise = False
 
     def active(self, camera: Camera) -> bool:
-        """Behind filters."""
         return camera.cfa not in colour.PLANES
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
@@ -63,11 +61,9 @@ class Demosaic(PictureStep):
     pointwise = False
 
     def active(self, camera: Camera) -> bool:
-        """Behind filters."""
         return camera.cfa not in colour.PLANES
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """By ``Camera.demosaic``."""
         return demosaic(picture, at.camera.cfa, at.camera.demosaic)
 
 
@@ -82,7 +78,6 @@ class ColourMatrix(PictureStep):
         return camera.ccm is not None or camera.cfa == "RCCB"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """The product."""
         rows = picture.new_tensor(matrix(at.camera, at.illuminant))
         return torch.einsum("ij,bjhw->bihw", rows, picture)
 
@@ -93,7 +88,6 @@ class DigitalGain(PictureStep):
     name = "digital gain"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """Times 10^(gain_db / 20)."""
         return picture if at.gain_db == 0 else picture * 10 ** (at.gain_db / 20)
 
 
@@ -103,7 +97,6 @@ class Tone(PictureStep):
     name = "tone"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """Coded."""
         return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
@@ -114,7 +107,6 @@ class Jpeg(PictureStep):
     pointwise = False
 
     def active(self, camera: Camera) -> bool:
-        """Where a quality is stated."""
         return camera.jpeg_quality is not None
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:

@@ -39,7 +39,7 @@ class Exposure:
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
     :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
-    has the velocity, see :mod:`blurnoise.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity,
+    has the velocity, see :mod:`.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity,
     trajectory and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 

@@ -81,6 +81,7 @@ class SensorStage(ABC):
     essential: bool = False
     draws: bool = False
     spreads: bool = False
+    modelled: str = "element by element"
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
@@ -99,8 +100,8 @@ class SensorStage(ABC):
         return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """How it is modelled, in a few words. noisy: whether shot or read noise is."""
-        return "element by element"
+        """How it is modelled, in a few words: ``modelled``. noisy: whether shot or read noise is."""
+        return self.modelled
 
 
 def signal_bound_e(at: OperatingPoint[float]) -> float:

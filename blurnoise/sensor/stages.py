@@ -1,6 +1,6 @@
 """The sensor's stages, one table in causal order: the linear model of EMVA 1288 release 4.
 
-``STAGES`` is read wherever a frame is read out, planned, explained or its moments are told: a new entry is all
+``STAGES`` is read wherever a frame is read out, planned or explained: a new entry is all
 that a new stage needs.
 """
 
@@ -32,7 +32,6 @@ class PointwiseStage(SensorStage):
     """A stage to which every pixel is alone."""
 
     def pointwise(self, at: Frames) -> bool:
-        """Always."""
         return True
 
 
@@ -43,7 +42,6 @@ class SpectralIntegration(PointwiseStage):
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Light times the electrons of white."""
         return (signal * at.white_e).clamp(min=0.0)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
@@ -51,7 +49,6 @@ class SpectralIntegration(PointwiseStage):
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """Once; and where the curve is cut short."""
         mark = marked(camera.quantum_efficiency)
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
@@ -60,40 +57,30 @@ class Prnu(PointwiseStage):
     """Photo-response non-uniformity: a fixed factor per pixel."""
 
     name = "PRNU"
+    modelled = "fixed field of factors"
     figures = ("prnu",)
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Times the pattern, never below 0."""
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """Of white."""
         return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
-
-    def how(self, camera: Camera, noisy: bool) -> str:
-        """A field."""
-        return "fixed field of factors"
 
 
 class DarkCurrent(PointwiseStage):
     """Dark charge mu_I T, part of what shot noise is drawn from."""
 
     name = "dark current"
+    modelled = "in the mean that shot noise is drawn from"
     figures = ("dark_current_e_s",)
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Plus its mean."""
         return signal + at.dark_e
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """Mean and noise of the charge."""
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
-
-    def how(self, camera: Camera, noisy: bool) -> str:
-        """In the mean."""
-        return "in the mean that shot noise is drawn from"
 
 
 class ShotNoise(SensorStage):
@@ -129,11 +116,9 @@ class ShotNoise(SensorStage):
         return rng.poisson_of_normal(signal, at.normal)
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """Of white."""
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at)))
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """By which draw."""
         if camera.read_noise_e >= MERGE_READ_NOISE_E:
             return "one corrected normal draw, with read noise"
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
@@ -161,21 +146,17 @@ class ReadNoise(PointwiseStage):
     figures = ("read_noise_e",)
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Plus a draw of its own."""
         if at.read is None or at.law == "merged":
             return signal
         return signal + at.camera.read_noise_e * at.read
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """Its deviation."""
         return within_range_dn(at.camera, at.camera.read_noise_e)
 
     def dither_dn(self, at: OperatingPoint[float]) -> float:
-        """Its deviation."""
         return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """In which draw."""
         merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
         return "in the draw of shot noise" if merged else "a normal draw of its own"
 
@@ -184,20 +165,15 @@ class Dsnu(PointwiseStage):
     """Dark-signal non-uniformity: a fixed offset per pixel."""
 
     name = "DSNU"
+    modelled = "fixed field of offsets"
     figures = ("dsnu_e",)
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Plus the pattern."""
         return signal if at.offset_e is None else signal + at.offset_e
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """Its deviation."""
         return within_range_dn(at.camera, at.camera.dsnu_e)
-
-    def how(self, camera: Camera, noisy: bool) -> str:
-        """A field."""
-        return "fixed field of offsets"
 
 
 class Gain(PointwiseStage):
@@ -207,7 +183,6 @@ class Gain(PointwiseStage):
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Times K, plus the black level."""
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
 
@@ -215,6 +190,7 @@ class Quantisation(PointwiseStage):
     """Rounding to whole digital numbers."""
 
     name = "quantisation"
+    modelled = "rounding: the result is digital numbers"
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
@@ -222,12 +198,7 @@ class Quantisation(PointwiseStage):
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
     def bound_dn(self, at: OperatingPoint[float]) -> float:
-        """A uniform error within a step."""
         return 1 / math.sqrt(12)
-
-    def how(self, camera: Camera, noisy: bool) -> str:
-        """Rounding."""
-        return "rounding: the result is digital numbers"
 
 
 class Limits(PointwiseStage):
@@ -237,7 +208,6 @@ class Limits(PointwiseStage):
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Clipped."""
         return signal.clamp(0.0, at.camera.full_scale_dn)
 
 

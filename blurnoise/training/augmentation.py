@@ -17,8 +17,8 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, in_range, one_of, shown
-from blurnoise.moving_masks import checked
 from blurnoise.optics.colour import Encoding
+from blurnoise.scene.cutting import checked_masks
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.expose import expose_pictures, moved_corners, swept_px, within_picture
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, Ranges
@@ -141,7 +141,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         if masks is not None:
             batch = self.transform_tensor(input)
             own = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks
-            own = checked(own, len(batch), (batch.shape[-2], batch.shape[-1]))
+            own = checked_masks(own, len(batch), (batch.shape[-2], batch.shape[-1]))
             params = {**(self.forward_parameters(batch.shape) if params is None else params), "masks": own}
         seen: Tensor = super().forward(input, params, **kwargs)
         return seen

@@ -18,13 +18,12 @@ from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited, limited_per_image
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.light import effects, motion
-from blurnoise.mattes import Cut
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.moving_masks import checked, in_motion, matte_of
 from blurnoise.optics.camera import Amplified, Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.picture.develop import develop, in_channels
+from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure, places_of
 from blurnoise.scene.metering import AutoExposure, mean_luma
 from blurnoise.scene.scene import MOVES, scene_reflectance, simulate
@@ -100,7 +99,7 @@ def expose_pictures(
         )
     still = (velocity == 0).all(1) if ego is None else (ego == 0) & (not vehicle.turns)
     names = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
-    own_masks = None if masks is None else checked(masks, batch, (scene.shape[-2], scene.shape[-1]))
+    own_masks = None if masks is None else checked_masks(masks, batch, (scene.shape[-2], scene.shape[-1]))
     cuts = _cuts(scene, encoding, own_masks, names, velocity, exposure)
     gains = _gains_db(
         gain_db,

@@ -23,9 +23,9 @@ from blurnoise._core.limits import DRAWN_FROM, LIMITS, limited
 from blurnoise.motion.causes import LONGEST_SHAKE, path_duration_s, shake
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.moving_masks import Moves
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.scene.cutting import Moves
 from blurnoise.scene.metering import AutoExposure
 from blurnoise.scene.scene import MOVES
 

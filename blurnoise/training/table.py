@@ -25,8 +25,8 @@ from torch import Tensor
 from blurnoise._core.checks import integer, one_of, shown
 from blurnoise._core.files import json_of
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.moving_masks import Moves
 from blurnoise.optics.camera import Camera
+from blurnoise.scene.cutting import Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise.scene.scene import MOVES
 from blurnoise.training.ranges import (

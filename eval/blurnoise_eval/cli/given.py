@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.hdr import Flicker
-    from blurnoise.mattes import Cut, Matte
     from blurnoise.motion.ego import Lens, Vehicle
     from blurnoise.motion.trajectory import Trajectory
     from blurnoise.optics.camera import Camera
     from blurnoise.optics.colour import Cfa
     from blurnoise.optics.gains import Capture
     from blurnoise.optics.spectra import Curve
+    from blurnoise.scene.cutting import Cut, Matte
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.objects import Objects
@@ -127,16 +127,16 @@ def cut_out(
 
     plate: the scene without it; without it, that is invented.
     """
-    from blurnoise import mattes
+    from blurnoise.scene import cutting
 
     found = matte(where, (light.shape[-2], light.shape[-1]))
     behind = None if plate is None else _as(light, plate, encoding)
-    return mattes.cut_out(light, [found], [velocity_px_s], behind)
+    return cutting.cut_out(light, [found], [velocity_px_s], behind)
 
 
 def matte(where: str, size: tuple[int, int]) -> Matte:
     """Of an object in a picture (H, W), "mask.png" or "x,y,width,height"."""
-    from blurnoise import mattes
+    from blurnoise.scene import cutting
 
     try:
         numbers = [float(part) for part in where.split(",")]
@@ -144,7 +144,7 @@ def matte(where: str, size: tuple[int, int]) -> Matte:
         numbers = []
     if len(numbers) == 4:
         x, y, width, height = numbers
-        found = mattes.of_box(x, y, width, height, size)
+        found = cutting.of_box(x, y, width, height, size)
     elif numbers:
         raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
     else:

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.hdr import Flicker
-    from blurnoise.mattes import Cut
     from blurnoise.motion.trajectory import Trajectory
     from blurnoise.optics.camera import Camera
     from blurnoise.optics.gains import Capture
+    from blurnoise.scene.cutting import Cut
 
 
 _EGO = "With --ego: the camera on the vehicle"

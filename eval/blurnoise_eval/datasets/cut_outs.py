@@ -2,7 +2,7 @@
 
 Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or
 overlap each other the one whose box ends further down is in front. What is behind a target is true where the picture
-was rendered, the user's where there is a plate, else invented from around it (:mod:`blurnoise.mattes`).
+was rendered, the user's where there is a plate, else invented from around it (:mod:`blurnoise.scene.cutting`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import mattes
 from blurnoise.layers import Layer
-from blurnoise.mattes import Cut, Matte
+from blurnoise.scene import cutting
+from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.scene import ExposedScene
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.folder import from_file
@@ -133,13 +133,13 @@ def cut_out(
     plate = None if objects.plates is None else _plate(location(objects.plates), picture, light, scale)
     still = [(0.0, 0.0)] * len(found)
     covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
-    hole = mattes.hole_of(covered)
+    hole = cutting.hole_of(covered)
     if plate is not None:  # only there: what stands, crowds too, is background
         plate = torch.where(torch.from_numpy(hole), plate, light)
     if plate is None and (not found or hole.all()):
-        cut = mattes.cut_out(light, found, still, light)._replace(invented=covered)
+        cut = cutting.cut_out(light, found, still, light)._replace(invented=covered)
     else:
-        cut = mattes.cut_out(light, found, still, plate)
+        cut = cutting.cut_out(light, found, still, plate)
     motions = [_motion(every[place], objects) for place, _ in own]
     hidden = [_before(place, found, motions) for place in range(len(found))]
     layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
@@ -175,7 +175,7 @@ def _before(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> 
     for other in range(place + 1, len(found)):
         if motions[other] != motions[place] and ((found[other] >= 1) & (found[place] > 0)).any():
             hidden |= found[other] > 0
-    return mattes.hole_of(hidden) if hidden.any() else hidden
+    return cutting.hole_of(hidden) if hidden.any() else hidden
 
 
 def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer:
@@ -187,7 +187,7 @@ def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer
     own, unknown = light[..., *within], hidden[within]
     if unknown.any():
         unknown = unknown | (layer.alpha.numpy() == 0)
-        own = own if unknown.all() else mattes.filled(own, unknown)
+        own = own if unknown.all() else cutting.filled(own, unknown)
     return replace(layer, light=own[0])
 
 
@@ -203,7 +203,7 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
                 return matte
     x0, y0, x1, y1 = target.box_xyxy
     if how == "box" or target.text is not None:
-        return mattes.of_box(x0, y0, x1 - x0, y1 - y0, size)
+        return cutting.of_box(x0, y0, x1 - x0, y1 - y0, size)
     return segmentation.of_object_in(image8, target.box_xyxy)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from blurnoise.mattes import Cut
+    from blurnoise.scene.cutting import Cut
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

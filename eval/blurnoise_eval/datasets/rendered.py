@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.layers import Layer
-    from blurnoise.mattes import Cut
+    from blurnoise.scene.cutting import Cut
 
 RENDERED_SIZE_PX = 320
 RENDERED_PICTURES = 20
@@ -164,7 +164,7 @@ def _behind(number: int, seed: int) -> Tensor:
 
 def _cut(signs: tuple[_Sign, ...], number: int, seed: int) -> Cut:
     """The signs as layers, and what is behind them: nothing of it is invented."""
-    from blurnoise.mattes import Cut
+    from blurnoise.scene.cutting import Cut
 
     behind = _behind(number, seed)
     return Cut(behind, tuple(map(_layer, signs)), np.zeros(behind.shape[-2:], bool))

@@ -1,6 +1,6 @@
 """Mattes of annotations and boxes: COCO's polygons and run lengths, and what GrabCut finds in a box.
 
-Domain: as :mod:`blurnoise.mattes`; coordinates in px from the corner of the first pixel, x right, y down.
+Domain: as :mod:`blurnoise.scene.cutting`; coordinates in px from the corner of the first pixel, x right, y down.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import an_instance, integer, shown
-from blurnoise.mattes import AROUND_PX, LARGEST_PX, Matte, Size, checked_size, of_box
+from blurnoise.scene.cutting import AROUND_PX, LARGEST_PX, Matte, Size, checked_size, of_box
 
 _FINER = 8  # pixels of a polygon's mask along one of the picture's
 _CUT_PX = 160  # longest side of what GrabCut works on: its time goes with the pixels

@@ -14,12 +14,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise import mattes
 from blurnoise.motion.causes import path_duration_s, shake, speed_bump
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
+from blurnoise.scene import cutting
 from blurnoise.scene.scene import simulate
 from blurnoise.training.expose import expose_pictures
 from blurnoise_eval.drawing.gallery import Tile, as_shown
@@ -57,15 +57,15 @@ KINDS = (
 )
 
 
-def middle_box(size: tuple[int, int]) -> mattes.Matte:
+def middle_box(size: tuple[int, int]) -> cutting.Matte:
     """The matte of a box in the middle of a picture (H, W), a third of it wide and high."""
     height, width = size
-    return mattes.of_box(width / 3, height / 3, width / 3, height / 3, size)
+    return cutting.of_box(width / 3, height / 3, width / 3, height / 3, size)
 
 
 def tiles(
     coded: NDArray[np.float32],
-    matte: mattes.Matte,
+    matte: cutting.Matte,
     camera: Camera,
     *,
     exposure_s: float,

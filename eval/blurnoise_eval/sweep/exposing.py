@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.cut_scene import CutScene
 from blurnoise.layers import boxes_in_motion
 from blurnoise.light import effects
 from blurnoise.motion.causes import StatedTrajectory
@@ -26,6 +25,7 @@ from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
+from blurnoise.scene.cut_scene import CutScene
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
@@ -43,7 +43,7 @@ class Frame(NamedTuple):
 
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
     a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented:
-    by the place of a target, see :meth:`blurnoise.cut_scene.CutScene.invented`. own_px: by its place, the blur of
+    by the place of a target, see :meth:`CutScene.invented`. own_px: by its place, the blur of
     a target that crosses the view at a speed of its own.
     """
 

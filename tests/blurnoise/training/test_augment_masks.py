@@ -14,7 +14,6 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise import Camera, develop, mattes, simulate
-from blurnoise.moving_masks import plate_of
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.expose import expose_pictures, velocity_px_s
@@ -51,7 +50,7 @@ def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
     own, rest = (along, still) if moves == "targets" else (still, along)
     light = linear_from_srgb(image[:1])
     matte = masks[0].amax(0).numpy()
-    cut = mattes.cut_out(light, [matte], [own], plate_of(light, matte))
+    cut = mattes.cut_out(light, [matte], [own], mattes.filled(light, mattes.hole_of(matte > 0)))
     dn = simulate(
         cut.background, Camera.preset("imx250"), exposure_s=0.02, illuminance_lux=80.0, velocity_px_s=rest,
         encoding="linear", layers=cut.layers, generator=[0], fidelity=fidelity,
@@ -108,13 +107,13 @@ def test_what_is_behind_is_taken_from_around() -> None:
     for light, off in ((torch.full((1, 3, *SIZE), 0.3), 1e-6), (slope, 0.03), (noise, 1.0)):
         spoilt = light.clone()
         spoilt[..., hidden] = 1.0
-        plate = plate_of(spoilt, matte)
+        plate = mattes.filled(spoilt, mattes.hole_of(matte > 0))
         assert plate.dtype == light.dtype
         assert float((plate - light)[..., hidden].abs().max()) <= off
         away = torch.from_numpy(~mattes.hole_of(matte > 0))
         assert torch.equal(plate[..., away], light[..., away])
         assert float(plate[..., hidden].max()) < 1.0
-        assert torch.equal(plate_of(light, matte), plate)  # whatever was there
+        assert torch.equal(mattes.filled(light, mattes.hole_of(matte > 0)), plate)  # whatever was there
     assert abs(float(plate[..., hidden].mean()) - 0.5) < 0.1
 
 
@@ -128,7 +127,7 @@ def test_near_parts_are_one_layer_and_far_ones_two(monkeypatch: pytest.MonkeyPat
         counts.append(len(own))
         return kept(light, own, *rest)
 
-    monkeypatch.setattr("blurnoise.moving_masks.cut_out", counted)
+    monkeypatch.setattr("blurnoise.scene.cutting.cut_out", counted)
     for left, expected in ((35, 1), (90, 2)):
         masks = torch.zeros(1, 1, 40, 160)
         masks[..., 10:25, 10:25] = masks[..., 10:25, left : left + 15] = 1.0
@@ -292,7 +291,7 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera: Any, s
         velocity = velocity_px_s(one["speed_px_s"], one["direction_deg"])[0]
         own, rest = (velocity, 0 * velocity)[:: 1 if aug.ranges.moving(one) == ["targets"] else -1]
         light = linear_from_srgb(image[item : item + 1])
-        cut = mattes.cut_out(light, [matte], [own], plate_of(light, matte))
+        cut = mattes.cut_out(light, [matte], [own], mattes.filled(light, mattes.hole_of(matte > 0)))
         dn = simulate(
             cut.background, taker, exposure_s=exposure_s, illuminance_lux=float(one["illuminance_lux"]),
             velocity_px_s=rest, encoding="linear", layers=cut.layers, generator=one["noise_seed"].tolist(),

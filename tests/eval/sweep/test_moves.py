@@ -28,11 +28,11 @@ from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 
 from blurnoise import charts
-from blurnoise.cut_scene import CutScene
 from blurnoise.layered import at_rest
 from blurnoise.layers import boxes_in_motion
-from blurnoise.mattes import Cut
 from blurnoise.scene import scene
+from blurnoise.scene.cut_scene import CutScene
+from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 KINDS = (0.0, 1.0, 2.0)

@@ -1,14 +1,15 @@
-"""Mattes: where objects are in a picture, and the layers cut out by them.
+"""Cutting objects out of pictures: mattes, masks of a batch, the layers that they make, and what is behind them.
 
-Domain: a matte is (H, W) float32 within [0, 1], the share of each pixel that the object covers. Coordinates in px
-from the corner of the first pixel, x right, y down. What is behind an object in a photograph nobody knows: it is
-invented from around it (Bertalmío et al. 2001), and ``invented`` says where.
+Domain: a matte is (H, W) float32 within [0, 1], the share of each pixel that the object covers; masks are
+(B, N, H, W) of any type, the same of the N objects of each picture. Coordinates in px from the corner of the first
+pixel, x right, y down. What is behind an object in a photograph nobody knows: it is taken from what is known around
+it, at ever coarser scales, and ``invented`` says where.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -18,15 +19,18 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise._core.limits import LARGEST_PICTURE
-from blurnoise.layers import Layer
+from blurnoise.layers import Layer, reach_px
 
 Matte = NDArray[np.float32]
 Size = tuple[int, int]
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 AROUND_PX = 24  # what is looked at around a hole
-_NEAR_PX = 5.0
+_LEAST = 1e-6  # share of a coarse pixel from which on it is known
 LARGEST_PX = 1e6
+Moves = Literal["all", "targets", "background"]
+"""What moves: everything, as before a camera that turns; what masks show, before a camera at rest; or what is behind
+it, before a camera that follows the targets."""
 
 
 class Cut(NamedTuple):
@@ -127,18 +131,64 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
 
 
 def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
-    """Light (1, C, H, W) with the hole filled from around it, channel by channel; the rest as it is."""
+    """Light (1, C, H, W) with the hole filled from around it: no value beyond those around, nor with a gradient."""
     if not hole.any():
         return light
     rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
     box = tuple(slice(max(0, each[0] - AROUND_PX), each[-1] + 1 + AROUND_PX) for each in (rows, columns))
-    missing = hole[box].astype(np.uint8)
+    missing = hole[box]
+    seen = light.detach()[0][:, box[0], box[1]].permute(1, 2, 0).cpu().numpy().astype(np.float32)
+    found = torch.from_numpy(_from_around(seen, ~missing)).permute(2, 0, 1).to(light)
     out = light.clone()
-    for channel in range(out.shape[1]):
-        part = out[0, channel][box]
-        seen = np.ascontiguousarray(part.detach().cpu().numpy(), np.float32)
-        found = cv2.inpaint(
-            seen, missing, _NEAR_PX, cv2.INPAINT_NS
-        )  # of floats, OpenCV 5.0's Telea goes wild
-        part[torch.from_numpy(missing > 0).to(light.device)] = torch.from_numpy(found[missing > 0]).to(light)
+    part = out[0][:, box[0], box[1]]
+    part[:] = torch.where(torch.from_numpy(missing).to(light.device), found, part.clone())
     return out
+
+
+def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """A part (h, w, C) with what is not known taken from half the scale, where it is the mean of what is."""
+    if known.all() or not known.any():
+        return part
+    height, width = known.shape
+    half, weight = ((width + 1) // 2, (height + 1) // 2), known.astype(np.float32)
+    share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
+    light = cv2.resize(part * weight[..., None], half, interpolation=cv2.INTER_AREA).reshape(*share.shape, -1)
+    coarse = _from_around(light / np.maximum(share, _LEAST)[..., None], share > _LEAST)
+    finer = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR).reshape(part.shape)
+    return np.where(known[..., None], part, finer)
+
+
+def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
+    """Masks (B, N, H, W) of a batch of pictures (H, W). Raises ``TypeError`` or ``ValueError``."""
+    an_instance("masks", masks, Tensor)
+    if masks.ndim != 4 or (len(masks), *masks.shape[2:]) != (batch, *size):
+        wanted = f"({batch}, N, {size[0]}, {size[1]})"
+        raise ValueError(f"masks: shape must be {wanted}, one row for each picture, got {tuple(masks.shape)}")
+    if masks.numel() and masks.dtype != torch.bool:
+        low, high = (float(end) for end in masks.detach().aminmax())
+        if not (low >= 0 and high <= 1):
+            raise ValueError(f"masks: values span [{low:g}, {high:g}]; must lie within [0, 1]")
+    return masks
+
+
+def matte_of(masks: Tensor) -> Matte | None:
+    """The union of a picture's masks (N, H, W); None where there is nothing, or nothing of the background is left."""
+    if not masks.numel():
+        return None
+    matte = masks.detach().amax(0).to(torch.float32).cpu().numpy()
+    return None if not matte.any() or hole_of(matte > 0).all() else matte
+
+
+def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
+    """A picture (1, C, H, W), linear light, cut into its background and what the matte shows, at a velocity (2,).
+
+    All objects of a picture move alike, so that the union of its masks says all. Parts so near each other that they
+    meet on their way are one layer, which costs the less.
+    """
+    covered = (matte > 0).astype(np.uint8)
+    reach = [max(1, reach_px(along * exposure_s)) for along in velocity_px_s.detach().tolist()]
+    near = cv2.dilate(covered, np.ones((1, 2 * reach[0] + 1), np.uint8))
+    near = cv2.dilate(near, np.ones((2 * reach[1] + 1, 1), np.uint8))
+    count, parts = cv2.connectedComponents(near)
+    own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
+    return cut_out(light, own, [velocity_px_s] * len(own))

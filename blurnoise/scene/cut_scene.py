@@ -16,7 +16,7 @@ from itertools import groupby
 from typing import Any
 
 from blurnoise.layers import Layer, as_one, seen_behind, window_at_rest
-from blurnoise.mattes import Cut
+from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 _Motion = tuple[float, tuple[float, float]]

@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from blurnoise import Camera, charts
-from blurnoise.cut_scene import CutScene
 from blurnoise.layers import Layer
-from blurnoise.mattes import Cut
 from blurnoise.motion.trajectory import Trajectory
+from blurnoise.scene.cut_scene import CutScene
+from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 CAMERA = Camera.preset("imx250")
