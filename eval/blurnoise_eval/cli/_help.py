@@ -20,8 +20,8 @@ USUAL: dict[str, tuple[str, ...]] = {
         "camera", "threads", "output", "as_json",
     ),
     "decide": (
-        "model", "images", "coco", "target", "limit", "exposure_ms", "lux", "dx", "keep", "regret", "camera",
-        "threads", "output", "as_json",
+        "model", "images", "coco", "target", "limit", "exposure_s", "illuminance_lux", "velocity_x_px_s", "keep",
+        "regret", "camera", "threads", "output", "as_json",
     ),
     "simulate": (
         "image", "output", "exposure_ms", "lux", "dx", "dy", "camera", "gain_db", "f_number", "seed", "explain",

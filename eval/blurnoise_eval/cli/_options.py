@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial, wraps
 from inspect import Parameter, signature
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Argument, Context, Option
@@ -31,6 +32,7 @@ ENGINE_NAMES = ("threads", "processes", "ray")
 BOXES = ("object", "half", "swept")
 SCORES = ("target_confidence", "detection_rate", "recall@0.1", "ap50", "ap", "exact_match")
 _LIST = "1,5,10 or start:stop:step (stop included)"
+_RANGES = "1,5,10, start:stop:step, or low:high for both and 1, 3, 10, 30 ... between"
 _MOST_NUMBERS = 100_000
 _QUICKLY_READ = 30_000_000  # bytes; completion must not keep anybody waiting
 
@@ -118,16 +120,11 @@ def bounds(text: str | Range) -> Range:
         raise ValueError(f"{text!r}: must be low:high or a number") from None
 
 
-def range_or_list(text: str) -> Range | tuple[float, ...]:
-    """Parse "low:high" as :func:`bounds`, else as :func:`numbers`. Raises ``ValueError``."""
-    return bounds(text) if text.count(":") == 1 else numbers(text)
-
-
-def spread(text: str) -> tuple[float, ...]:
+def spread(text: str, *, automatic: bool = False) -> tuple[float, ...]:
     """Parse "low:high" as its ends and what 1, 3, 10, 30 ... lies between, from two decades below the high end where
     the low one is 0; else as :func:`numbers`. Raises ``ValueError``."""
     if text.count(":") != 1:
-        return numbers(text)
+        return numbers(text, automatic=automatic)
     low, high = bounds(text)
     if not 0 <= low < high < math.inf:
         raise ValueError(f"{text!r}: must be low:high with 0 <= low < high")
@@ -302,11 +299,14 @@ ModelTimeout = Annotated[
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
 
 
-def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def axis_options(
+    *, ranges: bool = False, also: Mapping[str, str] = MappingProxyType({}), **usual: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command an option for each of ``AXES`` in the place of its parameter ``grid``.
 
-    usual: by the axis's name what its option is unless stated, where that is not the axis's own default. The command
-    gets in ``grid`` what was stated or is usual; the camera knows the rest.
+    ranges: whether a list may be a range, as :func:`spread` reads it. also: further names of options, by the axis's
+    name. usual: by the axis's name what its option is unless stated, where that is not the axis's own default. The
+    command gets in ``grid`` what was stated or is usual; the camera knows the rest.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -323,7 +323,10 @@ def axis_options(**usual: str) -> Callable[[Callable[..., None]], Callable[..., 
 
         stated = signature(command, eval_str=True)
         shared = [part for name, part in stated.parameters.items() if name != "grid"]
-        added = [_axis_option(axis, usual.get(axis.name, default_text(axis))) for axis in AXES]
+        added = [
+            _axis_option(axis, usual.get(axis.name, default_text(axis)), also.get(axis.name), ranges)
+            for axis in AXES
+        ]
         place = list(stated.parameters).index("grid")
         own = Parameter("context", Parameter.KEYWORD_ONLY, annotation=Context)
         parameters = [own, *shared[:place], *added, *shared[place:]]
@@ -371,16 +374,20 @@ def names(text: str, axis: Axis) -> tuple[float, ...]:
     return tuple(axis.place_of(part.strip()) for part in text.split(","))
 
 
-def _axis_option(axis: Axis, usual: str | None) -> Parameter:
+def _axis_option(axis: Axis, usual: str | None, also: str | None, ranges: bool) -> Parameter:
     parser: Callable[[str], tuple[float, ...]] = (
-        partial(names, axis=axis) if axis.choices else partial(numbers, automatic=axis.automatic)
+        partial(names, axis=axis)
+        if axis.choices
+        else partial(spread if ranges else numbers, automatic=axis.automatic)
     )
+    listed = "LIST|RANGE" if ranges and not axis.choices else "LIST"
     option = Option(
         axis.option,
+        *([also] if also else []),
         parser=parser,
-        metavar="auto|LIST" if axis.automatic else "LIST",
+        metavar=f"auto|{listed}" if axis.automatic else listed,
         autocompletion=one_of(axis.choices) if axis.choices else None,
         help=axis.about,
-        rich_help_panel=f"Conditions, each as {_LIST}",
+        rich_help_panel=f"Conditions, each as {_RANGES if ranges else _LIST}",
     )
     return Parameter(axis.name, Parameter.KEYWORD_ONLY, default=usual, annotation=Annotated[object, option])

@@ -23,7 +23,7 @@ from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, check_cut
-from blurnoise_eval.deciding.decision import BECAUSE, CHEAPER, QUESTION, Decision, answers_of
+from blurnoise_eval.deciding.decision import BECAUSE, CHEAPER, QUESTION, Decision, answering, answers_of
 from blurnoise_eval.deciding.nodes import lattice
 from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
@@ -32,13 +32,14 @@ from blurnoise_eval.deciding.realised import conditions_at
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.axes import EGO
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.axes import EGO, VELOCITY
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.recommendation import MOST_COMMON
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
@@ -50,6 +51,8 @@ from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, progress_bar
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
+from blurnoise_eval.sweep.run_scores import withheld_models
+from blurnoise_eval.sweep.run_surfaces import run_averages
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
@@ -147,7 +150,9 @@ def decided(
     temperature = question.further.get("temperature_c", 25.0)
     path = None if trajectory is None else StatedTrajectory.parse(trajectory)
     drives = bool(question.further.get(EGO.name)) or ego is not None
-    because = what_breaks(camera, question.exposures_s, question.lines, temperature, path, drives)
+    because = question.not_on_a_plane or what_breaks(
+        camera, question.exposures_s, question.lines, temperature, path, drives
+    )
     cheaper = [] if because or precision.stated else _cheaper(folder, question, precision)
     if progress and not because:
         most = _most_nodes(question, precision)
@@ -255,6 +260,9 @@ def _search(
             ]
             ask(store, Batch(n_pictures, tuple(places), tuple(found)))
             computing.up_to(len(asked(store)) - 1)
+        while common := _common(store, question, criterion, cluster):
+            ask(store, Batch(n_pictures, (), common))
+            computing.up_to(len(asked(store)) - 1)
         if precision.stated and precision.reached(answers_of(store, criterion, cluster)):
             break
 
@@ -268,13 +276,37 @@ def _next(
     search = Search(question.lines, question.exposures_s, criterion.level, most_nodes=most_nodes, trend=trend)
     batches = [batch for batch in asked(store) if batch.places]
     seen = observed(store, criterion, cluster) if batches else []
-    known = [each for each in seen if not each.withheld]
+    unfit = withheld_models(store, cluster) if batches else {}
+    known = [each for each in seen if not each.withheld and each.model not in unfit]
     if batches and not known:
         return ()
     for batch in batches:
         values, errors = zip(*(_at(each, batch.places) for each in known), strict=True)
         search.tell(batch.places, np.array(values), np.array(errors))
     return tuple((u, w) for u, w in search.ask().tolist())
+
+
+def _common(
+    store: Store, question: Question, criterion: Criterion, cluster: str | None
+) -> tuple[Conditions, ...]:
+    """All lights and speeds at the exposure that is recommended for all of them, where no near one was measured
+    there; nothing where each model has one, or ``MOST_COMMON`` exposures."""
+    models = run_averages(store, answering(store, criterion, cluster), criterion.level)
+    measured = {at.exposure_s for batch in asked(store) if not batch.places for at in batch.conditions}
+    if len(measured) >= MOST_COMMON * len(models):
+        return ()
+    wanted = (each.unmeasured(measured) for each in models)
+    exposure_s = next((each for each in wanted if each is not None), None)
+    if exposure_s is None:
+        return ()
+    low, high = question.exposures_s
+    at = {"exposure_s": min(max(exposure_s, low), high), **question.further}
+    return tuple(
+        Conditions(
+            **at, illuminance_lux=line.illuminance_lux, **dict(zip(VELOCITY, line.velocity_px_s, strict=True))
+        )
+        for line in question.lines
+    )
 
 
 def _at(seen: Observed, places: Sequence[Place]) -> tuple[Array, Array]:

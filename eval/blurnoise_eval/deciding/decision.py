@@ -6,7 +6,6 @@ nodes, with what they leave open in every interval. Where the plane did not hold
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -19,15 +18,16 @@ from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.exposure_window import answers
+from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.evaluation import Evaluation
 from blurnoise_eval.sweep.run_folder import Grouped
+from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
 
 QUESTION, BECAUSE, CHEAPER = "question", "not the plane because", "the grid is cheaper"
 """Under which a run's store keeps what was asked last, why the plane does not hold, and why the grid costs less."""
-_GRID_EXPOSURES = 10  # of the grid that a search is compared with
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
 
@@ -44,12 +44,22 @@ def on_lines(store: Store, measured: Grouped) -> Grouped:
         yield list(predicted_surfaces(seen, question, trend))
 
 
+def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[Surface]:
+    """The surfaces of all that has answers, on the lines of the run's question."""
+    unfit = withheld_models(store, cluster)
+    measured = grouped_surfaces(store, criterion, cluster)
+    every = on_lines(store, (alike for alike in measured if alike[0].model not in unfit))
+    return [surface for alike in every for surface in alike if not too_little(surface)]
+
+
 def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
     """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
-    every = on_lines(store, grouped_surfaces(store, criterion, cluster))
-    told = [surface for alike in every for surface in alike if not too_little(surface)]
     monotone = store.about("manifest").get("trajectory") is None
-    return [answer.row() for each in told for answer in answers(each, criterion, monotone=monotone)]
+    return [
+        answer.row()
+        for each in answering(store, criterion, cluster)
+        for answer in answers(each, criterion, monotone=monotone)
+    ]
 
 
 class Decision(Evaluation):
@@ -62,8 +72,8 @@ class Decision(Evaluation):
 
     @cached_property
     def decided(self) -> dict[str, Any] | None:
-        """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that as many exposures as
-        ``grid_exposures`` would take; ``because``: why it was a full grid. None of a run without a question."""
+        """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that the grid would take;
+        ``because``: why it was a full grid. None of a run without a question."""
         with Store(self.folder, shared=True) as store:
             if store.about(QUESTION) is None:
                 return None
@@ -73,13 +83,12 @@ class Decision(Evaluation):
             n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
         n_nodes = sum(len(batch.conditions) for batch in batches)
         if because:
-            n_nodes = math.prod(map(len, question.grid.values()))
+            n_nodes = question.grid_conditions
         return {
             "nodes": n_nodes,
             "pictures": n_pictures,
             "cells": n_nodes * n_pictures * repeats,
-            "grid_exposures": _GRID_EXPOSURES,
-            "grid_cells": _GRID_EXPOSURES * len(question.lines) * n_pictures * repeats,
+            "grid_cells": question.grid_conditions * n_pictures * repeats,
             "because": because,
         }
 
@@ -92,8 +101,7 @@ class Decision(Evaluation):
             return [f"A grid of {of['nodes']} conditions, not a search: {'; '.join(of['because'])}."]
         return [
             f"{_count(of['nodes'], 'condition')} before {_count(of['pictures'], 'picture')}:"
-            f" {_count(of['cells'], 'cell')}, where"
-            f" {of['grid_exposures']} exposures under every light at every speed would take {of['grid_cells']}."
+            f" {_count(of['cells'], 'cell')}, where the grid would take {of['grid_cells']} before it is refined."
         ]
 
     @property

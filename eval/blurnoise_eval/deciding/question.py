@@ -1,6 +1,6 @@
 """A question: over which exposures, under which lights and at which speeds it is asked what works.
 
-Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`; light above 0.
+Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from itertools import product
 from typing import Any
 
 from blurnoise_eval.deciding.nodes import Line, exposures_on
-from blurnoise_eval.grid.axes import EXPOSURE, FURTHER, LIGHT, VELOCITY
+from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
 from blurnoise_eval.grid.conditions import SweepPlan
 
 _GRID_PER_STOP = 2  # exposures of the grid where the plane does not hold
@@ -23,9 +23,9 @@ _GRID_PER_STOP = 2  # exposures of the grid where the plane does not hold
 class Question:
     """Every exposure between two, s, with every combination of the values on the other axes.
 
-    values: by the axis's name, as :class:`SweepPlan` takes them; a further axis has one. tested_s: the exposures of
-    the grid, if it is computed, by default half a stop apart. Raises ``ValueError`` for
-    exposures that are no range, darkness, several values on a further axis, and what is not allowed on an axis.
+    values: by the axis's name, as :class:`SweepPlan` takes them. tested_s: the exposures of the grid, if it is
+    computed, by default half a stop apart. Raises ``ValueError`` for exposures that are no range, unless they are
+    listed, and for what is not allowed on an axis.
     """
 
     exposures_s: tuple[float, float]
@@ -34,19 +34,35 @@ class Question:
 
     def __post_init__(self) -> None:
         low, high = self.exposures_s
-        if not low < high:
+        if not (low < high or self.tested_s):
             raise ValueError(f"{EXPOSURE.name} = {low:g} to {high:g}: must be a range, the shortest first")
-        checked = SweepPlan({**self.values, EXPOSURE.name: self.exposures_s}).grid
+        checked = SweepPlan({**self.values, EXPOSURE.name: self.tested_s or self.exposures_s}).grid
         object.__setattr__(self, "values", {name: checked[name] for name in checked if name != EXPOSURE.name})
-        if self.values[LIGHT.name][0] == 0:
-            raise ValueError(f"{LIGHT.name} = 0: must be above 0")
-        for name in FURTHER:
-            if len(self.values.get(name, ())) > 1:
-                raise ValueError(f"{name} = {self.values[name]}: must be one value; ask for each by itself")
+
+    @classmethod
+    def of_grid(cls, grid: Mapping[str, tuple[float, ...]]) -> Question:
+        """The question that a sweep over this grid answers."""
+        exposures = tuple(sorted(set(grid[EXPOSURE.name])))
+        rest = {name: values for name, values in grid.items() if name != EXPOSURE.name}
+        return cls((exposures[0], exposures[-1]), rest, exposures)
+
+    @property
+    def not_on_a_plane(self) -> list[str]:
+        """Why only a grid answers, whatever the camera, a reason each."""
+        reasons = []
+        if self.exposures_s[1] == AUTOMATIC:
+            reasons.append("the camera sets the exposure itself")
+        elif self.exposures_s[0] == self.exposures_s[1]:
+            reasons.append("there is one exposure")
+        if self.lights_lux[0] == 0:
+            reasons.append("without light there is no lux x seconds")
+        several = [name for name in FURTHER if len(self.values.get(name, ())) > 1]
+        return reasons + [f"{axis(name).title.lower()} has several values" for name in several]
 
     @property
     def further(self) -> dict[str, float]:
-        """Where the other axes stand; those that are not named stand where the camera has them."""
+        """Where the other axes stand, at the first of several values; those that are not named stand where the camera
+        has them."""
         return {name: self.values[name][0] for name in FURTHER if name in self.values}
 
     @property
@@ -62,8 +78,9 @@ class Question:
 
     @cached_property
     def lines(self) -> tuple[Line, ...]:
-        """A line of the plane for each light and velocity, the darkest first."""
-        return tuple(Line(lux, velocity) for lux, velocity in product(self.lights_lux, self.velocities_px_s))
+        """A line of the plane for each light above 0 and velocity, the darkest first."""
+        lights = filter(None, self.lights_lux)
+        return tuple(Line(lux, velocity) for lux, velocity in product(lights, self.velocities_px_s))
 
     @property
     def grid(self) -> dict[str, tuple[float, ...]]:

@@ -25,6 +25,7 @@ from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, run_averages, too_little
 
 GREY = 0.18
@@ -67,7 +68,14 @@ def read(
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera of which light and exposure do not tell.
     """
-    measured = list(grouped_surfaces(store, criterion, cluster))
+    unfit = withheld_models(store, cluster)
+    found = list(grouped_surfaces(store, criterion, cluster))
+    measured = [alike for alike in found if alike[0].model not in unfit]
+    if unfit and (model in unfit or not measured):
+        raise ValueError(
+            f"run = {str(store.folder)!r}: "
+            + "; ".join(f"{name}: {reason}" for name, reason in unfit.items() if model in (None, name))
+        )
     every = on_plane(store, measured)
     names = list(dict.fromkeys(seen.model for seen in every))
     if (model is None and len(names) > 1) or (model is not None and model not in names):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -34,9 +34,14 @@ SATURATED = 0.1
 """A share of saturated values above this speaks against an exposure while another one works."""
 AS_SATURATED = 0.05
 """Where all that work saturate more, shares this close to the least are equally good."""
-CLOSE = 0.25
-"""Stops between tested exposures, closer than which no further one is asked for."""
+CLOSE = 0.2
+"""Stops from a tested exposure, closer than which no further one is asked for."""
+WIDE, THIRD = 0.5, 1 / 3
+"""Stops from the best tested exposure to its neighbours, or to one that saturates, within which it is known."""
+MOST_COMMON = 4
+"""Exposures that are added for each model under all conditions, at most."""
 SURE, FAILS, CANNOT_TELL = "sure", "no", "cannot tell"
+_ROUNDED = 0.02  # stops: exposures are rounded to three digits
 _LEAST_EFFECTIVE = 3.0  # pictures of equal weight, below which no interval is given
 _NORMAL = 1.96  # standard errors on either side of the mean, 95 % of a normal distribution
 
@@ -154,27 +159,37 @@ class Averages:
     def next_exposure(self) -> float | None:
         """The exposure to test next under all conditions, nearer to the one that keeps most; None where it is near.
 
-        The top of a parabola in log exposure through the best and its neighbours, where it promises more than
-        ``NEAR``; where a neighbour saturates, the middle between it and the best. None at an end of what was tested,
-        and closer than ``CLOSE`` stops to what was.
+        The top of a parabola in log exposure through the best and its neighbours, unless that is ``CLOSE`` to one of
+        them; else the middle of the wider gap between the best and a neighbour that keeps less, where that is wider
+        than ``WIDE`` or, beside one that saturates, which comes first, than a third of a stop.
         """
         _, counted = self._line(range(len(self.settings)))
         tested = np.flatnonzero(np.isfinite(counted))
-        if not len(tested) or not np.isfinite(np.array(self.exposures_s)[tested]).all():
+        x, y = np.log2(np.array(self.exposures_s)[tested]), counted[tested]
+        if len(x) < 2 or not np.isfinite(x).all():
             return None
-        place = int(np.argmax(counted[tested]))
-        if not 0 < place < len(tested) - 1:
+        best = int(np.argmax(y))
+        beside = [place for place in (best - 1, best + 1) if 0 <= place < len(x)]
+        if len(beside) == 2 and y[beside].all():
+            bend, slope, _ = np.polyfit(x[best - 1 : best + 2] - x[best], y[best - 1 : best + 2], 2)
+            top = x[best] - slope / (2 * bend) if bend < 0 else x[best]
+            if np.abs(top - x).min() >= CLOSE:
+                return float(f"{2.0**top:.3g}")
+        gaps = {place: abs(x[place] - x[best]) for place in beside}
+        less = [place for place in beside if y[place] < y[best] - NEAR]
+        wide = [place for place in less if gaps[place] > (WIDE if y[place] else THIRD) + _ROUNDED]
+        if not wide:
             return None
-        x = np.log2(np.array(self.exposures_s)[tested[place - 1 : place + 2]])
-        y = counted[tested[place - 1 : place + 2]]
-        if (y[::2] == 0).any():
-            top = (x[1] + (x[0] if y[0] == 0 else x[2])) / 2
-        else:
-            bend, slope, level = np.polyfit(x - x[1], y, 2)
-            if bend >= 0 or -(slope**2) / (4 * bend) + level - y[1] <= NEAR:
-                return None
-            top = x[1] - slope / (2 * bend)
-        return None if np.abs(top - x).min() < CLOSE else float(f"{2.0**top:.3g}")
+        place = max(wide, key=lambda place: (y[place] == 0, gaps[place]))
+        return float(f"{2.0 ** ((x[place] + x[best]) / 2):.3g}")
+
+    def unmeasured(self, measured_s: Collection[float]) -> float | None:
+        """Of averages that are predicted the exposure to measure next under all conditions: the one to use, unless
+        one that was measured is ``CLOSE`` to it."""
+        choice = self.choose()
+        if choice is None or any(abs(math.log2(choice.exposure_s / each)) < CLOSE for each in measured_s):
+            return None
+        return float(f"{choice.exposure_s:.3g}")
 
     def _line(self, places: Iterable[int]) -> tuple[NDArray[np.int64], Array]:
         """Places (N, E) of the conditions, at each exposure those of the best gains, and the mean (E,) over them, 0

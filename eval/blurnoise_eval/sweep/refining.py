@@ -21,14 +21,12 @@ from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
 from blurnoise_eval.scoring.exposure_window import Answer, answers
-from blurnoise_eval.scoring.recommendation import Averages
+from blurnoise_eval.scoring.recommendation import MOST_COMMON, Averages
 from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.run_scores import run_scores
+from blurnoise_eval.sweep.run_scores import run_scores, withheld_models
 from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, run_averages, too_little
 
-MOST_COMMON = 2
-"""Exposures that each model adds under all conditions, where they promise more than the best tested one."""
 STOPS, STOPS_OF_INTERVAL = 0.25, 0.5
 """The gap about a window's end, and those in which its interval ends, are halved until none is wider."""
 MOST_GROUPS = 4
@@ -57,7 +55,13 @@ def left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion, cluster:
     else:
         every = grouped_surfaces(store, criterion, cluster)
     monotone = manifest.get("trajectory") is None
-    told = [surface for alike in every if not too_little(alike[0]) for surface in alike]
+    unfit = withheld_models(store, cluster)
+    told = [
+        surface
+        for alike in every
+        if alike[0].model not in unfit and not too_little(alike[0])
+        for surface in alike
+    ]
     left = refinement(plan, [each for one in told for each in answers(one, criterion, monotone=monotone)])
     return _with_common(left, plan, run_averages(store, told, criterion.level))
 
@@ -69,9 +73,11 @@ def _with_common(left: Refinement, plan: SweepPlan, models: Iterable[Averages]) 
     names = [name for name in plan.grid if name != EXPOSURE.name]
     every = [dict(zip(names, at, strict=True)) for at in product(*(plan.grid[name] for name in names))]
     conditions, at_most = dict.fromkeys(left.conditions), left.at_most
-    for of in models:
+    every_model = list(models)
+    most = len(plan.values(EXPOSURE.name)) + MOST_COMMON * len(every_model)
+    for of in every_model:
         tested = np.isfinite(of.value).all(axis=0).sum()
-        wanted = of.next_exposure() if tested < len(plan.values(EXPOSURE.name)) + MOST_COMMON else None
+        wanted = of.next_exposure() if tested < most else None
         if wanted is not None:
             conditions |= dict.fromkeys(Conditions(**at, exposure_s=wanted) for at in every)
             at_most += MOST_COMMON * len(every)

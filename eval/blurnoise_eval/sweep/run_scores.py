@@ -30,6 +30,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.coco_export import objects_of, truths, vehicle_of
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_eval.sweep.run_surfaces import models_withheld
 from blurnoise_eval.system.machine import usable_cores
 
 _VERSION = 4  # of what is kept
@@ -81,6 +82,16 @@ def run_scores(
         for row, sizes, n_targets in zip(rows, kept["sizes"], kept["n_targets"], strict=True)
     ]
     return RunScores(rows, performances, sized)
+
+
+def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
+    """As :func:`~.run_surfaces.models_withheld`, by what is scored here of the untouched pictures alone."""
+    manifest = store.about("manifest")
+    clusters = numbered(queries.pictures_seen(store), cluster)
+    every = asked(store, [model["name"] for model in manifest["models"]], clusters)
+    clean = [each for each in every if each.counted["clean"]]
+    found = scored(store, clean, truths(store), _moves(store), clusters)
+    return models_withheld(manifest, (each.row for each in found))
 
 
 def _found(

@@ -14,6 +14,7 @@ from blurnoise_eval.cli import COMMANDS, _options, _program, given, main
 from blurnoise_eval.cli._help import USUAL
 from blurnoise_eval.cli._options import CAMERAS, ENGINE_NAMES, FAMILIES, MODEL_TIMEOUT_S, Grid, axis_options
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors import formats
 from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.grid import conditions
@@ -45,6 +46,7 @@ def grid(monkeypatch: pytest.MonkeyPatch, command: str, *options: str) -> dict[s
     monkeypatch.setattr(given, "pictures", lambda **_: PictureSet("folder", "none", ()))
     assert evaluation.SweepPlan is not ask  # it is imported before, or it would keep the stand-in
     monkeypatch.setattr(conditions, "SweepPlan", ask)
+    monkeypatch.setattr(Question, "of_grid", ask)
     with pytest.raises(Asked) as caught:
         main([command, "-o", "run", *options])
     return dict(caught.value.args[0])
@@ -52,6 +54,21 @@ def grid(monkeypatch: pytest.MonkeyPatch, command: str, *options: str) -> dict[s
 
 def test_a_sweep_not_told_tests_what_the_axes_say(monkeypatch: pytest.MonkeyPatch) -> None:
     assert grid(monkeypatch, "sweep") == {axis.name: axis.default for axis in AXES if axis.default}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [(), ("--gain", "auto,0,12", "--lux", "0,5"), ("--exposure-ms", "3", "--temperature-c", "25,60"),
+     ("--ego-kmh", "0,50"), ("--exposure-ms", "auto", "--moves", "all,targets")],
+)  # fmt: skip
+def test_deciding_asks_what_a_sweep_tests(monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]) -> None:
+    assert grid(monkeypatch, "decide", *options) == grid(monkeypatch, "sweep", *options)
+
+
+def test_deciding_takes_a_range_for_round_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = grid(monkeypatch, "decide", "--exposure-ms", "1:90", "--speed", "0:100")
+    assert asked["exposure_s"] == (0.001, 0.003, 0.01, 0.03, 0.09)
+    assert asked["velocity_x_px_s"] == (0.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 
 def test_charts_have_their_own_exposures_and_lights(monkeypatch: pytest.MonkeyPatch) -> None:

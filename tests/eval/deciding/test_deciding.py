@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -21,7 +22,10 @@ from blurnoise_eval.deciding.deciding import Precision, decided
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.program.reading import read
+from blurnoise_eval.scoring.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.engines import Answers, ThreadEngine
@@ -97,7 +101,7 @@ def test_it_asks_for_few_conditions_and_says_how_many(done: Decision) -> None:
         computed = {cell["cell_id"] for cell in store.cells() if not cell["clean"]}
     assert len(set(nodes)) == len(nodes) == done.decided["nodes"]
     assert len(computed) == done.decided["cells"] == 10 * len(nodes)
-    assert done.decided["grid_cells"] == 10 * 4 * 10
+    assert done.decided["grid_cells"] == 10 * 4 * 5
     assert str(len(nodes)) in done.how()[0]
     page = done.report().read_text("utf-8")
     assert f"{len(nodes)} conditions before " in page
@@ -225,10 +229,10 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_pa
     assert done.decided is not None
     assert ["dark current" in reason for reason in done.decided["because"]] == [True]
     assert "A grid of 10 conditions, not a search: dark current" in done.how()[0]
-    assert len({row["exposure_s"] for row in done.scores if not row["clean"]}) == 5  # half a stop apart
-    assert {len(row["exposures_s"]) for row in done.answers} == {5}
+    assert len(done.data.exposures_s) == 5  # half a stop apart
+    assert {len(row["exposures_s"]) for row in done.answers} <= {5, 6}  # and the best one refined
     with Store(tmp_path) as store:
-        assert asked(store) == ()
+        assert not any(batch.places for batch in asked(store))
 
 
 def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> None:
@@ -271,6 +275,58 @@ def test_a_grid_that_is_cheaper_is_computed(detector: Detector, tmp_path: Path, 
     assert [answer["exposures_s"] for answer in run.answers] == [
         each["exposures_s"] for each in swept.answers
     ]
+
+
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [
+        ({"gain_db": (0.0, 12.0)}, "gain has several values"),
+        ({"illuminance_lux": (0.0, 5.0)}, "without light there is no lux x seconds"),
+        ({"exposure_s": (0.01,)}, "there is one exposure"),
+        ({"exposure_s": (AUTOMATIC,), "gain_db": (AUTOMATIC,)}, "the camera sets the exposure itself"),
+    ],
+)
+def test_lists_that_have_no_plane_are_the_grid_of_a_sweep(
+    detector: Detector, tmp_path: Path, stated: dict[str, tuple[float, ...]], reason: str
+) -> None:
+    grid = {"exposure_s": (0.008, 0.032), **QUESTION.values, "illuminance_lux": (5.0,), **stated}
+    some = replace(PICTURES, pictures=PICTURES.pictures[:8])
+    options: dict[str, Any] = {"pictures": some, "precision": Precision(regret=0.5)}
+    done = decide(tmp_path / "run", detector, Question.of_grid(grid), **options)
+    assert reason in done.how()[0]
+    assert done.decided is not None
+    assert done.decided["nodes"] == len(SweepPlan(grid).conditions())
+    swept = evaluate(detector, some, CAMERA, SweepPlan(grid), tmp_path / "sweep", threshold=0.5, threads=1)
+    assert done.data.recommendations == swept.data.recommendations != []
+
+
+def test_the_exposure_to_use_is_measured_under_every_light_and_speed(done: Decision) -> None:
+    """Or one within a fifth of a stop of it: what is kept there is no prediction alone."""
+    (whole,) = [row for row in done.data.recommendations if row["scope"] == "all"]
+    with Store(done.folder) as store:
+        common = [at for batch in asked(store) if not batch.places for at in batch.conditions]
+    measured = {at.exposure_s for at in common}
+    assert 0 < len(measured) <= MOST_COMMON
+    assert min(abs(math.log2(whole["exposure_s"] / each)) for each in measured) <= CLOSE
+    assert len(common) == len(measured) * len(QUESTION.lines)
+
+
+def test_nothing_is_searched_for_a_model_without_answers(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its contract may be wrong: the first nodes say so, and no more are asked."""
+    elsewhere = picture_set(
+        *(replace(each, targets=tuple(replace(one, box_xyxy=(0.0, 0.0, 4.0, 4.0)) for one in each.targets or ()))
+          for each in PICTURES)
+    )  # fmt: skip
+    told = decide(tmp_path, detector, pictures=elsewhere, threshold=0.0)
+    assert list(told.data.manifest["withheld_models"]) == [detector.name]
+    with Store(tmp_path) as store:
+        assert len(asked(store)) == 1
+        with pytest.raises(
+            ValueError, match=f"{detector.name}: no exposure is recommended, because its AP50"
+        ):
+            read(store, told.criterion)
 
 
 def test_a_list_of_exposures_stays_with_the_question() -> None:

@@ -8,6 +8,7 @@ from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.scoring.recommendation import (
     CANNOT_TELL,
     FAILS,
+    MOST_COMMON,
     SURE,
     averages,
     best_exposure,
@@ -194,14 +195,49 @@ def test_the_next_exposure_is_the_top_of_a_parabola_in_log_exposure() -> None:
     of = averages([surface({0.0: kept}, lux) for lux in (2.0, 50.0)], 0.9)
     assert of.next_exposure() == pytest.approx(0.005, rel=0.005)
     finer = kept | {0.005: 0.9}
-    assert averages([surface({0.0: finer})], 0.9).next_exposure() is None
+    assert averages([surface({0.0: finer})], 0.9).next_exposure() == pytest.approx(0.00707)  # the wider gap
+
+
+@pytest.mark.parametrize("first", np.geomspace(0.001, 0.003, 6, endpoint=False).tolist())
+def test_a_few_further_exposures_find_the_best_from_wherever_a_coarse_grid_begins(first: float) -> None:
+    """A factor of 3 apart; what is kept rises slowly towards 9 ms and falls four times as fast."""
+
+    def kept(exposure_s: float) -> float:
+        stops = float(np.log2(exposure_s / 0.009))
+        return 0.8 - (0.05 * stops**2 if stops < 0 else 0.2 * stops**2)
+
+    tested = {each: kept(each) for each in (first * 3.0 ** np.arange(4)).tolist()}
+    for _ in range(MOST_COMMON):
+        further = averages([surface({0.0: tested})], 0.5).next_exposure()
+        tested |= {} if further is None else {further: kept(further)}
+    assert averages([surface({0.0: tested})], 0.5).next_exposure() is None
+    (whole,) = [
+        row for row in recommendations(averages([surface({0.0: tested})], 0.5)) if row["scope"] == "all"
+    ]
+    assert abs(np.log2(whole["exposure_s"] / 0.009)) < 1 / 3
+    assert whole["value"] > 0.8 - 0.01
 
 
 def test_no_further_exposure_where_none_promises_more() -> None:
-    rising = {0.001: 0.5, 0.004: 0.7, 0.016: 0.9}
-    assert averages([surface({0.0: rising})], 0.9).next_exposure() is None
     flat = {0.001: 0.949, 0.004: 0.95, 0.016: 0.949}
     assert averages([surface({0.0: flat})], 0.9).next_exposure() is None
+    near = {0.0118: 0.85, 0.016: 0.9}
+    assert averages([surface({0.0: near})], 0.9).next_exposure() is None
+    assert averages([surface({0.0: {0.016: 0.9}})], 0.9).next_exposure() is None
+
+
+def test_at_an_end_of_what_was_tested_the_gap_beside_it_is_halved() -> None:
+    rising = {0.001: 0.5, 0.004: 0.7, 0.016: 0.9}
+    assert averages([surface({0.0: rising})], 0.9).next_exposure() == pytest.approx(0.008)
+
+
+def test_what_is_predicted_is_measured_where_nothing_near_was() -> None:
+    """The middle of the best on a fine line of exposures, unless one within a fifth of a stop was measured."""
+    kept = {each: 0.9 - 0.1 * np.log2(each / 0.005) ** 2 for each in np.geomspace(0.001, 0.03, 60).tolist()}
+    of = averages([surface({0.0: kept})], 0.9)
+    assert of.unmeasured([]) == pytest.approx(0.005, rel=0.03)
+    assert of.unmeasured([0.003]) == of.unmeasured([])
+    assert of.unmeasured([0.003, 0.0056]) is None
 
 
 def test_towards_saturation_the_gap_is_halved() -> None:

@@ -139,11 +139,11 @@ def test_without_it_ends_are_as_wide_as_the_grid(detector: Detector, tmp_path: P
 
 
 def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) -> None:
-    """Less than a third of a grid of quarter stops, 27 exposures for each of four lines."""
+    """Less than half of a grid of quarter stops, 27 exposures for each of four lines."""
     with Store(refined.folder) as store:
         more = [at for batch in asked(store) for at in batch.conditions]
     assert len(set(more)) == len(more) == refined.summary["refined"]
-    assert 8 * 3 <= len(more) <= 4 * 27 / 3
+    assert 8 * 3 <= len(more) <= 4 * 27 / 2
     assert refined.summary["missing_cells"] == 0
     assert refined.outcome is not None
     assert refined.outcome.computed == 24 * (1 + 20 + len(more))
