@@ -53,8 +53,8 @@ def sweep(
         _what(
             parser=location,
             metavar="M.onnx",
-            help="a detector or a text recogniser; 'blurnoise inspect M.onnx' says what it is taken for; several "
-            "may be named, each with its own --model, to see them side by side (default: the built-in detector)",
+            help="a detector or a text recogniser; 'blurnoise inspect M.onnx' says what it is taken for; several, "
+            "each with its own --model, stand side by side (default: the built-in detector)",
         ),
     ] = None,
     contract: Annotated[
@@ -177,8 +177,7 @@ def sweep(
         bool,
         Option(
             "--refine/--no-refine",
-            help="compute more exposures where a window ends between two tested ones, to a quarter of a stop; a part "
-            "refines nothing",
+            help="compute more exposures about ends of windows and the exposure to use; a part refines nothing",
         ),
     ] = True,
     parquet: Parquet = False,
