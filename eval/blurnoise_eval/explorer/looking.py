@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.mtf50 import mtf50
 from blurnoise.operating_point import middle_of
 from blurnoise.optics.camera import Camera, binned
 from blurnoise.optics.colour import srgb_from_linear
@@ -28,6 +27,7 @@ from blurnoise.scene.scene import Exposure
 from blurnoise_eval.datasets import Picture
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Standard, Stop, finer
+from blurnoise_eval.explorer.mtf50 import mtf50
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, VELOCITY

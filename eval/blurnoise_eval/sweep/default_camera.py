@@ -14,10 +14,10 @@ from torch import Tensor
 
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
-from blurnoise.three_sensors import worth
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 from blurnoise_eval.detectors.detector import model_sha256
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.sweep.three_sensors import worth
 
 COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
 """Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""

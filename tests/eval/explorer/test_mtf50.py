@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from blurnoise_eval.explorer.mtf50 import mtf50
 
 from blurnoise import Optics
-from blurnoise.mtf50 import mtf50
 
 
 def test_of_motion_alone() -> None:

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from blurnoise_eval.sweep.three_sensors import behind_bayer, worth
 
 from blurnoise import Camera, develop, simulate
 from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.three_sensors import behind_bayer, worth
 
 IMX250 = Camera.preset("imx250")
 
