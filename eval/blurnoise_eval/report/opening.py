@@ -27,6 +27,8 @@ from blurnoise_eval.scoring.recommendation import CANNOT_TELL, FAILS, NEAR, SATU
 
 MAX_MODELS = 4
 MAX_ROWS, MAX_SPEEDS = 8, 3  # of the table in a terminal
+HARDLY_KNOWN = 0.1
+"""Mean score in the original pictures below which targets are named: what is kept of so little tells little."""
 MARKS = {SURE: "sure", FAILS: "no", CANNOT_TELL: "?"}
 Row = Mapping[str, Any]
 
@@ -90,7 +92,7 @@ def opening(data: RunData) -> Opening:
         tuple(sentences),
         heads,
         rows,
-        _legend(data, answers),
+        _legend(data),
         tuple((title, text) for title, text in notes if text),
     )
 
@@ -155,7 +157,7 @@ def _answer(data: RunData, model: str, row: Row | None, *, brief: bool) -> str:
     asked, level, n = data.criterion.text, data.criterion.level, row["conditions"]
     use = EXPOSURE.text(row["exposure_s"])
     reached = reached_text(value_text(row["value"], row["low"], row["high"]), asked)
-    average = f" on average over {_over(data, row['model'])}" if n > 1 else ""
+    average = f" on average over {_over(data, row['model'])}" if n > 1 and not brief else ""
     lost = _lost(data, row)
     bright = "" if brief else _saturated(data, row)
     lost = "" if brief else lost
@@ -283,11 +285,9 @@ def _gain_text(data: RunData, row: Row) -> str | None:
     return f"{round(sum(gains) / len(gains)) + 0:d} dB" if gains else None
 
 
-def _legend(data: RunData, answers: Sequence[Answer]) -> str:
-    level, kept = data.criterion.level, data.criterion.kept
-    verb = "keeps" if kept else "reaches"
-    text = f"sure: {verb} at least {level:g} (95 %); no: surely less"
-    return f"{text}; ?: cannot tell from {_pictures(answers)}"
+def _legend(data: RunData) -> str:
+    verb = "keeps" if data.criterion.kept else "reaches"
+    return f"sure: {verb} at least {data.criterion.level:g} (95 %); no: surely less; ?: cannot tell"
 
 
 def _pictures(answers: Sequence[Answer]) -> str:
@@ -296,9 +296,8 @@ def _pictures(answers: Sequence[Answer]) -> str:
 
 def _limits(data: RunData, answers: Sequence[Answer]) -> str:
     """What ends the windows, and what holds back the conditions in which no exposure works."""
-    parts = []
-    for limit, place in _failing(data, answers):
-        parts.append(f"{limit_text(limit)} {place}".strip())
+    parts = [f"{limit_text(limit)} {place}".strip() for limit, place in _failing(data, answers)]
+    parts += _hardly_known(data, answers)
     if parts:
         return "; ".join(parts) + "."
     ends = []
@@ -307,6 +306,16 @@ def _limits(data: RunData, answers: Sequence[Answer]) -> str:
         if named:
             ends.append(f"{side} {limit_text(max(sorted(set(named)), key=named.count))}")
     return joined(ends) + "." if ends else ""
+
+
+def _hardly_known(data: RunData, answers: Sequence[Answer]) -> list[str]:
+    """The targets of which little is to be kept, where others count beside them."""
+    clean = {answer["group"]: answer["clean_value"] or 0.0 for answer in answers}
+    weak = [group for group, value in clean.items() if data.criterion.kept and value < HARDLY_KNOWN]
+    if not weak or len(clean) == 1:
+        return []
+    values = joined([f"{clean[group]:.2f}" for group in weak])
+    return [f"{joined(weak)} counts like the others, though it scores only {values} in the originals"]
 
 
 def _failing(data: RunData, answers: Sequence[Answer]) -> Iterable[tuple[str, str]]:

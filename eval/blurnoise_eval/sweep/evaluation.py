@@ -187,9 +187,9 @@ def _refine(
         return
     cells = n_pictures * plan.repeats * left.at_most
     if progress and not before:
+        grid = n_pictures * plan.repeats * len(plan.conditions())
         say(
-            f"refine: up to {cells} cells about {left.ends} ends of windows and the best exposure, beside the "
-            f"{n_pictures * plan.repeats * len(plan.conditions())} of the grid (--no-refine: none)",
+            f"refine: up to {cells} cells {left.about}, beside the {grid} of the grid (--no-refine: none)",
             error=True,
         )
     if not before:

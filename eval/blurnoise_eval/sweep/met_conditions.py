@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, CHOICES
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES, CHOICES, EGO, EGO_SPEED, GAIN, SETTING, SPEED
 from blurnoise_eval.grid.conditions import with_lens
 
 _LENS = {each.name: each.into.partition(".")[2] for each in AXES if each.into.startswith("camera.")}
@@ -18,13 +18,18 @@ _LENS = {each.name: each.into.partition(".")[2] for each in AXES if each.into.st
 def met_conditions(
     rows: Sequence[Mapping[str, Any]],
     manifest: Mapping[str, Any],
-    answers: Sequence[Mapping[str, Any]] = (),
+    recommendations: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """What conditions.json holds, of a run's scores, rows of axes for each model, and its manifest with its plan.
 
-    answers: as rows; an exposure that one of them recommends, or calls the best where none works, is recommended.
+    recommendations: as :func:`~blurnoise_eval.scoring.recommendation.recommendations` has them; the exposures to use
+    under each light at each speed are recommended.
     """
-    recommended = {(*_beside(each), each["recommended_s"] or each["best_s"]) for each in answers}
+    recommended = {
+        (*_light(each), each["speed"], each["exposure_s"], each[GAIN.name])
+        for each in recommendations
+        if each["scope"] == "condition"
+    }
     plan = manifest["plan"]
     stated = {*plan.get("grid", {}), *plan.get("further", {})} & {*_LENS}
     camera = Camera.from_dict(manifest["camera"])
@@ -36,7 +41,8 @@ def met_conditions(
         own = with_lens(camera, **{_LENS[name]: row[name] for name in sorted(stated)})
         at = {each.name: _named(each.name, row[each.name]) for each in AXES if each.name not in _LENS}
         at["camera"] = cameras.setdefault(own, len(cameras))
-        at["recommended"] = (*_beside(row), row["exposure_s"]) in recommended
+        place = *_light(row), (EGO_SPEED if row[EGO.name] else SPEED).of(row), row["exposure_s"]
+        at["recommended"] = not recommended.isdisjoint({(*place, row[GAIN.name]), (*place, None)})
         conditions[tuple(at.items())] = row.get("saturated")
     return {
         "cameras": [each.to_dict() for each in cameras],
@@ -47,9 +53,9 @@ def met_conditions(
     }
 
 
-def _beside(row: Mapping[str, Any]) -> tuple[float, ...]:
-    """All axes but the exposure."""
-    return tuple(row[each.name] for each in AXES if each.name != "exposure_s")
+def _light(row: Mapping[str, Any]) -> tuple[float, ...]:
+    """The light and what else varies, but gain and a vehicle's speed."""
+    return tuple(row[name] for name in SETTING if name not in (GAIN.name, EGO.name))
 
 
 def _named(name: str, value: float) -> float | str:

@@ -37,12 +37,20 @@ _ROUNDED = 0.02  # stops: refined exposures are rounded to three digits
 @dataclass(frozen=True)
 class Refinement:
     """What is computed next: ``conditions``; ``ends``, how many ends of windows ask for them; ``at_most``, how many
-    conditions it may take until no gap is wider than a quarter of a stop; ``rounds``, how often gaps are halved."""
+    conditions it may take until no gap is wider than a quarter of a stop; ``rounds``, how often gaps are halved;
+    ``common``, whether the exposure for all conditions is refined."""
 
     conditions: tuple[Conditions, ...]
     ends: int
     at_most: int
     rounds: int
+    common: bool = False
+
+    @property
+    def about(self) -> str:
+        """Where in words: 'about 3 ends of windows and the exposure to use'."""
+        ends = [f"{self.ends} end{'' if self.ends == 1 else 's'} of windows"] if self.ends else []
+        return f"about {' and '.join([*ends, *(['the exposure to use'] if self.common else [])])}"
 
 
 def left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion, cluster: str | None) -> Refinement:
@@ -82,7 +90,7 @@ def _with_common(left: Refinement, plan: SweepPlan, models: Iterable[Averages]) 
             conditions |= dict.fromkeys(Conditions(**at, exposure_s=wanted) for at in every)
             at_most += MOST_COMMON * len(every)
     rounds = max(left.rounds, MOST_COMMON if at_most > left.at_most else 0)
-    return Refinement(tuple(conditions), left.ends, at_most, rounds)
+    return Refinement(tuple(conditions), left.ends, at_most, rounds, at_most > left.at_most)
 
 
 def refinement(plan: SweepPlan, answers: Iterable[Answer]) -> Refinement:

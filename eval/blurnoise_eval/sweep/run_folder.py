@@ -323,7 +323,7 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
         lines = csv_lines(columns, map(named, rows))
         write_whole(folder / name, (line.encode("utf-8") for line in lines))
         written.append(folder / name)
-    met = json.dumps(met_conditions(data.scores, data.manifest, data.answers), allow_nan=False)
+    met = json.dumps(met_conditions(data.scores, data.manifest, data.recommendations), allow_nan=False)
     write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))
     return [*written, folder / CONDITIONS_FILE]
 

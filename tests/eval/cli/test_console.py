@@ -54,6 +54,19 @@ def test_the_answer_of_one_model_fits_a_screen(tmp_path: Path, capsys: Output) -
     assert lines[-1].startswith("Surer: ")
 
 
+def test_two_models_on_the_usual_grid_leave_room_for_the_command_and_the_last_lines(
+    tmp_path: Path, capsys: Output
+) -> None:
+    """Only the first model's sentence names what is averaged over; the legend is a line."""
+    grid = {"lights_lux": (1.0, 30.0, 1000.0, 20_000.0), "speeds": (0.0, 300.0, 1000.0)}
+    lines = _printed(capsys, tmp_path, models=("yolox_nano", "fastestdet_upstream"), **grid)
+    assert len(lines) <= 20
+    assert " ".join(lines).count(" on average over ") == 1
+    assert sum("cannot tell" in line for line in lines) == 1
+    (legend,) = (line for line in lines if line.startswith("  sure: "))
+    assert legend.endswith("cannot tell")
+
+
 def test_cells_that_are_left_out_are_counted(tmp_path: Path, capsys: Output) -> None:
     lines = _printed(capsys, tmp_path, **WIDE)
     assert any("4 more cells: recommendations.csv" in line for line in lines)

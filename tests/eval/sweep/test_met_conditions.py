@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import torch
 from blurnoise_eval import evaluate
-from blurnoise_eval.grid.axes import AUTOMATIC
+from blurnoise_eval.grid.axes import AUTOMATIC, SETTING
 from blurnoise_eval.grid.conditions import SweepPlan, with_lens
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.sweep.met_conditions import met_conditions
@@ -55,18 +55,35 @@ def test_every_condition_stands_there_once_with_its_camera(tmp_path: Path) -> No
     assert met == wanted
 
 
-def test_recommended_exposures_are_marked_and_saturation_stands_beside() -> None:
-    """Where no exposure works, the best one tested is what there is."""
-    met = [{**row, "saturated": 0.25} if not row["clean"] else row for row in rows(PLAN)]
-    exposed = [row for row in met if not row["clean"]]
-    answers = [{**row, "recommended_s": 0.01, "best_s": 0.002} for row in exposed if row["f_number"] == 2]
-    answers += [{**row, "recommended_s": None, "best_s": 0.002} for row in exposed if row["f_number"] == 4]
-    held = met_conditions(met, {"camera": IMX250.to_dict(), "plan": PLAN.to_dict()}, answers)["conditions"]
+def test_the_exposures_of_the_one_rule_are_marked_and_saturation_stands_beside() -> None:
+    """Those for each light at each speed, at the gain that they are for; not what a light's or all average says."""
+    plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0, 12.0))
+    met = [{**row, "saturated": 0.25} if not row["clean"] else row for row in rows(plan)]
+    setting = {name: next(row for row in met if not row["clean"])[name] for name in SETTING}
+    told = [
+        {
+            **setting,
+            "scope": scope,
+            "illuminance_lux": lux,
+            "gain_db": gain,
+            "speed": speed,
+            "exposure_s": used,
+        }
+        for scope, lux, speed, gain, used in (
+            ("condition", 5.0, 400.0, 12.0, 0.002),
+            ("condition", 50.0, 0.0, None, 0.01),
+            ("light", 50.0, 400.0, None, 0.002),
+        )
+    ]
+    held = met_conditions(met, {"camera": IMX250.to_dict(), "plan": plan.to_dict()}, told)["conditions"]
     assert len(held) == 16
     assert {each["saturated"] for each in held} == {0.25}
-    chosen = {(each["camera"], each["exposure_s"]) for each in held if each["recommended"]}
-    assert chosen == {(0, 0.01), (1, 0.002)}
-    assert sum(each["recommended"] for each in held) == 8
+    chosen = {
+        (each["illuminance_lux"], each["velocity_x_px_s"], each["gain_db"], each["exposure_s"])
+        for each in held
+        if each["recommended"]
+    }
+    assert chosen == {(5.0, 400.0, 12.0, 0.002), (50.0, 0.0, 6.0, 0.01), (50.0, 0.0, 12.0, 0.01)}
 
 
 def test_what_the_camera_sets_itself_is_auto_as_it_was_set(tmp_path: Path) -> None:

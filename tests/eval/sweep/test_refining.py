@@ -19,7 +19,7 @@ from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.sweep.merging import merge
-from blurnoise_eval.sweep.refining import STOPS
+from blurnoise_eval.sweep.refining import STOPS, Refinement
 from blurnoise_eval.sweep.work import Work
 from signs_in_memory import CAMERA, matched_detector, picture, picture_set
 from stored_rows import clean_result, result
@@ -149,6 +149,18 @@ def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) 
     assert refined.outcome.computed == 24 * (1 + 20 + len(more))
     lines = {(at.illuminance_lux, at["velocity_x_px_s"]) for at in more}
     assert lines == {(lux, speed) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S}
+
+
+@pytest.mark.parametrize(
+    ("ends", "common", "said"),
+    [
+        (0, True, "about the exposure to use"),
+        (1, False, "about 1 end of windows"),
+        (3, True, "about 3 ends of windows and the exposure to use"),
+    ],
+)
+def test_it_is_said_where_it_refines(ends: int, common: bool, said: str) -> None:
+    assert Refinement((), ends, 1, 1, common).about == said
 
 
 def test_scores_of_the_grid_stay_those_of_the_grid(
