@@ -69,7 +69,7 @@ def test_two_models_on_the_usual_grid_leave_room_for_the_command_and_the_last_li
 
 def test_cells_that_are_left_out_are_counted(tmp_path: Path, capsys: Output) -> None:
     lines = _printed(capsys, tmp_path, **WIDE)
-    assert any("4 more cells: recommendations.csv" in line for line in lines)
+    assert "4 more cells: recommendations.csv" in " ".join(" ".join(lines).split())
     assert sum(" lux " in line and line.startswith("  ") for line in lines) == 4
 
 
