@@ -1,11 +1,12 @@
 """Alternatives to an honest edge: clips, tone curves and sharpening that may have left it, and their cost in MTF50.
 
-An edge is compared with Gaussian edges of the same MTF50 that a fault has changed, each fault by one number u: 0 of
-an honest edge, 1 of that fault. Clips at one end and bent tone curves make the two halves of an edge unequal, and are
-looked for there alone, for any blur leaves halves alike. Clips at both ends, S-shaped curves and sharpening leave
-equal halves; so may motion and lenses, and no such fault is certain before it exceeds what motion does.
+An edge is compared with Gaussian edges of the same MTF50 that a fault has changed, each fault by its strength u: 0 of
+an honest edge, 1 of the fault as described. What it costs at each strength stands in a table. Clips at one end and
+bent tone curves make the two halves of an edge unequal, and are looked for there alone, for any blur leaves halves
+alike. Clips at both ends, S-shaped curves and sharpening leave equal halves; so may motion and lenses, and no such
+fault is certain before it exceeds what motion does.
 
-A fault that is certain raises a flag. What noise or blur may hide makes the interval longer, towards lower MTF50.
+A fault that is certain raises a flag. What noise or blur may hide makes the interval longer, mostly to lower MTF50.
 
 Domain: splines scaled to 0 and 1, distances in px along the normal, frequencies in cycles/px.
 """
@@ -15,15 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
+import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool1d, conv1d
+from torch.nn.functional import avg_pool1d, conv1d, pad
 
 from blurnoise.metrics.edge.plausibility import Profile
 
-Fault = Callable[[Tensor, Tensor], Tensor]
-"""What becomes of an edge (..., K), given also what a Gaussian of ``_MASK_PX`` makes of it."""
+Fault = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""What a fault of strength u (..., 1) makes of an edge (..., K), given also what a Gaussian of ``_MASK_PX`` does."""
 _MASK_PX = 0.7
 MATTERS = 0.015
 """Share of MTF50 that a fault must have cost before it raises a flag."""
@@ -34,6 +37,8 @@ MISFIT = 0.004
 _SPARE = 1.0
 """u of sharpening that knots a quarter of a pixel apart may feign upon an edge without a lens."""
 _SHARPEST_PX = 0.05
+_FINEST, _COARSEST, _MTF50S = 0.6, 1e-3, 17  # cycles/px, of the table of costs, in even ratios
+_STRENGTHS = 4  # of that table, in a unit of u
 
 
 @dataclass(frozen=True)
@@ -63,95 +68,144 @@ def _area(place: Tensor) -> Tensor:
     return area
 
 
-def _clipped(level: Tensor, _: Tensor) -> Tensor:
-    return (level - 0.05).clamp_min(0) / 0.95
+def _clipped(level: Tensor, _: Tensor, u: Tensor) -> Tensor:
+    """By 5 % of the step, below or above."""
+    low, high = 0.05 * u.clamp_min(0), 1 + 0.05 * u.clamp_max(0)
+    return (torch.minimum(torch.maximum(level, low), high) - low) / (high - low)
 
 
-def _bent(level: Tensor, _: Tensor) -> Tensor:
-    """The light to the power of 2.2, of a dark side with a quarter of the bright one's, to 0.02 of the step."""
-    return level * (0.4 + 0.6 * level)
+def _bent(level: Tensor, _: Tensor, u: Tensor) -> Tensor:
+    """The light to the power of 2.2, or the root, of a dark side with a quarter of the bright one's."""
+    power = 2.2**u
+    dark: Tensor = 0.25**power
+    return ((0.25 + 0.75 * level) ** power - dark) / (1 - dark)
 
 
-def _clipped_twice(level: Tensor, _: Tensor) -> Tensor:
-    return (level.clamp(0.05, 0.95) - 0.05) / 0.9
+def _clipped_twice(level: Tensor, _: Tensor, u: Tensor) -> Tensor:
+    cut = 0.05 * u
+    return (torch.minimum(torch.maximum(level, cut), 1 - cut) - cut) / (1 - 2 * cut)
 
 
-def _s_shaped(level: Tensor, _: Tensor) -> Tensor:
+def _s_shaped(level: Tensor, _: Tensor, u: Tensor) -> Tensor:
     """3 x^2 - 2 x^3 of 0.2 to 0.8 of full scale."""
     light = 0.2 + 0.6 * level
-    return (light * light * (3 - 2 * light) - 0.104) / 0.792
+    return level + u * ((light * light * (3 - 2 * light) - 0.104) / 0.792 - level)
 
 
-def _sharpened(level: Tensor, softer: Tensor) -> Tensor:
-    return level + 0.3 * (level - softer)
+def _sharpened(level: Tensor, softer: Tensor, u: Tensor) -> Tensor:
+    return level + 0.3 * u * (level - softer)
 
 
 @dataclass(frozen=True)
-class _Family:
-    """Faults that leave one half of the edge as it leaves the other, or not: with its parity, 1 even and -1 odd.
+class _Kind:
+    """A fault that leaves one half of the edge as it leaves the other, or not: by its parity, 1 even and -1 odd.
 
-    faults: each with the power of u by which its cost grows, the largest u that there is, and the largest one that
-    is reckoned with where there is no trace of it.
+    range: of u. usual: the largest that is reckoned with where there is no trace of it.
     """
 
+    fault: Fault
     parity: float
-    faults: tuple[tuple[Fault, int, float, float], ...]
+    range: tuple[float, float]
+    usual: float
 
 
-_UNEQUAL = _Family(1.0, ((_clipped, 1, 4.0, 3.0), (_bent, 2, 1.2, 1.2)))
-_EQUAL = _Family(-1.0, ((_clipped_twice, 1, 3.0, 1.5), (_s_shaped, 1, 2.0, 1.2), (_sharpened, 1, 6.0, 1.5)))
+_KINDS = (
+    _Kind(_clipped, 1.0, (-4.0, 4.0), 3.0),
+    _Kind(_bent, 1.0, (-1.2, 1.2), 1.1),
+    _Kind(_clipped_twice, -1.0, (0.0, 3.0), 1.1),
+    _Kind(_s_shaped, -1.0, (0.0, 2.0), 1.1),
+    _Kind(_sharpened, -1.0, (0.0, 6.0), 1.1),
+)
+_LEAST_U, _MOST_U = (end(limit for kind in _KINDS for limit in kind.range) for end in (min, max))
 
 
 @dataclass(frozen=True)
 class Alternatives:
     """unequal, sharpened: (B,) bool, that such a fault is certain.
 
-    likely, largest: share by which hidden faults may have raised MTF50, as found and with its error, (B,).
+    likely, largest: share by which hidden faults may have raised MTF50, as found and with its error, (B,). lowered:
+    by which, at most, they have lowered it.
     """
 
     unequal: Tensor
     sharpened: Tensor
     likely: Tensor
     largest: Tensor
+    lowered: Tensor
 
 
-def alternatives(profile: Profile, mtf50: Tensor) -> Alternatives:
-    """What may have been done to the edges. mtf50: (B,), as measured."""
+def alternatives(profile: Profile, mtf50: Tensor, rising: Tensor) -> Alternatives:
+    """What may have been done to the edges. mtf50: (B,), as measured; rising: (B,), bright at positive places."""
     place, free = profile.place_px, profile.free
-    mtf50 = mtf50.clamp(1e-3, 0.6)
-    plain = GaussianEdge.of(mtf50, place)
-    level, seen = plain.level, _at_knots(profile.coefficients)
-    faults = [fault for family in (_UNEQUAL, _EQUAL) for fault, *_ in family.faults]
-    costs = _costs(plain, torch.stack([fault(level, plain.softer) for fault in faults]), profile, mtf50)
-    before = GaussianEdge.of(mtf50 / (1 + costs), place)
-    made = iter(zip(costs, before.level, before.softer, strict=True))
+    mtf50 = mtf50.clamp(_COARSEST, _FINEST)
+    level = GaussianEdge.of(mtf50, place).level
+    costs = _Costs.of(mtf50)
     slope = torch.gradient(level, dim=1)[0]
-    unequal = torch.zeros(len(mtf50), dtype=torch.bool)
-    sharpened, likely, largest = unequal.clone(), torch.zeros_like(mtf50), torch.zeros_like(mtf50)
+    seen = _at_knots(profile.coefficients)
     explained = {1.0: (slope, torch.ones_like(level)), -1.0: (place * slope, level - 0.5)}
-    for family in (_UNEQUAL, _EQUAL):
-        basis = torch.linalg.qr(torch.stack([each * free for each in explained[family.parity]], dim=2)).Q
-        off = _half(seen - level, free, family.parity, basis)
-        for fault, grows, most, usual in family.faults:
-            cost, *edge = next(made)
-            change = _half(fault(*edge) - level, free, family.parity, basis)
-            weight = change / (change**2).sum(1, keepdim=True).clamp_min(1e-12)
-            u, error = (weight * off).sum(1), _error(profile, _at_knots(weight))
-            certain = profile.certain(4) * error
-            if family is _UNEQUAL:
-                u = u.abs()
-                unequal |= (u > certain) & (cost * u**grows > MATTERS)
-            else:
-                if fault is _sharpened:
-                    motion = (weight * _half(_moved(mtf50, place) - level, free, -1.0, basis)).sum(1)
-                    sharpened |= u - motion.clamp_min(0) > certain + _SPARE
-                fits = _fits(profile, off - u[:, None] * change)
-                u, error = (torch.where(fits, each, 0.0) for each in (u.clamp_min(0), error))
-            top = u + CERTAIN * error
-            top = torch.where(u > CERTAIN * error, top.clamp_max(most), top.clamp_max(usual))
-            likely = torch.maximum(likely, cost * u.clamp_max(most) ** grows)
-            largest = torch.maximum(largest, cost * top**grows)
-    return Alternatives(unequal, sharpened, likely, largest)
+    bases = {
+        parity: torch.linalg.qr(torch.stack([each * free for each in both], dim=2)).Q
+        for parity, both in explained.items()
+    }
+    off = {parity: _half(seen - level, free, parity, basis) for parity, basis in bases.items()}
+    off[1.0] = torch.where(rising[:, None], 1, -1) * off[1.0]
+    limit = _misfit(profile)
+
+    def changes(u: Tensor) -> list[Tensor]:
+        """By the faults of strengths u, (F, B), at the MTF50 that they leave."""
+        before = GaussianEdge.of(mtf50 / (1 + costs.at(u)), place)
+        made = zip(_KINDS, before.level, before.softer, u[..., None], strict=True)
+        return [
+            _half(kind.fault(*edge) - level, free, kind.parity, bases[kind.parity]) for kind, *edge in made
+        ]
+
+    units = changes(torch.ones(len(_KINDS), len(mtf50), dtype=torch.float64))
+    weights = [unit / (unit**2).sum(1, keepdim=True).clamp_min(1e-12) for unit in units]
+    error = _errors(profile, torch.stack([_at_knots(weight) for weight in weights], 2))
+    first = torch.stack(
+        [(weight * off[kind.parity]).sum(1) for weight, kind in zip(weights, _KINDS, strict=True)]
+    )
+    certain = profile.certain(4) * error
+    ranges = torch.tensor([kind.range for kind in _KINDS], dtype=torch.float64)
+    low, high = ranges[:, :1], ranges[:, 1:]
+    guess = torch.minimum(torch.maximum(first, low), high)
+    left = [off[kind.parity] - change for kind, change in zip(_KINDS, changes(guess), strict=True)]
+    more = torch.stack([(weight * each).sum(1) for weight, each in zip(weights, left, strict=True)])
+    fits = torch.stack(
+        [
+            (_mean(each - by[:, None] * unit).abs() <= limit).all(1) | torch.tensor(kind.parity > 0)
+            for each, by, unit, kind in zip(left, more, units, _KINDS, strict=True)
+        ]
+    )
+    steepness = _steepness(guess, first - more)
+    u = torch.where(fits, guess + more / steepness, 0.0)
+    error = torch.where(fits, error / steepness, 0.0)
+    trace = u.abs() > CERTAIN * error
+    usual = torch.tensor([[kind.usual] for kind in _KINDS], dtype=torch.float64)
+    low, high = (torch.where(trace, end, end.clamp(-usual, usual)) for end in (low, high))
+    within = [
+        costs.at(torch.minimum(torch.maximum(each, low), high))
+        for each in (u, u - CERTAIN * error, u + CERTAIN * error)
+    ]
+    even = torch.tensor([[kind.parity > 0] for kind in _KINDS])
+    unequal = even & (first.abs() > certain) & (costs.at(torch.minimum(u.abs(), high)) > MATTERS)
+    motion = (weights[-1] * _half(_moved(mtf50, place) - level, free, -1.0, bases[-1.0])).sum(1)
+    likely = within[0].amax(0).clamp_min(0)
+    return Alternatives(
+        unequal.any(0),
+        first[-1] - motion.clamp_min(0) > certain[-1] + _SPARE,
+        likely,
+        torch.maximum(likely, torch.stack(within).amax((0, 1))),
+        -torch.stack(within).amin((0, 1)).clamp_max(0),
+    )
+
+
+def _steepness(u: Tensor, seen: Tensor) -> Tensor:
+    """By what more is seen of faults of strength u per u, seen being 1 at 1: between there, or 0, and u."""
+    at = (u > 0).to(u)
+    away = torch.where((u - at).abs() < 1e-3, 1.0, u - at)
+    slope = torch.where(away == 1.0, 1.0, (seen - at) / away)
+    return slope.clamp(0.25, 4.0)
 
 
 def _half(values: Tensor, free: Tensor, parity: float, basis: Tensor) -> Tensor:
@@ -168,25 +222,60 @@ def _at_knots(coefficients: Tensor) -> Tensor:
     return conv1d(wide[:, None], kernel)[:, 0]
 
 
-def _error(profile: Profile, functional: Tensor) -> Tensor:
-    """Standard error of (coefficients * functional).sum(1), (B,)."""
-    return ((profile.covariance @ functional[..., None])[..., 0] * functional).sum(1).clamp_min(0).sqrt()
+def _errors(profile: Profile, functionals: Tensor) -> Tensor:
+    """Standard errors (F, B) of the coefficients' sums with functionals (B, K, F)."""
+    return ((profile.covariance @ functionals) * functionals).sum(1).clamp_min(0).sqrt().mT
 
 
-def _costs(plain: GaussianEdge, after: Tensor, profile: Profile, mtf50: Tensor) -> Tensor:
-    """Shares by which faults raise MTF50, (F, B), in two of Newton's steps. after: the edges with them, (F, B, K)."""
-    place = profile.place_px
-    middle, step = (place[1:] + place[:-1]) / 2, torch.diff(after) * profile.free[:, 1:]
-    step = step / step.sum(-1, keepdim=True)
-    found = mtf50.expand(after.shape[:-1])
-    for _ in range(2):
-        angle = math.pi * found
-        wave = 2 * angle[..., None] * middle
-        response = torch.hypot((step * torch.cos(wave)).sum(-1), (step * torch.sin(wave)).sum(-1))
-        response = response / torch.sinc(found * (place[1] - place[0]))
-        steepness = (2 * angle * plain.sigma_px[:, 0]) ** 2 + 1 - angle / torch.tan(angle)
-        found = found * (1 + torch.log(2 * response) / steepness)
-    return (found / mtf50 - 1).clamp(0, 1)
+@dataclass(frozen=True)
+class _Costs:
+    """Shares by which faults raise the MTF50 of edges, (F, B, U), at even steps of u."""
+
+    shares: Tensor
+
+    @classmethod
+    def of(cls, mtf50: Tensor) -> _Costs:
+        """Of edges (B,) that have this MTF50 with the fault."""
+        table = _cost_table()
+        place = torch.log(mtf50 / _COARSEST) * ((_MTF50S - 1) / math.log(_FINEST / _COARSEST))
+        index = place.long().clamp_max(_MTF50S - 2)
+        return cls(torch.lerp(table[:, index], table[:, index + 1], (place - index)[:, None]))
+
+    def at(self, u: Tensor) -> Tensor:
+        """Of strengths (F, B)."""
+        place = (u - _LEAST_U) * _STRENGTHS
+        index = place.long().clamp(0, self.shares.shape[2] - 2)[..., None]
+        below, above = (self.shares.gather(2, each)[..., 0] for each in (index, index + 1))
+        return torch.lerp(below, above, place - index[..., 0])
+
+
+@cache
+def _cost_table() -> Tensor:
+    """By what the faults raise MTF50, (F, M, U), by the MTF50 that is then measured."""
+    mtf50 = torch.logspace(math.log10(_COARSEST), math.log10(_FINEST), _MTF50S, dtype=torch.float64)
+    sigma = GaussianEdge.of(mtf50, torch.zeros(1, dtype=torch.float64)).sigma_px
+    step = (sigma / 12).clamp_min(0.125)
+    place = step * torch.arange(-80, 81)
+    plain = GaussianEdge.of(mtf50, place)
+    count = round((_MOST_U - _LEAST_U) * _STRENGTHS) + 1
+    strength = torch.linspace(_LEAST_U, _MOST_U, count, dtype=torch.float64)
+    table = torch.empty(len(_KINDS), _MTF50S, count, dtype=torch.float64)
+    for kind, into in zip(_KINDS, table, strict=True):
+        u = strength.clamp(*kind.range)[:, None, None]
+        line = torch.diff(kind.fault(plain.level, plain.softer, u))
+        found = mtf50.expand(line.shape[:2])
+        for _ in range(6):  # of Newton's steps
+            angle = math.pi * found
+            wave = 2 * angle[..., None] * (place[:, 1:] + place[:, :-1]) / 2
+            response = torch.hypot((line * torch.cos(wave)).sum(-1), (line * torch.sin(wave)).sum(-1))
+            response = response / torch.sinc(found * step[:, 0])
+            steepness = (2 * angle * sigma[:, 0]) ** 2 + 1 - angle / torch.tan(angle)
+            found = (found * (1 + torch.log(2 * response) / steepness)).clamp(max=0.95)
+        honest = found[round(-_LEAST_U * _STRENGTHS)]
+        for column, after in enumerate(found):
+            share = np.interp(mtf50.log().numpy(), after.log().numpy(), (after / honest - 1).numpy())
+            into[:, column] = torch.from_numpy(share)
+    return table
 
 
 def _moved(mtf50: Tensor, place: Tensor) -> Tensor:
@@ -194,10 +283,12 @@ def _moved(mtf50: Tensor, place: Tensor) -> Tensor:
     return (place * (mtf50 / 0.6034)[:, None] + 0.5).clamp(0, 1)
 
 
-def _fits(profile: Profile, left: Tensor) -> Tensor:
-    """Whether what is ``left`` (B, K) of an edge, in the mean over 5 knots, may be noise or matters little, (B,)."""
-    mean = avg_pool1d(left, 5, stride=1, padding=2)
-    variance = avg_pool1d(profile.covariance, 5, stride=1, padding=2)
-    variance = avg_pool1d(variance.mT, 5, stride=1, padding=2).diagonal(dim1=1, dim2=2)
-    limit = profile.certain(profile.free.sum(1))[:, None] * variance.clamp_min(0).sqrt()
-    return (mean.abs() <= limit.clamp_min(MISFIT)).all(1)
+def _misfit(profile: Profile) -> Tensor:
+    """What the mean over 5 knots of what is left of an edge, (B, K), may be by noise, or matters little."""
+    windows = profile.covariance.unfold(1, 5, 1).unfold(2, 5, 1).diagonal(dim1=1, dim2=2)
+    error = windows.mean((1, 2)).clamp_min(0).sqrt()
+    return pad(profile.certain(profile.free.sum(1))[:, None] * error, (2, 2), "replicate").clamp_min(MISFIT)
+
+
+def _mean(values: Tensor) -> Tensor:
+    return avg_pool1d(values, 5, stride=1, padding=2)

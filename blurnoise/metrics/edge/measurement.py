@@ -67,8 +67,8 @@ class SlantedEdge:
     level; cnr: their difference over the root of their mean noise variance, edge_snr_db: 20 log10 of it.
     noise_power_at_0: of the noise power spectrum at frequency 0, over the variance; 1 where noise is white.
     intervals: 95 % of each scalar by its name, by bootstrap over rows, or over blocks of them whose noise belongs
-    together; inf where 50 % may never be reached. Those of mtf50 and mtf50p reach further down, to what clips, tone
-    curves and sharpening that cannot be told from this edge would have raised; noise_intervals are by noise alone,
+    together; inf where 50 % may never be reached. Those of mtf50 and mtf50p reach further, to what clips, tone
+    curves and sharpening that cannot be told from this edge would have changed; noise_intervals are by noise alone,
     which is all that makes two edges of one chain differ.
     frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less what noise
     adds to it: right on the average, hence below 0 where only noise is left; sfr is its root, at least 0.
@@ -214,10 +214,10 @@ def _told(
         for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
     ]
     widened = [dict(each) for each in ranges]
-    hidden = zip(other.likely.tolist(), other.largest.tolist(), strict=True)
-    for index, (likely, largest) in enumerate(hidden):
+    hidden = zip(other.likely.tolist(), other.largest.tolist(), other.lowered.tolist(), strict=True)
+    for index, shares in enumerate(hidden):
         for name in ranges[index].keys() & {"mtf50", "mtf50p"}:
-            widened[index][name] = _with_hidden(ranges[index][name], read[name][index], likely, largest)
+            widened[index][name] = _with_hidden(ranges[index][name], read[name][index], *shares)
     esf, lsf = _profiles(shape.spline, rising, sides)
     edges = []
     for index, names in enumerate(flags):
@@ -270,13 +270,14 @@ def _by_interval(ranges: Mapping[str, tuple[float, float]], mtf50: float) -> fro
 
 
 def _with_hidden(
-    ends: tuple[float, float], middle: float, likely: float, largest: float
+    ends: tuple[float, float], middle: float, likely: float, largest: float, lowered: float
 ) -> tuple[float, float]:
-    """The interval with faults that may have raised the number by the share ``likely``, at most by ``largest``."""
+    """The interval with faults that may have raised the number by ``likely``, at most ``largest``, or lowered it."""
     low, high = ends
     if not math.isfinite(middle):
         return ends
-    return middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely)), high
+    least = middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely))
+    return least, middle + math.hypot(high - middle, middle * lowered)
 
 
 def _reached(frequency: float) -> float:

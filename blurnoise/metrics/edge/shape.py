@@ -147,7 +147,7 @@ def suspicions(
     blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
     profile = Profile.of(shape.spline, shape.position_px, int(shape.sides.block.max()))
     noise = noise_expected(shape.spline, shape.sides)
-    other = alternatives(profile, mtf50)
+    other = alternatives(profile, mtf50, shape.sides.step > 0)
     return {
         Flag.TOO_FEW_PHASES: few,
         Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | ((lopsided(profile) | other.unequal) & ~few),

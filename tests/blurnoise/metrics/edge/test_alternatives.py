@@ -69,12 +69,11 @@ FAULTS: dict[str, tuple[Make, float]] = {  # and the noise
     "unsharp mask 0.3, 0.7 px": (before(unsharp(0.3, 0.7)), 0.01),
     "Laplacian 0.3": (before(laplacian(0.3)), 0.02),
     "bilateral filter": (before(bilateral(0.05, 1.0)), 0.01),
-    "both ends cut by 5 %, noise after": (after(clipped(0.05, 0.95)), 0.02),
+    "power of 0.45, noise after": (after(power(0.45)), 0.005),
+    "both ends cut by 5 %": (before(clipped(0.05, 0.95)), 0.005),
+    "both ends cut by 5 %, noise after": (after(clipped(0.05, 0.95)), 0.005),
+    "both ends cut by 10 %, noise after": (after(clipped(0.1, 0.9)), 0.005),
 }
-
-
-WEAK = {("both ends cut by 5 %, noise after", 0.005): 12}
-"""Where more than one case of twenty deceives: 8 of 48."""
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -87,8 +86,8 @@ def test_no_fault_deceives(name: str) -> None:
 @pytest.mark.parametrize("name", FAULTS)
 @pytest.mark.parametrize("noise", [0.005, 0.01, 0.02, 0.04])
 def test_faults_deceive_in_no_more_than_one_case_of_twenty(name: str, noise: float) -> None:
-    """48 seeds: 2.4 expected at most, and 3 of the binomial law's deviations of 1.5; more where it is weak."""
-    assert deceived(measured(FAULTS[name][0], range(100, 148), noise=noise)) <= WEAK.get((name, noise), 7)
+    """48 seeds: 2.4 expected at most, and 3 of the binomial law's deviations of 1.5."""
+    assert deceived(measured(FAULTS[name][0], range(100, 148), noise=noise)) <= 7
 
 
 @pytest.mark.parametrize("end", ["black", "white"])
