@@ -26,8 +26,8 @@ from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.transfer import SHARP, Optics
 
-Method = Literal["auto", "none", "transfer", "tiles", "kernel", "kornia"]
-METHODS = ("auto", "none", "transfer", "tiles", "kernel", "kornia")
+Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
+METHODS = ("auto", "none", "transfer", "tiles", "kornia")
 _FOURIER: tuple[Method, ...] = ("transfer", "tiles")
 _LONGEST_KERNEL_PX = 2000  # whose cost in time and memory grows as its square
 NEGLIGIBLE = 1e-5
@@ -67,7 +67,6 @@ def motion_blur(
     method:
         "transfer": the analytic transfer function by one Fourier transform, over the axes that move.
         "tiles": the same over overlapping tiles that fit the processor's cache (overlap-save).
-        "kernel": :func:`blurnoise.psf.line` through ``kornia.filters.filter2d``; cost grows as length squared.
         "kornia": ``kornia.filters.motion_blur`` of the nearest odd length, as a baseline to compare with.
         "none": leaves the pictures as they are.
         "auto": the cheapest that is exact; :func:`choose` says which and why.
@@ -92,7 +91,7 @@ def exposure_blur(
 ) -> Tensor:
     """Blur by lens and motion in one pass, as their transfer functions multiply; see :func:`motion_blur`.
 
-    ``method`` "kernel" and "kornia" know motion only and raise ``ValueError`` for a lens that blurs.
+    ``method`` "kornia" knows motion only and raises ``ValueError`` for a lens that blurs.
     """
     image_batch("image", image)
     an_instance("optics", optics, Optics)
@@ -171,7 +170,7 @@ def _choose(
 ) -> Choice:
     one_of("border", border, BORDERS)
     one_of("method", method, METHODS)
-    if method in ("kernel", "kornia"):
+    if method == "kornia":
         if optics != SHARP:
             raise ValueError(
                 f"method = {method!r}: knows motion only; use 'transfer' or 'auto' with {optics}"
@@ -225,10 +224,7 @@ def _blurred(
     """A group of pictures, blurred as ``choice`` says, into ``out`` where it is given."""
     if choice.plan is not None:
         return fourier.multiply(image, motion, optics, choice.plan, border, out, threads)
-    if choice.method == "kernel":
-        blurred = _correlate(image, psf.line(motion), border)
-    else:
-        blurred = image if choice.method == "none" else _kornia(image, motion, border)
+    blurred = image if choice.method == "none" else _kornia(image, motion, border)
     return blurred if out is None else out.copy_(blurred)
 
 

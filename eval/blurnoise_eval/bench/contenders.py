@@ -19,8 +19,9 @@ import kornia
 import torch
 from torch import Tensor
 
-from blurnoise import motion_blur, psf
+from blurnoise import motion_blur
 from blurnoise.blur import Method
+from blurnoise_eval.bench.line_kernel import line_kernel
 
 Blur = Callable[[Tensor, float, Sequence[float]], Tensor]
 """Pictures (B, C, H, W) float32, length in px, an angle in degrees for each picture -> pictures."""
@@ -46,12 +47,12 @@ def contenders() -> list[Contender]:
         Contender("auto", "blurnoise.motion_blur", _ours("auto"), True),
         Contender("transfer", "blurnoise.motion_blur(method='transfer')", _ours("transfer"), True),
         Contender("tiles", "blurnoise.motion_blur(method='tiles')", _ours("tiles"), True),
-        Contender("kernel", "blurnoise.motion_blur(method='kernel')", _ours("kernel"), True, dense_px),
+        Contender("kernel", "kornia.filters.filter2d with a sub-pixel line", _by_kernel, False, dense_px),
         Contender(BASELINE, "kornia.filters.motion_blur, called directly", _kornia, False, dense_px),
         Contender(
             "kornia bilinear", "blurnoise.motion_blur(method='kornia')", _ours("kornia"), False, dense_px
         ),
-        Contender("opencv", "cv2.filter2D of every plane, taps of blurnoise.psf.line", _opencv),
+        Contender("opencv", "cv2.filter2D of every plane, taps of the same line", _opencv),
     ]
     if albumentations_state().endswith("measured"):
         every.append(Contender("albumentations", "albumentations.MotionBlur", _albumentations))
@@ -103,10 +104,15 @@ def _kornia(image: Tensor, length_px: float, angles_deg: Sequence[float]) -> Ten
     return cast(Tensor, blurred)
 
 
+def _by_kernel(image: Tensor, length_px: float, angles_deg: Sequence[float]) -> Tensor:
+    kernels = line_kernel(displacements(length_px, angles_deg))
+    return cast(Tensor, kornia.filters.filter2d(image, kernels, border_type="reflect"))
+
+
 def _opencv(image: Tensor, length_px: float, angles_deg: Sequence[float]) -> Tensor:
     out = torch.empty_like(image)
     for picture, target, motion in zip(image, out, displacements(length_px, angles_deg), strict=True):
-        taps = psf.line(motion[None])[0].numpy()
+        taps = line_kernel(motion[None])[0].numpy()
         for plane, into in zip(picture.numpy(), target.numpy(), strict=True):
             cv2.filter2D(plane, -1, taps, dst=into, borderType=cv2.BORDER_REFLECT_101)
     return out

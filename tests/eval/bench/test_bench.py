@@ -348,7 +348,7 @@ def test_losses_are_told() -> None:
         return Bench([row for each in rows for row in each], Extent((6,), (6,)), contenders.contenders(), {})
 
     auto = measured("auto", 4, 2)
-    assert bench(auto, measured("opencv", 3.95, 2.1), measured("kernel", 1, 1)).losses() == []
+    assert bench(auto, measured("opencv", 3.95, 2.1), measured("tiles", 1, 1)).losses() == []
     assert bench(auto, measured("opencv", 1, 3), measured("kornia", 8, 1.8)).losses() == [
         "6 px: kornia has 2.00 of auto's time, 0.90 of auto's error",
         "6 px: opencv has 0.25 of auto's time, 1.50 of auto's error",
