@@ -22,19 +22,19 @@ from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, positive, shown
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.camera import Camera
 from blurnoise.capture import Capture, factors, windows
 from blurnoise.encoding import Encoding
 from blurnoise.exposure import ExposedScene
-from blurnoise.flow_blur import flow_warp, flows
 from blurnoise.layers import Layers, of_each
 from blurnoise.light.flicker import Pwm, lit
 from blurnoise.light.objects import displaced
 from blurnoise.light.translation import translated
+from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.step import Development
-from blurnoise.spectra import Curve
-from blurnoise.trajectory import Trajectory
+from blurnoise.sub_exposures import flow_warp, flows
 
 BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far

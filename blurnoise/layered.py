@@ -1,8 +1,7 @@
 """Layered exposures: objects, each in a motion of its own, before a background that moves otherwise or not at all.
 
-Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure everything
-is where the picture at rest has it, unless the camera shakes or reads row by row (:class:`Moved`). Layers come back
-to front: the last is in front.
+Domain: linear light, white is 1; px, x right, y down; at mid-exposure everything is where the picture at rest has it,
+unless the camera shakes or reads row by row. Layers come back to front: the last is in front.
 
 One object of light F and matte alpha before a background B makes, the exposure being T,
 
@@ -10,42 +9,34 @@ One object of light F and matte alpha before a background B makes, the exposure 
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
 time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap that move differently, the exposure is cut into ``K`` parts, by default one for each ``STEP_PX`` that the
-fastest moves, within each of which it is taken for exact. The error of the formula is then that of the covariance
-within a part. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
+overlap that move differently, it is a mean of sub-exposures (:mod:`blurnoise.sub_exposures`) in a window around what
+the objects pass; the rest of the picture knows the background alone, and what of that is uncovered there is as
+exact as in the rest. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
-All of it happens in a window around what the object passes; the rest of the picture knows the background alone. Where
-a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+Where a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from dataclasses import replace
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from blurnoise import blur, fourier
+from blurnoise import blur, fourier, path_blur, row_paths, rows, sub_exposures
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import (
-    Numbers,
-    image_batch,
-    in_range,
-    one_of,
-)
+from blurnoise._core.checks import Numbers, image_batch, in_range, one_of
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
-from blurnoise.courses import Along, Course, Flow, PathByRow, RowByRow, Straight, finest
+from blurnoise.displacement import Displacement, Readout, asked
 from blurnoise.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
-from blurnoise.rolling_shutter import Readout, whole_path
-from blurnoise.trajectory import Trajectory
+from blurnoise.sub_exposures import Sheet
 
-STEP_PX = 2.0
-"""What the fastest moves within one part of an exposure, at most."""
-_LONGEST_PX = 4096.0  # of a motion that is cut into parts: each of them costs a transform of the whole window
+STEP_PX = sub_exposures.SPACING_PX
+"""What the fastest moves from one sub-exposure to the next, at most."""
+_LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
 
 
 def expose_layers(
@@ -67,80 +58,61 @@ def expose_layers(
     in_range("step_px", step_px, 0.05, 1e5)
     per_picture = of_each(layers, background)
     exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
-    moved = blur.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
-    limited_motion("displacement_px: velocity times exposure", moved)
-    pictures = zip(torch.split(background, 1), per_picture, exposure, moved, strict=True)
-    seen = [exposed(*each, border=border, step_px=step_px) for each in pictures]
+    moved_px = blur.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
+    limited_motion("displacement_px: velocity times exposure", moved_px)
+    height = background.shape[-2]
+    seen = []
+    for picture, own, lasting, by in zip(
+        torch.split(background, 1), per_picture, exposure, moved_px, strict=True
+    ):
+        moves = Displacement(by, lasting, Readout(height, 0.0, float(lasting)))
+        seen.append(exposed(picture, own, moves, border, step_px))
     return seen[0] if len(seen) == 1 else torch.cat(seen)
 
 
 def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
     """A picture (1, C, H, W) with its layers before it, nothing moving."""
-    return exposed(background, layers, background.new_zeros(()), background.new_zeros(2))
+    still = Displacement(
+        background.new_zeros(2), background.new_zeros(()), Readout(background.shape[-2], 0.0, 0.0)
+    )
+    return exposed(background, layers, still)
 
 
-class Moved(NamedTuple):
-    """What a camera does to all motions: its trajectory, or the s from row to row; a background's flow (2, H, W).
-
-    readout: of rows that see another part of the trajectory each, or begin together.
-    """
-
-    trajectory: Trajectory | None = None
-    row_s: float = 0.0
-    flow_px: Tensor | None = None
-    readout: Readout | None = None
-
-    def course(self, displacement_px: Tensor, exposure_s: Tensor, size: tuple[int, int]) -> Course:
-        """Of what moves by (2,) during an exposure (), in a picture (H, W)."""
-        if self.readout is not None:
-            x, y = displacement_px.detach().tolist()
-            lasting_s = float(exposure_s) or math.inf
-            path = whole_path(self.trajectory, (x / lasting_s, y / lasting_s), self.readout)
-            return PathByRow(displacement_px, path, self.readout)
-        if self.trajectory is not None:
-            return Along(displacement_px, self.trajectory, float(exposure_s))
-        if self.row_s:
-            return RowByRow(displacement_px, exposure_s, self.row_s, (size[0] - 1) / 2)
-        return Straight(displacement_px)
-
-    def ground(self, displacement_px: Tensor, exposure_s: Tensor, size: tuple[int, int]) -> Course:
-        """Of the background."""
-        if self.flow_px is not None:
-            return Flow(self.flow_px, displacement_px)
-        return self.course(displacement_px, exposure_s, size)
-
-
-AT_REST = Moved()
+def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
+    """A picture (1, C, H, W) as an exposure sees it; no brighter where rows are exposed longer."""
+    if moves.still:
+        return picture
+    if moves.way == "sub-exposures":
+        return sub_exposures.moved_picture(picture[0], moves, border)[None]
+    if moves.way == "rows" and moves.each_row_differs:
+        return row_paths.exposed(picture, moves, border)
+    if moves.way == "rows":
+        return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
+    if (path := moves.polyline) is not None:
+        return path_blur.path_blur(picture, path, border=border)
+    return blur.motion_blur(picture, moves.even_px[None], border=border)
 
 
 def exposed(
     background: Tensor,
     layers: Sequence[Layer],
-    exposure_s: Tensor,
-    moved_px: Tensor,
+    moves: Displacement,
     border: Border = "reflect",
     step_px: float = STEP_PX,
-    *,
-    camera: Moved = AT_REST,
 ) -> Tensor:
-    """:func:`expose_layers` of one picture (1, C, H, W), exposure () and displacement (2,) of the background.
-
-    camera: what its own motion, or its readout, makes of all motions.
-    """
+    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
     size = (background.shape[-2], background.shape[-1])
     everything = Window(0, 0, *size)
-    ground_course = camera.ground(moved_px, exposure_s, size)
     laid = []
     for layer in map(trimmed, layers):
-        displacement = layer.displacement_px(exposure_s).to(background)
+        displacement = layer.displacement_px(moves.exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
-        course = camera.course(displacement, exposure_s, size)
-        passed = course.passed(window_at_rest(layer)).clipped(size)
-        window = everything if border == "circular" else passed
+        own = replace(moves, even_px=displacement)
+        window = everything if border == "circular" else own.passed(window_at_rest(layer)).clipped(size)
         if window.height > 0 and window.width > 0:
-            laid.append(_Laid((layer,), course, window))
+            laid.append(_Laid((layer,), own, window))
     ground = background
-    while laid and laid[0].course.as_one_with(ground_course):  # what moves with the background is part of it
+    while laid and laid[0].moves.moves_like(moves):  # what moves with the background is part of it
         first = laid.pop(0)
         rest = first.window if border == "circular" else window_at_rest(first.layers[0]).clipped(size)
         if rest.height <= 0 or rest.width <= 0:
@@ -148,16 +120,15 @@ def exposed(
         ground = background.clone() if ground is background else ground
         plane = first.plane(rest, size, border, background)
         ground[..., *rest.within] = plane[:, :-1] + (1 - plane[:, -1:]) * ground[..., *rest.within].clone()
-    blurred = ground_course.blurred(ground, everything, border)
+    blurred = moved(ground, moves, border)
     if not laid:
         return blurred
-    asked = blurred.requires_grad or exposure_s.requires_grad or any(layer.requires_grad for layer in layers)
-    out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and asked) else blurred
+    follows = asked(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
+    out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and follows) else blurred
     for window, members in _groups(laid):
         group = _joined(members)
-        apart = len(group) > 1 or not (ground_course.still or group[0].course.still)
-        if apart:
-            seen = _in_parts(group, window, ground, blurred, ground_course, border, step_px)
+        if len(group) > 1 or not (moves.still or group[0].moves.still):
+            seen = _sub_exposed(group, window, ground, blurred, moves, border, step_px)
         else:
             colour, share = _blurred(group[0], window, size, border, background)
             seen = colour + (1 - share) * blurred[..., *window.within]
@@ -169,7 +140,7 @@ class _Laid(NamedTuple):
     """Layers that move alike, back to front, how they move, and the pixels of the picture that they may cover."""
 
     layers: tuple[Layer, ...]
-    course: Course
+    moves: Displacement
     window: Window
 
     def plane(self, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
@@ -198,9 +169,9 @@ def _joined(group: Sequence[_Laid]) -> list[_Laid]:
     """Layers back to front, neighbours that move alike as one."""
     found: list[_Laid] = []
     for each in group:
-        if found and found[-1].course.as_one_with(each.course):
+        if found and found[-1].moves.moves_like(each.moves):
             last = found.pop()
-            each = _Laid((*last.layers, *each.layers), last.course, last.window.joined(each.window))
+            each = _Laid((*last.layers, *each.layers), last.moves, last.window.joined(each.window))
         found.append(each)
     return found
 
@@ -209,60 +180,56 @@ def _blurred(
     laid: _Laid, window: Window, size: tuple[int, int], border: Border, like: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
-    work = _work(window, [laid.course])
+    moves = laid.moves
+    work = _work(window, [moves])
     plane = laid.plane(work, size, border, like)
-    seen = cut(laid.course.blurred(plane, work, "circular"), work, window)
+    if moves.each_row_differs and not moves.still:
+        sheet = Sheet(plane[0], moves, work.top, work.left)
+        seen = sub_exposures.moved_sheet(sheet, window)[None]
+    elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
+        seen = blur.motion_blur(plane, moves.even_px[None], border="circular")
+        middle, velocity = (size[0] - 1) / 2 - work.top, moves.even_px / moves.exposure_s.to(moves.even_px)
+        seen = cut(rows.warped(seen, velocity, moves.readout.row_s, "circular", middle=middle), work, window)
+    else:
+        seen = cut(moved(plane, moves, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)
 
 
-def _in_parts(
+def _sub_exposed(
     group: Sequence[_Laid],
     window: Window,
     ground: Tensor,
     blurred: Tensor,
-    ground_course: Course,
+    moves: Displacement,
     border: Border,
     step_px: float,
 ) -> Tensor:
-    """The window (1, C, h, w) as the mean of parts of the exposure, in each of which every matte covers what is
-    behind it as the part's mean does."""
-    size = (ground.shape[-2], ground.shape[-1])
-    courses = [ground_course, *(each.course for each in group)]
-    longest = max(course.length_px(window) for course in courses)
+    """The window (1, C, h, w) as a mean of sub-exposures, what of the background is uncovered as it is elsewhere."""
+    every = [moves, *(each.moves for each in group)]
+    longest = max(float(each.length_px(window).max()) for each in every)
     if longest > _LONGEST_PX:
         raise ValueError(
             f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
         )
-    edges = finest(courses, window, step_px)
-    count = len(edges) - 1
-    work = _work(window, courses)
-    colour, share = _blurred(group[-1], window, size, border, ground)
-    scene = ground_course.shown(continued_in(ground, work, border), count, work, window)
-    planes = [each.plane(work, size, border, ground) for each in group]
-    moving = [
-        each.course.shown(plane, count, work, window)
-        for plane, each in zip([*planes[:-1], planes[-1][:, -1:]], group, strict=True)
-    ]
-    total, bare, clear = torch.zeros_like(colour), torch.zeros_like(colour), torch.zeros_like(colour[:, :1])
-    for first, last in pairwise(edges.tolist()):
-        time, weight = (first + last) / 2, last - first
-        seen = own = scene(time)
-        through = (1 - moving[-1](time)).clamp(0, 1)
-        uncovered = through
-        for each in moving[:-1]:
-            before = each(time)
-            left = (1 - before[:, -1:]).clamp(0, 1)
-            seen, uncovered = before[:, :-1] + left * seen, uncovered * left
-        total = total.addcmul_(through, seen, value=weight)
-        bare, clear = bare.add_(own, alpha=weight), clear.add_(uncovered, alpha=weight)
-    # parts are for what varies together; what does not is exact, and the background that outside the window
-    uncovered = 1 - share if len(group) == 1 else clear
-    return colour + total - clear * bare + uncovered * blurred[..., *window.within]
+    work = _work(window, every)
+    behind = continued_in(ground, work, border)[0]
+    sheets = [Sheet(behind, moves, work.top, work.left, "replicate")]
+    for each in group:
+        plane = each.plane(work, (ground.shape[-2], ground.shape[-1]), border, ground)[0]
+        sheets.append(Sheet(plane[:-1], each.moves, work.top, work.left, matte=plane[-1:]))
+    seen = sub_exposures.layers_over(sheets, window, step_px)
+    # a mean of sub-exposures is for what varies together; what does not is as exact as elsewhere
+    light, uncovered = seen.light - seen.uncovered * seen.hindmost, seen.uncovered
+    if not group[-1].moves.each_row_differs:
+        colour, share = _blurred(group[-1], window, (ground.shape[-2], ground.shape[-1]), border, ground)
+        light = light - seen.foremost + colour[0]
+        uncovered = 1 - share[0] if len(group) == 1 else uncovered
+    return (light + uncovered * blurred[0, :, *window.within])[None]
 
 
-def _work(window: Window, courses: Sequence[Course]) -> Window:
+def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     """The window with all that moves through it, and what is left over to make lengths that transforms like."""
-    down, across = (max(reach) for reach in zip(*(course.reach(window) for course in courses), strict=True))
+    down, across = (max(reach) for reach in zip(*(each.reach_px(window) for each in moves), strict=True))
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width

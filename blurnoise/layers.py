@@ -19,12 +19,10 @@ from blurnoise._core.borders import Border
 from blurnoise._core.checks import an_instance, finite, integer, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS
 from blurnoise._core.windows import Window, cut, placed
+from blurnoise.displacement import ALIKE_PX, TAIL_PX
 
 BoxKind = Literal["object", "half", "swept"]
 BOX_KINDS = ("object", "half", "swept")
-ALIKE_PX = 1e-4
-"""Motions that differ by less are one."""
-_TAIL_PX = 8  # of a band-limited line beyond its ends, as in blurnoise.fourier
 _PLACE_PX = 1 << 20
 
 
@@ -255,7 +253,7 @@ def window_of(layer: Layer, displacement_px: Tensor, size: tuple[int, int], bord
 
 def reach_px(along_px: float) -> int:
     """How far a motion spreads what moves, the tail of the band-limited line included."""
-    return math.ceil(abs(along_px) / 2) + _TAIL_PX if abs(along_px) >= ALIKE_PX else 0
+    return math.ceil(abs(along_px) / 2) + TAIL_PX if abs(along_px) >= ALIKE_PX else 0
 
 
 def on_canvas(layer: Layer, size: tuple[int, int], like: Tensor) -> Tensor:

@@ -13,20 +13,17 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur, rolled_motion
+from blurnoise import blur
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
-from blurnoise.camera import Camera
-from blurnoise.flow_blur import flows
 from blurnoise.layers import Layer, Passing, passing
-from blurnoise.radiometry import dark_electrons, electrons_per_lux_s
-from blurnoise.spectra import Curve
-from blurnoise.trajectory import Polyline, Trajectory, per_picture
+from blurnoise.motion.trajectory import Trajectory, per_picture
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
+from blurnoise.optics.spectra import Curve
+from blurnoise.sub_exposures import flows
 
 Number = TypeVar("Number", float, Tensor)
-_SKEWED_PX = (
-    1 / 64
-)  # of rows at the picture's ends: a blurred picture ends there, what is warped goes on beyond
 
 
 @dataclass(frozen=True)
@@ -91,24 +88,9 @@ def operating_points(
     if flow is not None:
         points = replace(points, flow_px=flow, variation_px=middle_of(flow)[1])
     paths = per_picture(trajectory, batch)
-    other = (
-        "a trajectory"
-        if paths
-        else "a global reset"
-        if camera.row_time_s and camera.shutter == "global-reset"
-        else ""
-    )
-    if flow is not None and other:
-        raise ValueError(
-            f"velocity_px_s: of each pixel; with {other} it must be one for all of a picture, (2,) or (B, 2)"
-        )
-    if any(objects) and camera.row_time_s and flow is not None:
-        raise ValueError(
-            f"objects: row_time_s = {camera.row_time_s!r}; where rows are read one after another they go with motion "
-            "that is one for all of a picture, or a trajectory, without a flow"
-        )
     for at in each_of(replace(points, trajectories=paths)) if paths else ():
-        path(at)  # which holds the exposure, or raises
+        if at.trajectory is not None:  # which holds the exposure, or raises
+            at.trajectory.origin_px(at.exposure_s)
     return replace(points, trajectories=paths) if paths else points
 
 
@@ -129,37 +111,6 @@ def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
     seen = flow_px.detach()
     middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
     return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
-
-
-def path(at: OperatingPoint[float]) -> Polyline | None:
-    """What a frame sees of its trajectory and its uniform motion; None where it has none, or :func:`row_by_row`."""
-    if at.trajectory is None or row_by_row(at):
-        return None
-    x, y = at.displacement_px
-    velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s) if at.exposure_s else (0.0, 0.0)
-    return at.trajectory.seen(at.exposure_s, velocity)
-
-
-def row_by_row(at: OperatingPoint[float]) -> bool:
-    """Whether each row sees another part of the motion, which the rolling shutter then models, blur and all."""
-    return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
-
-
-def in_rows(at: OperatingPoint[float]) -> bool:
-    """Whether uniform motion is along rows, which a rolling shutter then blurs and displaces at once."""
-    if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
-        return False
-    camera, (x, y) = at.camera, at.displacement_px
-    velocity = (float(x) / at.exposure_s, float(y) / at.exposure_s)
-    return rolled_motion.along_rows(velocity, max(at.exposure_s, camera.row_time_s * camera.height_px / 2))
-
-
-def skewed(at: OperatingPoint[float]) -> bool:
-    """Whether rows in uniform motion are displaced so far that a rolling shutter blurs them, too."""
-    if not at.camera.row_time_s or not at.exposure_s or row_by_row(at) or at.objects or at.variation_px:
-        return False
-    fastest = max(abs(float(along)) for along in at.displacement_px) / at.exposure_s
-    return fastest * at.camera.row_time_s * at.camera.height_px / 2 >= _SKEWED_PX
 
 
 def each_of(

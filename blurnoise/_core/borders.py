@@ -14,7 +14,7 @@ from blurnoise._core.threads import plain
 
 Border = Literal["reflect", "replicate", "circular", "constant"]
 BORDERS = ("reflect", "replicate", "circular", "constant")
-_OPENCV = {
+OPENCV = {
     "reflect": cv2.BORDER_REFLECT_101,
     "replicate": cv2.BORDER_REPLICATE,
     "circular": cv2.BORDER_WRAP,
@@ -48,7 +48,7 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
     """``extended`` for one plane (H, W) of an array, into memory of the span."""
     after = [span - n - first for span, n, first in zip(into.shape, plane.shape, before, strict=True)]
     plane = np.ascontiguousarray(plane)
-    cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], _OPENCV[border], dst=into, value=0)
+    cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], OPENCV[border], dst=into, value=0)
 
 
 def index_of(size: int, before: int, span: int, border: Border) -> Tensor:

@@ -31,6 +31,7 @@ FORMER = {
     "blurnoise.exposure_ranges": "blurnoise.training.ranges",
     "blurnoise.exposure_table": "blurnoise.training.table",
     "blurnoise.field": "blurnoise.optics.lens",
+    "blurnoise.flow_blur": "blurnoise.sub_exposures",
     "blurnoise.gain": "blurnoise.optics.gains",
     "blurnoise.grey_anchor": "blurnoise.scene.metering",
     "blurnoise.lens": "blurnoise.optics.lens",

@@ -12,15 +12,14 @@ from torch import Tensor
 
 from blurnoise import path_blur
 from blurnoise._core.borders import Border
-from blurnoise.camera import Camera
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
-from blurnoise.light.motion import MOTION, MOTION_VARIATION
+from blurnoise.light.motion import MOTION, MOTION_VARIATION, ROLLING_SHUTTER
 from blurnoise.light.objects import OBJECTS
-from blurnoise.light.rolling_shutter import ROLLING_SHUTTER
 from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.camera import Camera
 from blurnoise.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (

@@ -21,9 +21,9 @@ from blurnoise._core.borders import Border
 from blurnoise.layers import Layer, Passing, on_canvas
 from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.light.rolling_shutter import readout_of
+from blurnoise.light.motion import exposed
 from blurnoise.light.translation import translated
-from blurnoise.operating_point import OperatingPoint, each_of, items, row_by_row
+from blurnoise.operating_point import OperatingPoint, items
 
 
 class Objects(LightEffect):
@@ -51,28 +51,13 @@ class Objects(LightEffect):
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """Every picture with its own layers."""
-        moved = torch.as_tensor(at.displacement_px)
-        seen = []
-        size = (light.shape[-2], light.shape[-1])
         every = cast(tuple[tuple[Layer, ...], ...], at.objects)
-        for place, (own, point) in enumerate(zip(every, each_of(at), strict=True)):
-            if at.camera.lens.displaces:
-                own = tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
-            picture = light[place : place + 1]
-            readout = readout_of(point, size)
-            camera = layered.Moved(
-                point.trajectory,
-                readout.row_s if at.camera.row_time_s else 0.0,
-                None if at.flow_px is None else at.flow_px[place],
-                readout if row_by_row(point) else None,
+        if at.camera.lens.displaces:
+            every = tuple(
+                tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
+                for place, own in enumerate(every)
             )
-            exposure_s = at.exposure_s[place]
-            picture = layered.exposed(picture, own, exposure_s, moved[place], border, camera=camera)
-            brighter = camera.readout is not None and camera.readout.reset
-            seen.append(
-                picture * torch.from_numpy(readout.light).to(picture)[:, None] if brighter else picture
-            )
-        return seen[0] if len(seen) == 1 else torch.cat(seen)
+        return exposed(light, at, every, border)
 
     def how(self, at: OperatingPoint[float]) -> str:
         """How many, and the longest motion."""

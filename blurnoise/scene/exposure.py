@@ -39,8 +39,8 @@ class Exposure:
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
     :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
-    has the velocity, see :mod:`.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity,
-    trajectory and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    has the velocity, see :mod:`.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity
+    and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -76,14 +76,10 @@ class Exposure:
         an_instance("vehicle", self.vehicle, Vehicle)
         if not self.drives:
             return
-        if any(self.velocity_px_s) or self.trajectory is not None or self.moves != "all":
+        if any(self.velocity_px_s) or self.moves != "all":
             raise ValueError(
                 f"ego_speed_m_s = {self.ego_speed_m_s!r}: a camera that drives moves each place in its own way; "
-                "velocity_px_s must be (0, 0), trajectory None and moves 'all'"
-            )
-        if self.camera.row_time_s and self.camera.shutter == "global-reset":
-            raise ValueError(
-                f"ego_speed_m_s = {self.ego_speed_m_s!r}: must be 0 before a global reset, as of {self.camera.name!r}"
+                "velocity_px_s must be (0, 0) and moves 'all'"
             )
 
     @property

@@ -92,10 +92,10 @@ def expose_pictures(
         one_of("moves", each, MOVES)
     if len(names) != batch:
         raise ValueError(f"moves: got {len(names)}; must be one, or {batch}, one for each picture")
-    if ego is not None and (bool(velocity.detach().any()) or paths or "targets" in names):
+    if ego is not None and (bool(velocity.detach().any()) or "targets" in names):
         raise ValueError(
-            "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0, trajectory None "
-            "and moves 'all' or 'background'"
+            "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0 and moves 'all' or "
+            "'background'"
         )
     still = (velocity == 0).all(1) if ego is None else (ego == 0) & (not vehicle.turns)
     names = ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)]
@@ -243,15 +243,16 @@ def swept_px(params: Params, ranges: Draws, boxes_xyxy: Tensor, size: tuple[int,
     half = motion.swept_half_px(_target_velocity_px_s(params, ranges) * params["exposure_s"][:, None])
     swept = torch.stack([half, half], 1)[:, None].repeat(1, boxes_xyxy.shape[1], 1, 1)
     for item, taken in enumerate(_taken(params, ranges) if {"shake_px", "ego_kmh"} & {*params} else ()):
-        if taken.trajectory is not None:
-            left, top, right, bottom = taken.trajectory.seen(taken.exposure_s, taken.velocity_px_s).box
-            swept[item] = swept.new_tensor([[-left, -top], [right, bottom]]).clamp_min(0)
         if taken.drives:
             boxes = boxes_xyxy[item].double()
             places = places_of(boxes)
             moved = motion.swept_half_px(taken.displacements_px(places.flatten(0, 1), size).view_as(places))
             low, high = (places - moved).amin(1), (places + moved).amax(1)
             swept[item] = torch.stack([boxes[:, :2] - low, high - boxes[:, 2:]], 1).to(swept)
+        if taken.trajectory is not None:
+            left, top, right, bottom = taken.trajectory.seen(taken.exposure_s, taken.velocity_px_s).box
+            shaken = swept.new_tensor([[-left, -top], [right, bottom]]).clamp_min(0)
+            swept[item] = swept[item] + shaken if taken.drives else shaken
     return swept
 
 

@@ -126,7 +126,7 @@ class ExposureRanges(Draws):
     masks, "all", the "targets" or the "background" behind them; one or several, each as likely as the others.
     ego_kmh, uniform, in place of speed_px_s: a camera that drives over a flat road, on ``vehicle``, whose flow moves
     each place of a picture otherwise, by the focal length of its camera and its size; the picture is all that the
-    camera sees. It goes without a shake and a global reset, and masks tell what drives along: "all" or "background".
+    camera sees. Masks tell what drives along: "all" or "background".
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
@@ -189,7 +189,6 @@ class ExposureRanges(Draws):
         _, fastest = _bounds("ego_kmh", self.ego_kmh)
         refused = {
             "blur_px": (self.blur_px is not None, "each place has a blur of its own; must be None"),
-            "shake_px": (self.shaken, "a shake moves all places alike; must be 0"),
             "moves": (
                 "targets" in self.moves,
                 "what moves for itself drives along; must be 'all' or 'background'",
@@ -199,15 +198,6 @@ class ExposureRanges(Draws):
             if stated:
                 raise ValueError(f"{name} = {getattr(self, name)!r}: with ego_kmh {why}")
         for camera in self.cameras:
-            if camera.row_time_s and camera.shutter == "global-reset":
-                raise ValueError(
-                    f"ego_kmh = {shown(self.ego_kmh)}: must be None before {camera.name!r}, a global reset"
-                )
-            if camera.row_time_s and self.moves != ("all",):
-                raise ValueError(
-                    f"moves = {self.moves!r}: with ego_kmh before {camera.name!r}, which reads row by row, must be "
-                    "'all'"
-                )
             height, width = camera.field.size
             edges = np.array([[0, (width - 1) / 2, width - 1] * 2, [0] * 3 + [height - 1] * 3])
             flow = self.vehicle.flow_at(edges, camera, (height, width), fastest / 3.6)

@@ -13,8 +13,8 @@ import sub_exposures
 import torch
 
 from blurnoise import Camera, Layer, Trajectory, simulate
-from blurnoise.layered import Moved, exposed
-from blurnoise.rolling_shutter import Readout
+from blurnoise.displacement import Displacement, Readout
+from blurnoise.layered import exposed
 
 HEIGHT, WIDTH, EXPOSURE_S = 65, 96, 0.01
 STREET = torch.from_numpy(brute_force.photograph(HEIGHT, WIDTH, 5, 3))
@@ -65,8 +65,17 @@ def truth(layer: Layer, place: Place, row_s: float = 0.0, *, reset: bool = False
     return total / spent[:, None]
 
 
-def found(layer: Layer, velocity: tuple[float, float], camera: Moved) -> torch.Tensor:
-    return exposed(STREET, [layer], T, torch.tensor(velocity).double() * T, "circular", camera=camera)[0]
+def found(
+    layer: Layer,
+    velocity: tuple[float, float] | torch.Tensor,
+    path: Trajectory | None = None,
+    row_s: float = 0.0,
+    *,
+    reset: bool = False,
+) -> torch.Tensor:
+    even = velocity if isinstance(velocity, torch.Tensor) else torch.tensor(velocity).double() * T
+    moves = Displacement(even, T, Readout(HEIGHT, row_s, EXPOSURE_S, reset), path)
+    return exposed(STREET, [layer], moves, "circular")[0]
 
 
 def error(one: torch.Tensor, other: torch.Tensor) -> float:
@@ -80,11 +89,11 @@ def test_objects_before_a_rolling_shutter(street: tuple[float, float], own: tupl
     """13 ms from the first row to the last: 20 px at 1500 px/s. Read upwards it is another picture."""
     layer, row_s = thing(own), 2e-4
     expected = truth(layer, straight(street, own), row_s)
-    assert error(found(layer, street, Moved(row_s=row_s)), expected) < 0.25
-    for wrong in (Moved(), Moved(row_s=-row_s)):
-        assert error(found(layer, street, wrong), expected) > 1
+    assert error(found(layer, street, row_s=row_s), expected) < 0.25
+    for wrong_s in (0.0, -row_s):
+        assert error(found(layer, street, row_s=wrong_s), expected) > 1
     back = [(-x, -y) for x, y in (street, own)]  # upwards in time is downwards of what goes back
-    upwards = found(replace(layer, velocity_px_s=back[1]), back[0], Moved(row_s=-row_s))
+    upwards = found(replace(layer, velocity_px_s=back[1]), back[0], row_s=-row_s)
     assert error(upwards, expected) < 0.25
 
 
@@ -102,8 +111,8 @@ def test_objects_before_a_camera_that_shakes(
         return x, y
 
     expected = truth(layer, place)
-    assert error(found(layer, street, Moved(path)), expected) < 0.5
-    assert error(found(layer, street, Moved()), expected) > 2
+    assert error(found(layer, street, path), expected) < 0.5
+    assert error(found(layer, street), expected) > 2
 
 
 @pytest.mark.slow
@@ -125,10 +134,9 @@ def test_objects_before_rows_that_see_a_path(
         return x, y
 
     expected = truth(layer, place, row_s, reset=reset)
-    readout = Readout(HEIGHT, row_s, EXPOSURE_S, reset)
-    assert error(found(layer, street, Moved(path, readout=readout)), expected) < 0.6
+    assert error(found(layer, street, path, row_s, reset=reset), expected) < 0.6
     if shakes or reset:
-        assert error(found(layer, street, Moved(path)), expected) > 1.5
+        assert error(found(layer, street, path), expected) > 1.5
 
 
 @pytest.mark.parametrize("own", [(0.0, 0.0), (900.0, 600.0)])
@@ -137,14 +145,14 @@ def test_objects_before_a_flow(own: tuple[float, float]) -> None:
     layer, street = thing(own), (-700.0, 300.0)
     flow = (torch.tensor(street).double() * T)[:, None, None].expand(2, HEIGHT, WIDTH)
     expected = truth(layer, straight(street, own))
-    got = exposed(STREET, [layer], T, flow[:, 0, 0], "circular", camera=Moved(flow_px=flow))[0]
+    got = found(layer, flow)
     assert error(got, expected) < 1.5
-    assert error(found(layer, (0.0, 0.0), Moved()), expected) > 5
+    assert error(found(layer, (0.0, 0.0)), expected) > 5
     halves = flow.clone()
     halves[..., 48:] = 0
-    both = exposed(STREET, [layer], T, flow[:, 0, 0] / 2, "circular", camera=Moved(flow_px=halves))[0]
+    both = found(layer, halves)
     torch.testing.assert_close(both[..., :30], got[..., :30], rtol=0, atol=1e-6)
-    still = found(layer, (0.0, 0.0), Moved())
+    still = found(layer, (0.0, 0.0))
     assert (both[..., 75:] - still[..., 75:]).abs().max() < 1e-6
 
 
@@ -176,9 +184,8 @@ def test_simulate_takes_objects_with_each() -> None:
         if "trajectory" not in moves:  # whose path is no tensor
             follows.square().mean().backward()
             assert bool(torch.as_tensor(asked.velocity_px_s).grad.abs().max() > 0)  # type: ignore[union-attr]
-    expected = exposed(
-        light, [layer], torch.tensor(EXPOSURE_S), torch.tensor([-3.0, 1.0]), camera=Moved(row_s=2e-4)
-    )
+    readout = Readout(HEIGHT, 2e-4, EXPOSURE_S)
+    expected = exposed(light, [layer], Displacement(torch.tensor([-3.0, 1.0]), T.float(), readout))
     sharp = simulate(expected.clamp(0, 1), Camera.preset("imx250"), **given)
     first = simulate(light, rolling, layers=[layer], **given, **ways[0][1])
     assert (first - sharp).abs().max() < 4  # what rings
@@ -202,11 +209,8 @@ def test_rows_of_a_reset_are_as_bright_with_objects() -> None:
                 assert float(seen[..., 60:, :8].mean() / seen[..., :5, :8].mean()) > 1.3
 
 
-def test_what_objects_do_not_go_with() -> None:
+def test_objects_that_overtake_the_rows() -> None:
     rolling = replace(Camera.preset("imx250"), row_time_s=1e-5, shutter="rolling")
-    given: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 10.0, "layers": [thing((1.0, 0.0))]}
-    with pytest.raises(ValueError, match="objects: row_time_s = 1e-05; where rows are read"):
-        simulate(STREET.float(), rolling, **given, velocity_px_s=torch.ones(2, HEIGHT, WIDTH))
-    too_fast: dict[str, Any] = {**given, "layers": [thing((0.0, 9e6))]}
+    too_fast: dict[str, Any] = {"illuminance_lux": 10.0, "layers": [thing((0.0, 9e6))], "exposure_s": 0.001}
     with pytest.raises(ValueError, match="overtaken"):
-        simulate(STREET.float(), rolling, **{**too_fast, "exposure_s": 0.001})
+        simulate(STREET.float(), rolling, **too_fast)

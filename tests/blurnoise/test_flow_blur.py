@@ -13,7 +13,7 @@ from blurnoise import motion_blur, resampling
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise.ego_motion import EgoMotion, Mount, View, range_of_depth_m
 from blurnoise.encoding import srgb_from_linear
-from blurnoise.flow_blur import flow_blur
+from blurnoise.sub_exposures import flow_blur
 
 VIEW = View(321, 241, 60.0, "rectilinear")  # f = 278 px: displacements half of those at 640 px
 

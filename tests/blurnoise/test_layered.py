@@ -112,13 +112,14 @@ def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
     white: float, background_px: float, largest: float
 ) -> None:
     """An object 20 px wide that moves 10 px: a black one, the background a step at its edge, and a white one
-    before (1 + cos(2 pi x / 7)) / 2. Sixteen samples a pixel; parts of a fifth of one."""
+    before (1 + cos(2 pi x / 7)) / 2. Sixteen samples a pixel; sub-exposures a twentieth of
+    one apart, as the hard edge is a step in each."""
     finer, width = 16, 100
     x = (torch.arange(width * finer, dtype=torch.float64) + 0.5) / finer - width / 2  # 0: the object's middle
     alpha = (x.abs() < 10).double()[None]
     behind = (1 + torch.cos(2 * math.pi * x / 7)) / 2 if white else (x < -10).double()
     light = torch.full((1, *alpha.shape), white, dtype=torch.float64)
-    fine = {"exposure_s": 1.0, "velocity_px_s": (background_px * finer, 0.0), "step_px": 0.2 * finer}
+    fine = {"exposure_s": 1.0, "velocity_px_s": (background_px * finer, 0.0), "step_px": 0.05 * finer}
     background = behind[None, None, None]
     found = expose_layers(background, [Layer(light, alpha, (10.0 * finer, 0.0))], **fine)
     a = motion_blur(alpha[None, None], (10.0 * finer, 0.0))
@@ -217,7 +218,7 @@ def test_gradients_reach_an_axis_along_which_nothing_moves() -> None:
     step = 1e-2
     slope = float(loss((14.0, step)) - loss((14.0, -step))) / (2 * step)
     assert abs(slope) > 0.1
-    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.02)
+    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.05)  # linear: of one side
 
 
 def test_single_precision_is_as_good() -> None:

@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import Trajectory, motion_blur, rolled_motion, rolling_shutter
+from blurnoise import Trajectory, motion_blur, rows, sub_exposures
+from blurnoise.displacement import Displacement, Readout
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
 from blurnoise_eval.bench.motion_peers import FRAMES, mapped, mean_of_frames
@@ -27,9 +28,9 @@ class Rows(Case):
     """Read from the first row to the last."""
 
     @property
-    def readout(self) -> rolling_shutter.Readout:
+    def readout(self) -> Readout:
         """When its rows are exposed."""
-        return rolling_shutter.Readout(self.picture.shape[-2], ROW_S, EXPOSURE_S)
+        return Readout(self.picture.shape[-2], ROW_S, EXPOSURE_S)
 
     def places(self, later_s: float = 0.0) -> tuple[Picture, Picture]:
         """Where what each pixel sees, so long after its row's middle, is at time 0: x and y, (H, W)."""
@@ -54,13 +55,13 @@ def _case(extent: Extent) -> Rows:
 
 def _ours(case: Rows) -> Call:
     moved, exposure = torch.tensor(_MOVED_PX), torch.tensor(EXPOSURE_S)
-    return lambda: rolled_motion.blurred_and_warped(case.picture, moved, exposure, ROW_S, "reflect")
+    return lambda: rows.rolled(case.picture, moved, exposure, ROW_S, "reflect")
 
 
 def _one_by_one(case: Rows) -> Call:
     def call() -> Tensor:
         blurred = motion_blur(case.picture, _MOVED_PX)
-        return rolling_shutter.warped(blurred, VELOCITY_PX_S, ROW_S, "reflect")
+        return rows.warped(blurred, VELOCITY_PX_S, ROW_S, "reflect")
 
     return call
 
@@ -68,7 +69,9 @@ def _one_by_one(case: Rows) -> Call:
 def _row_by_row(case: Rows) -> Call:
     begin, end = case.readout.span_s
     path = Trajectory.straight(VELOCITY_PX_S, 2 * max(-begin, end) + 1e-6)
-    return lambda: rolling_shutter.of_rows(case.picture, path, (0.0, 0.0), case.readout, "reflect")
+    still, exposure = torch.zeros(2), torch.tensor(EXPOSURE_S)
+    moves = Displacement(still, exposure, case.readout, path)
+    return lambda: sub_exposures.moved_picture(case.picture[0], moves, "reflect")[None]
 
 
 def _remapped(flags: int) -> Callable[[Rows], Call]:
@@ -106,11 +109,9 @@ def job() -> Job:
         for how, flags in (("linear", cv2.INTER_LINEAR), ("cubic", cv2.INTER_CUBIC))
     ]
     ways = (
-        Method(OURS, OURS, "rolled_motion.blurred_and_warped", _ours),
-        Method(
-            "ours, then warped", OURS, "motion_blur, then rolling_shutter.warped", _one_by_one, "then warped"
-        ),
-        Method("ours, any path", OURS, "rolling_shutter.of_rows: row by row", _row_by_row, "any path"),
+        Method(OURS, OURS, "rows.rolled", _ours),
+        Method("ours, then warped", OURS, "motion_blur, then rows.warped", _one_by_one, "then warped"),
+        Method("ours, any path", OURS, "sub_exposures, each row's own", _row_by_row, "any path"),
         *remaps,
         Method("sheared, no blur", "one of the two", "cv2.remap of the sharp picture", _sheared, "sheared"),
         Method("blurred, no shear", "one of the two", "a global shutter", _global, "blurred"),

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from blurnoise.hdr import Flicker
-    from blurnoise.motion.trajectory import Trajectory
     from blurnoise.optics.camera import Camera
     from blurnoise.optics.gains import Capture
     from blurnoise.scene.cutting import Cut
@@ -234,7 +233,7 @@ def simulate(
     captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
     moves = given.trajectory(trajectory, taker, scene, exposure_s, seed)
     seen_by = {"height_m": height_m, "pitch_deg": pitch_deg, "heading_deg": heading_deg, "plane_m": plane_m}
-    flow = _flow(ego, taker, scene, (dx, dy), moves, **seen_by, hfov_deg=hfov_deg, lens=lens)
+    flow = _flow(ego, taker, scene, (dx, dy), **seen_by, hfov_deg=hfov_deg, lens=lens)
     motion_px = torch.tensor([dx, dy], dtype=torch.float64) * exposure_s
     varies_px = 0.0
     if flow is not None:
@@ -337,7 +336,6 @@ def _flow(
     taker: Camera,
     scene: Tensor,
     velocity_px_s: tuple[float, float],
-    path: Trajectory | None,
     **seen_by: Any,
 ) -> Tensor | None:
     """What --ego says, px/s. Raises ``ValueError`` for options that go with it, or do not."""
@@ -346,10 +344,8 @@ def _flow(
         for name in stated:
             raise ValueError(f"{name.replace('_', '-')}: goes with --ego")
         return None
-    if any(velocity_px_s) or path is not None:
-        raise ValueError(
-            "ego: goes with neither --dx, --dy nor --trajectory, which move all of a picture alike"
-        )
+    if any(velocity_px_s):
+        raise ValueError("ego: goes without --dx and --dy, which move all of a picture alike")
     drive = vehicle.Drive.parse(ego)
     size = (scene.shape[-2], scene.shape[-1])
     camera_on = vehicle.stated(**stated, yaw_deg_s=drive.yaw_deg_s, pitch_deg_s=drive.pitch_deg_s)

@@ -246,7 +246,6 @@ class SweepPlan:
         if self.ego is None:
             object.__setattr__(self, "ego", USUAL_VEHICLE)
         others = {name: any(self.values(name)) for name in (*VELOCITY, MOVES.name)}
-        others["trajectory"] = self.trajectory is not None
         if stated := [name for name, given in others.items() if given]:
             raise ValueError(
                 f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(stated)}"

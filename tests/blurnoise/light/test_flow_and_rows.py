@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Camera, Trajectory, simulate
+from blurnoise import Camera, simulate
 from blurnoise.light.effects import through
 from blurnoise.motion.ego import Mount, View
 from blurnoise.operating_point import operating_points
@@ -90,13 +90,3 @@ def test_gradients_reach_the_flow_and_the_plan_knows_the_rows() -> None:
     auto, full = (simulate(light, ROLLING, fidelity=each, **clean) for each in ("auto", "full"))  # type: ignore[arg-type]
     assert (auto - full).square().mean().sqrt() < 0.1
     assert (auto - simulate(light, GLOBAL, **clean)).abs().max() > 100
-
-
-def test_what_a_flow_does_not_go_with() -> None:
-    light = torch.full((1, 1, 71, 95), 0.5)
-    given: dict[str, Any] = {"exposure_s": EXPOSURE_S, "illuminance_lux": 100.0, "velocity_px_s": flow()}
-    path = Trajectory.sinusoid(2.0, 80.0, 0.1)
-    with pytest.raises(ValueError, match="velocity_px_s: of each pixel; with a trajectory it must be one"):
-        simulate(light, GLOBAL, trajectory=path, **given)
-    with pytest.raises(ValueError, match="velocity_px_s: of each pixel; with a global reset it must be one"):
-        simulate(light, replace(ROLLING, shutter="global-reset"), **given)

@@ -11,7 +11,7 @@ import torch
 
 from blurnoise import Camera, ExposedScene, motion_blur, plan, simulate, transfer
 from blurnoise.ego_motion import Mount, View
-from blurnoise.flow_blur import flow_blur
+from blurnoise.sub_exposures import flow_blur
 
 CAMERA = Camera.preset("imx250")
 VIEW = View(61, 47, 60.0, "rectilinear")

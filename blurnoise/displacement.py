@@ -1,0 +1,326 @@
+"""The description of motion: how far something is displaced at any time, and when each row of a picture is exposed.
+
+Convention: px, x right, y down; (0, 0) is where the picture at rest has it. Time 0 is mid-exposure of the middle row,
+(H - 1) / 2. Rows are read every ``row_s``, downwards > 0, upwards < 0, 0 together. Row i is exposed from tau_i - T/2
+to tau_i + T/2, tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each ends ``row_s`` after
+the one before.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from blurnoise._core.windows import Window
+from blurnoise.motion.trajectory import Polyline, Trajectory
+
+Floats = NDArray[np.float64]
+Way = Literal["transfer", "rows", "sub-exposures"]
+_AT_ONCE_PX2 = 0.02  # of a path in a row's window: a phase of 0.02 of the finest detail
+ALIKE_PX = 1e-4
+"""Motions that differ by less are one."""
+TAIL_PX = 8
+"""Of a band-limited line beyond its ends, as in :mod:`blurnoise.fourier`; more than interpolation reaches."""
+
+
+@dataclass(frozen=True)
+class Readout:
+    """When the rows of a picture are exposed, s: ``row_s`` as the module says, ``reset``: all begin together."""
+
+    rows: int
+    row_s: float
+    exposure_s: float
+    reset: bool = False
+
+    @property
+    def windows_s(self) -> tuple[Floats, Floats]:
+        """Where each row's exposure begins and ends."""
+        return self.windows_of(np.arange(self.rows))
+
+    def windows_of(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """The same of some rows; of one beyond the picture that of the nearest."""
+        last = self.rows - 1
+        tau = (rows.clip(0, last) - last / 2) * self.row_s
+        if not self.reset:
+            return tau - self.exposure_s / 2, tau + self.exposure_s / 2
+        readout_s = last * abs(self.row_s)
+        later = tau + readout_s / 2
+        start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
+        return start, start + self.exposure_s + later
+
+    def middle_s(self, row: Floats) -> Floats:
+        """When a row, or a place between rows, is read, less half an exposure."""
+        return np.asarray((row - (self.rows - 1) / 2) * self.row_s)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """When the first exposure begins and the last ends."""
+        starts, stops = self.windows_s
+        return float(starts.min()), float(stops.max())
+
+    @property
+    def light(self) -> Floats:
+        """The light of each row, in that of an exposure."""
+        starts, stops = self.windows_s
+        return (stops - starts) / self.exposure_s if self.exposure_s else np.ones(self.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """How far something is displaced at time t: ``even_px`` t / T and where the path is, seen in each row's window.
+
+    even_px: (2,), or (2, H, W) of each pixel of the picture, during an exposure; its gradients pass. exposure_s: ().
+    """
+
+    even_px: Tensor
+    exposure_s: Tensor
+    readout: Readout
+    path: Trajectory | None = None
+
+    @property
+    def flows(self) -> bool:
+        """Whether each pixel has its own."""
+        return self.even_px.ndim == 3
+
+    @property
+    def way(self) -> Way:
+        """How it is computed; the only place that says so.
+
+        One displacement for all pixels in one window of time is a transfer function. Rows that are exposed one after
+        another see the same blur of a uniform motion, each displaced; of a path that in no window goes along rows and
+        down them at once, each has its own. Everything else is a mean of sub-exposures.
+        """
+        by_rows = self.readout.row_s != 0
+        if self.flows:
+            return "sub-exposures"
+        if by_rows and self.each_row_differs:
+            return "sub-exposures" if asked(self.even_px) or self._at_once_px2 > _AT_ONCE_PX2 else "rows"
+        return "rows" if by_rows and bool(self.exposure_s) and not self.still else "transfer"
+
+    @property
+    def each_row_differs(self) -> bool:
+        """Whether each row sees another part of the motion."""
+        return self.readout.row_s != 0 and (self.path is not None or self.readout.reset)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves, for anybody who asks."""
+        if asked(self.even_px) or float(self.even_px.detach().abs().max()) >= ALIKE_PX:
+            return False
+        return float(np.abs(self._track[1]).max()) < ALIKE_PX
+
+    def moves_like(self, other: Displacement) -> bool:
+        """Whether both move alike, before the same camera."""
+        if self.flows or other.flows or asked(self.even_px, other.even_px):
+            return False
+        return float((self.even_px - other.even_px).abs().amax()) < ALIKE_PX
+
+    @property
+    def velocity_px_s(self) -> tuple[float, float]:
+        """Of what is even for all pixels; 0 in an exposure of no length."""
+        lasting_s = float(self.exposure_s) or math.inf
+        x, y = self.even_px.detach().tolist()
+        return x / lasting_s, y / lasting_s
+
+    @property
+    def polyline(self) -> Polyline | None:
+        """What an exposure of all rows together sees of the path and the even motion; None without a path."""
+        return None if self.path is None else self.path.seen(float(self.exposure_s), self.velocity_px_s)
+
+    def even(self, window: Window) -> tuple[Tensor | None, Tensor]:
+        """Even displacement (2, h, 1 or w) of a window's pixels in the middle of their rows' exposures, None where
+        all have none, and what of it passes during these."""
+        middle, lasting = self._rows(window)
+        if self.flows:
+            base, along = self._flow
+            within = (slice(None), *window.within)
+            return None if base is None else base[within], along[within]
+        by = self.even_px[:, None, None]
+        if not middle.any() and (lasting == self.readout.exposure_s).all():
+            return None, by.expand(2, window.height, 1)
+        return self._rate(by) * _column(middle, by), self._rate(by) * _column(lasting, by)
+
+    def during(self, row: float) -> tuple[Floats, Floats, Floats]:
+        """Mean, least and largest displacement (x, y) in the window of a row, or of the nearest in the picture."""
+        start, stop = (
+            float(np.interp(row, np.arange(self.readout.rows), each)) for each in self.readout.windows_s
+        )
+        straight = Trajectory.straight((0.0, 0.0), 2 * max(abs(start), abs(stop)) + 1e-9)
+        knots, durations = (self.path or straight).window(start, stop)
+        origin = self.path.origin_px(self.readout.exposure_s) if self.path else (0.0, 0.0)
+        time = start + np.concatenate([[0.0], np.cumsum(durations)])
+        places = knots - np.array(origin)[:, None] + np.outer(self.velocity_px_s, time)
+        if not len(durations):
+            return places[:, 0], places[:, 0], places[:, 0]
+        mean = ((places[:, 1:] + places[:, :-1]) / 2 * durations).sum(1) / durations.sum()
+        return mean, places.min(1), places.max(1)
+
+    def seen_row(self, row: float) -> float:
+        """In which row a place of the scene's row is seen on average: where r - y(r) = row, by bisection."""
+        least, largest = self.extremes_px(Window(0, 0, self.readout.rows, 1))
+        reach = max(float(largest[1].max()), -float(least[1].min())) + 1
+        low, high = row - reach, row + reach
+        for _ in range(60):
+            middle = (low + high) / 2
+            before = middle - self.during(middle)[0][1] < row
+            low, high = (middle, high) if before else (low, middle)
+        return (low + high) / 2
+
+    def along_path(self, window: Window, times: Floats) -> Floats | None:
+        """Where the path is (n, 2, h) for a window's rows, at times (n,) of theirs from -1/2 to 1/2."""
+        if self.path is None:
+            return None
+        (middle, lasting), (known, knots) = self._rows(window), self._track
+        at = middle + np.multiply.outer(times, lasting)
+        return np.stack([np.interp(at, known, along) for along in knots], 1)
+
+    def length_px(self, window: Window) -> Floats:
+        """The longest way (h,) that anything in each row of a window goes in its exposure."""
+        _, along = self.even(window)
+        longest = np.asarray(along.detach().square().sum(0).amax(-1).sqrt().double().cpu())
+        if self.path is None:
+            return longest
+        times, knots = self._track
+        if not self.flows:
+            knots, longest = knots + np.outer(self.velocity_px_s, times), 0.0 * longest
+        gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots)))])
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        return np.asarray(longest + np.interp(stops, times, gone) - np.interp(starts, times, gone))
+
+    def extremes_px(self, window: Window) -> tuple[Floats, Floats]:
+        """Least and largest displacement (2, h) of anything in each row of a window; of a path over all of them."""
+        base, along = self.even(window)
+        half = along.detach().abs() / 2
+        if asked(self.even_px):  # the slope along an axis on which nothing moves
+            half = half.clamp_min(ALIKE_PX)
+        if base is None:
+            largest = half.amax(-1).double().cpu().numpy()
+            least = -largest
+        else:
+            least = (base.detach() - half).amin(-1).double().cpu().numpy()
+            largest = (base.detach() + half).amax(-1).double().cpu().numpy()
+        if self.path is None:
+            return least, largest
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        (times, knots), ends = self._track, (starts.min(), stops.max())
+        within = knots[:, (times >= ends[0]) & (times <= ends[1])]
+        places = np.concatenate([within, [np.interp(ends, times, along) for along in knots]], 1)
+        return least + places.min(1)[:, None], largest + places.max(1)[:, None]
+
+    def range_px(self, window: Window) -> tuple[Floats, Floats]:
+        """Least and largest displacement (x, y) of anything in a window."""
+        least, largest = self.extremes_px(window)
+        return least.min(1), largest.max(1)
+
+    def reach_px(self, window: Window) -> tuple[int, int]:
+        """How far down and across from a window that may be which it shows, with the tails of what is blurred."""
+        low, high = self.range_px(window)
+        across, down = (_spread(far) for far in np.maximum(-low, high))
+        return down, across
+
+    def passed(self, rest: Window) -> Window:
+        """The pixels that something may cover which at rest is in ``rest``."""
+        if self.flows:
+            return rest
+        if self.way == "rows":
+            stretch(self.velocity_px_s[1], self.readout.row_s)
+        seen, before = Window(0, 0, self.readout.rows, 1), None
+        while seen != before:  # of all rows first, then of those that it comes to
+            before, (low, high) = seen, self.range_px(seen._replace(left=0, width=1))
+            left, top = (-_spread(-along) for along in low.tolist())
+            right, bottom = (_spread(along) for along in high.tolist())
+            height, width = max(1, rest.height + bottom - top), rest.width + right - left
+            seen = Window(rest.top + top, rest.left + left, height, width)
+        return seen
+
+    def _rate(self, by: Tensor) -> Tensor:
+        return by / self.exposure_s.to(by) if float(self.exposure_s) else torch.zeros_like(by)
+
+    def _rows(self, window: Window) -> tuple[Floats, Floats]:
+        """Middles and lengths of the rows' exposures, s."""
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        return (starts + stops) / 2, stops - starts
+
+    @cached_property
+    def _flow(self) -> tuple[Tensor | None, Tensor]:
+        """:meth:`even` of a steady flow: what is at p at time t was at p - t u, u the flow half-way."""
+        by = self.even_px
+        middle, lasting = self._rows(Window(0, 0, *by.shape[1:]))
+        if not middle.any() and (lasting == self.readout.exposure_s).all():
+            return None, by
+        rate, later = self._rate(by), _column(middle, by)
+        base = _carried(rate, rate * (later / 2)) * later
+        return base, _carried(rate, base) * _column(lasting, by)
+
+    @cached_property
+    def _at_once_px2(self) -> float:
+        """How far anything goes along rows times how far down them in one window, at most."""
+        gone = np.concatenate([np.zeros((2, 1)), np.cumsum(np.abs(np.diff(self.track[1])), 1)], 1)
+        passed = [
+            np.subtract(*(np.interp(at, self.track[0], along) for at in self.readout.windows_s[::-1]))
+            for along in gone
+        ]
+        return float((passed[0] * passed[1]).max())
+
+    @cached_property
+    def track(self) -> tuple[Floats, Floats]:
+        """Times (K,) and places (2, K) of the path and the even motion together, which is one for all pixels."""
+        times, knots = self._track
+        if self.path is None:
+            begin, end = self.readout.span_s
+            times, knots = np.array([begin, end + 1e-12]), np.zeros((2, 2))
+        return times, knots + np.outer(self.velocity_px_s, times)
+
+    @cached_property
+    def _track(self) -> tuple[Floats, Floats]:
+        """Times (K,) and places (2, K) of the path. Raises ``ValueError`` unless it holds all rows' windows."""
+        if self.path is None:
+            return np.zeros(1), np.zeros((2, 1))
+        begin, end = self.readout.span_s
+        knots, durations = self.path.window(begin, end)
+        origin = np.array(self.path.origin_px(self.readout.exposure_s))[:, None]
+        return begin + np.concatenate([[0.0], np.cumsum(durations)]), knots - origin
+
+
+def stretch(velocity_y_px_s: float, row_s: float) -> float:
+    """By how much what moves is taller in the picture, 1 / (1 - v_y row_s); its streak is longer by it, too.
+
+    Raises ``ValueError`` where what is seen overtakes the readout.
+    """
+    if velocity_y_px_s * row_s >= 1:
+        raise ValueError(
+            f"velocity_px_s = {velocity_y_px_s:g} down: must be below {1 / row_s:g}, at which rows are read; "
+            "else the picture is overtaken"
+        )
+    return 1 / (1 - velocity_y_px_s * row_s)
+
+
+def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
+    """A flow (2, H, W) at p as it is at p - by_px."""
+    _, height, width = flow.shape
+    x = torch.arange(width).to(flow) - by_px[0]
+    y = torch.arange(height).to(flow)[:, None] - by_px[1]
+    grid = torch.stack([2 * x / max(1, width - 1) - 1, 2 * y / max(1, height - 1) - 1], -1)
+    seen: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
+    return seen[0]
+
+
+def asked(*tensors: Tensor) -> bool:
+    """Whether gradients of any of them are asked for."""
+    return torch.is_grad_enabled() and any(each.requires_grad for each in tensors)
+
+
+def _column(of_rows: Floats, like: Tensor) -> Tensor:
+    return torch.from_numpy(of_rows).to(like)[:, None]
+
+
+def _spread(along_px: float) -> int:
+    return math.ceil(along_px) + TAIL_PX if abs(along_px) >= ALIKE_PX else 0

@@ -1,0 +1,364 @@
+"""Rows moved by numbers of pixels of their own, along and across, in pictures (B, C, H, W) of linear light.
+
+Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
+twelve taps. A picture in uniform motion v is first blurred, as if all rows were exposed together, and then
+:func:`warped`. (Warped first, it would have to be blurred by v T / (1 - v_y row_s).) The blur of a picture that ends
+at its border is not quite what is seen there: :func:`rolled` continues it before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise import blur, fourier
+from blurnoise._core.borders import Border, continued, extended, index_of
+from blurnoise._core.checks import finite
+from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise.displacement import asked, stretch
+
+Floats = NDArray[np.float64]
+Band = tuple[slice, slice, NDArray[Any]]
+LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
+_MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distance
+_CLOSING_PX = 32  # of the margin, at its end
+_BEYOND_PX = 16  # rows of a continued picture: of the blur's ends, and of the taps
+_STRIP = 1 << 16  # values of a strip of rows
+_BLOCK = 32  # rows whose phases are a product
+_TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
+_STILL_PX = 1e-3  # motion across that is not worth its transform
+_LONGEST_TAPS_PX = 256  # beyond that a transform is faster
+_FINE = 4096  # places within a pixel at which the window's integral is known
+
+
+def rolled(
+    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
+) -> Tensor:
+    """Pictures in uniform motion, (2,) px in an exposure (), whose rows are read every ``row_s``; differentiable.
+
+    Motion along rows is one transform of rows; motion down them a mean of rows, which Lanczos's window resamples and
+    averages at once. Raises as :func:`blurnoise.displacement.stretch` does, and where the continued picture would be
+    too large.
+    """
+    from scipy.fft import next_fast_len
+
+    height, width = light.shape[-2:]
+    velocity = displacement_px / exposure_s
+    stretch(float(velocity[1].detach()), row_s)
+    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
+    skew_px = (velocity.detach() * row_s).abs() * (height - 1) / 2
+    across, down = (skew_px + displacement_px.detach().abs() / 2).tolist()
+    plain = light.device.type == "cpu" and not asked(light, displacement_px, exposure_s)
+    if plain and down <= _STILL_PX:
+        return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
+    if plain and across <= _STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
+        return mixed(
+            light, *_swept_taps((-velocity[1] * tau).numpy(), float(displacement_px[1].abs())), border
+        )
+    before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
+    high, wide = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
+    if high * wide > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"displacement_px = {displacement_px.tolist()}: rows that are read one after another need a plane of "
+            f"{high}x{wide} pixels; at most {fourier.LARGEST_PLANE} are allowed"
+        )
+    places, shift_px = before[0] - velocity[1] * tau, velocity[0] * tau
+    if plain:
+        return _at_once(light, displacement_px, places, shift_px, before, (high, wide), border)
+    plane = extended(light, before, (high, wide), border)
+    plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
+    moved = displacement_px[None].expand(len(light), 2)
+    plane = blur.motion_blur(plane, moved, method="transfer", border="circular")
+    plane = shifted_rows(_resampled(plane, places, "replicate"), shift_px, "circular", wraps=True)
+    return plane[..., before[1] : before[1] + width].contiguous()
+
+
+def _at_once(
+    light: Tensor,
+    displacement_px: Tensor,
+    places: Tensor,
+    shift_px: Tensor,
+    before: tuple[int, int],
+    spans: tuple[int, int],
+    border: Border,
+) -> Tensor:
+    """The same between two transforms of rows: blurred there, and resampled and displaced while they are spectra.
+
+    OpenCV packs the spectrum of a row as real 0, real 1, imaginary 1, ...: with a value before and one behind these
+    are complex numbers, once the imaginary parts of the first and the last are 0.
+    """
+    from scipy.fft import fft, ifft
+
+    (height, width), (high, wide) = light.shape[-2:], spans
+    out = torch.empty_like(light, memory_format=torch.contiguous_format)
+    sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
+    kind, size = sources.dtype, (high, wide // 2 + 1)
+    x, y = displacement_px.tolist()
+    response = fourier.motion_response((x, y), spans, np.empty(size, kind), np.empty(size, kind))
+    wave = np.complex64 if kind == np.float32 else np.complex128
+    phases = _row_phases(shift_px.numpy(), wide, wave) / wave(wide)
+    first, weights = _lanczos_taps(places)
+    bands = _bands(first.numpy(), weights.numpy(), high, "replicate", kind)
+
+    def see(place: int) -> None:
+        with borrowed([(high, wide), (high, wide + 2), (height, wide + 2)], kind) as (plane, waves, seen):
+            continued(sources[place], plane, before, border)
+            plane[:, -_CLOSING_PX:] = _closing(plane)
+            cv2.dft(plane, waves[:, 1:-1], cv2.DFT_ROWS)
+            waves[:, 0] = waves[:, 1]
+            waves[:, [1, -1]] = 0
+            spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
+            spectra *= response
+            spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
+            for rows, needed, band in bands:
+                np.matmul(band, spectra[needed], out=seen[rows])
+            moved = seen.view(wave)
+            np.multiply(moved, phases, out=moved)
+            seen[:, 1] = seen[:, 0]
+            cv2.dft(seen[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
+            targets[place] = plane[:height, before[1] : before[1] + width]
+
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+    side_by_side(see, range(len(targets)), threads)
+    return out
+
+
+def warped(
+    light: Tensor,
+    velocity_px_s: Tensor | tuple[float, float],
+    row_s: float,
+    border: Border,
+    *,
+    middle: float | None = None,
+) -> Tensor:
+    """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
+
+    middle: the row that is read at time 0, by default the pictures' middle one. Light is not kept: what moves along
+    with the readout is read longer. Raises as :func:`blurnoise.displacement.stretch` does.
+    """
+    velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
+    finite("velocity_px_s", velocity)
+    stretch(float(velocity[1].detach()), row_s)
+    height = light.shape[-2]
+    still = (height - 1) / 2 if middle is None else middle
+    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
+    follows = asked(velocity)
+    readout_s = float(tau.abs().max())
+    if follows or abs(float(velocity[1].detach())) * readout_s > _STILL_PX:
+        light = _resampled(light, -velocity[1] * tau, border)
+    if follows or abs(float(velocity[0].detach())) * readout_s > _STILL_PX:
+        light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
+    return light
+
+
+def shifted_rows(
+    light: Tensor, shift_px: Tensor, border: Border, along_px: float = 0.0, *, wraps: bool = False
+) -> Tensor:
+    """Row i displaced to the right by shift_px (H,), by a phase: exact for what the samples hold.
+
+    along_px: of an exposure in which all move, blurred by it in the same transform; of light on the CPU, without
+    gradients. wraps: rows are continued and closed already, of a length that transforms like.
+    """
+    far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
+    margin = 0 if wraps else _MARGIN_PX + far
+    length = light.shape[-1] if wraps else fourier.fast_length(light.shape[-1] + 2 * margin)
+    if light.device.type != "cpu" or asked(light, shift_px):
+        turn = torch.fft.rfftfreq(length, dtype=torch.float64).to(shift_px.device)
+        phase = -2 * math.pi * shift_px[:, None] * turn
+        factors = torch.polar(torch.ones_like(phase), phase)
+        return times(light, factors, margin, length, border)
+    packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype, along_px)
+    return times_packed(light, packed, margin, border)
+
+
+def times(light: Tensor, factors: Tensor, margin: int, length: int, border: Border) -> Tensor:
+    """Rows (H) times factors (H, L / 2 + 1) of a row of ``length``."""
+    height, width = light.shape[-2:]
+    kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
+    plane = extended(light, (0, margin), (height, length), border)
+    plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
+    rows: Tensor = torch.fft.irfft(torch.fft.rfft(plane) * factors.to(kind), n=length)
+    return rows[..., margin : margin + width].contiguous()
+
+
+def _closing(plane: Any) -> Any:
+    """The last px of rows, led to the first: a step where a row wraps round would ring into the picture."""
+    share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
+    last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
+    if isinstance(plane, Tensor):
+        return last + (first - last) * torch.from_numpy(share).to(plane)
+    return last + (first - last) * share.astype(plane.dtype)
+
+
+def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Border) -> Tensor:
+    """The same by OpenCV's transform, strip by strip; factors (H, L), packed and divided by L."""
+    out = torch.empty_like(light, memory_format=torch.contiguous_format)
+    sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
+    (height, width), length = light.shape[-2:], factors.shape[1]
+    strip = max(1, _STRIP // length)
+
+    def move(at: tuple[int, int]) -> None:
+        place, top = at
+        source, target = sources[place, top : top + strip], targets[place, top : top + strip]
+        with borrowed([(len(source), length)] * 2, factors.dtype) as (plane, spectrum):
+            continued(source, plane, (0, margin), border)
+            plane[:, -_CLOSING_PX:] = _closing(plane)
+            cv2.dft(plane, spectrum, cv2.DFT_ROWS)
+            cv2.mulSpectrums(spectrum, factors[top : top + strip], cv2.DFT_ROWS, spectrum)
+            cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
+            target[:] = plane[:, margin : margin + width]
+
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+    side_by_side(
+        move, [(place, top) for place in range(len(sources)) for top in range(0, height, strip)], threads
+    )
+    return out
+
+
+@lru_cache(maxsize=4)
+def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along_px: float) -> NDArray[Any]:
+    """Phases of rows' displacements, times a blur along them, packed, over the length; not to be written to."""
+    phases = _row_phases(np.array(shift_px), length, np.complex64 if kind == np.float32 else np.complex128)
+    packed = packed_factors(phases, length, kind)
+    if along_px:
+        packed *= fourier.row_factors(along_px, length, kind) * length
+    return packed
+
+
+def packed_factors(factors: NDArray[Any], length: int, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Rows of factors at the frequencies of ``rfft``, as OpenCV packs them, divided by the length; that is even."""
+    parts = np.ascontiguousarray(factors).view(factors.real.dtype)  # real, imaginary, real, ...
+    packed = np.empty((len(factors), length), kind)
+    packed[:, 0] = parts[:, 0]
+    packed[:, 1:] = parts[:, 2:-1]
+    packed /= length
+    return packed
+
+
+def _row_phases(shift_px: Floats, length: int, kind: type[np.complexfloating]) -> NDArray[Any]:
+    """Phases (H, L / 2 + 1) of rows' displacements (H,): products of a few, where these grow evenly."""
+    turn = -2j * np.pi * np.arange(length // 2 + 1) / length
+    step = (shift_px[-1] - shift_px[0]) / max(1, len(shift_px) - 1)
+    if np.abs(shift_px - shift_px[0] - step * np.arange(len(shift_px))).max() > 1e-9:
+        return np.asarray(np.exp(np.outer(shift_px, turn)), kind)
+    within = np.exp(np.outer(np.arange(min(_BLOCK, len(shift_px))) * step, turn)).astype(kind)
+    blocks = np.exp(np.outer(shift_px[::_BLOCK], turn)).astype(kind)
+    return np.asarray((blocks[:, None] * within).reshape(-1, len(turn))[: len(shift_px)])
+
+
+def _resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
+    """Row i as seen at i + shift_px, for every i of those, between rows by Lanczos's taps."""
+    first, weights = _lanczos_taps(shift_px)
+    if light.device.type != "cpu" or asked(light, weights):
+        return _gathered(light, first, weights, border)
+    return mixed(light, first.numpy(), weights.numpy(), border)
+
+
+def lanczos(x: Any) -> Any:
+    """Lanczos's window of six lobes, of an array or a tensor."""
+    if isinstance(x, Tensor):
+        return torch.where(x.abs() < LOBES, torch.sinc(x) * torch.sinc(x / LOBES), torch.zeros_like(x))
+    return np.where(np.abs(x) < LOBES, np.sinc(x) * np.sinc(x / LOBES), 0.0)
+
+
+def _lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
+    """Where each row's taps begin, from itself, to see it at i + shift_px (H,), and their weights."""
+    whole = torch.floor(shift_px.detach())
+    taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=shift_px.device)
+    weights = lanczos((shift_px - whole)[:, None] - taps)
+    return whole.long() + 1 - LOBES, weights / weights.sum(1, keepdim=True)
+
+
+def _swept_taps(middle_px: Floats, along_px: float) -> tuple[NDArray[np.int64], Floats]:
+    """Where each row's taps begin, from itself: means of Lanczos's window over along_px >= 0 about middle_px (H,).
+
+    By the window's integral, a table linear to 1e-8 between its places: exact for any motion that is worth a blur.
+    """
+    first = np.floor(middle_px - along_px / 2).astype(np.int64) + 1 - LOBES
+    off = first[:, None] - middle_px[:, None] + np.arange(math.ceil(along_px) + 2 * LOBES)
+    if along_px < _STILL_PX:
+        weights = lanczos(off)
+    else:
+        places, integral = _integral()
+        far, near = (np.interp(off + by, places, integral) for by in (along_px / 2, -along_px / 2))
+        weights = far - near
+    return first, weights / weights.sum(1, keepdims=True)
+
+
+@lru_cache(maxsize=1)
+def _integral() -> tuple[Floats, Floats]:
+    """Places over Lanczos's window, and its integral up to them."""
+    places = np.linspace(-LOBES, LOBES, 2 * LOBES * _FINE + 1)
+    values = lanczos(places)
+    return places, np.concatenate([[0.0], np.cumsum(values[1:] + values[:-1])]) / (2 * _FINE)
+
+
+def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
+    """Row i, as many as first: the sum over k of weights[i, k] times row i + first[i] + k."""
+    (height, width), (count, taps) = light.shape[-2:], weights.shape
+    before, after = max(0, -int(first.min())), max(0, count + int(first.max()) + taps - height)
+    plane = extended(light, (before, 0), (before + height + after, width), border)
+    rows = torch.arange(count, device=light.device) + first + before
+    total = light.new_zeros(())
+    for tap, weight in enumerate(weights.to(light).unbind(1)):
+        total = total + plane.index_select(-2, rows + tap) * weight[:, None]
+    return total
+
+
+def mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border: Border) -> Tensor:
+    """The same, a few rows at a time as the product of a band of weights and the rows it needs."""
+    (height, width), count = light.shape[-2:], len(first)
+    sources = light.detach().contiguous().flatten(0, 1).numpy()
+    out = light.new_empty(*light.shape[:2], count, width)
+    targets = out.flatten(0, 1).numpy()
+    bands = _bands(first, weights, height, border, sources.dtype)
+    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
+
+    def mix(at: tuple[int, Band]) -> None:
+        place, (rows, needed, band) = at
+        np.matmul(band, sources[place][needed], out=targets[place][rows])
+
+    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
+    return out
+
+
+def _bands(
+    first: NDArray[Any], weights: Floats, height: int, border: Border, kind: np.dtype[Any]
+) -> Sequence[Band]:
+    """Taps (N, n) of rows of a picture, a few at a time: these rows, those that they need, and by how much."""
+    count, taps = weights.shape
+    begins = first + np.arange(count)
+    bands = []
+    for top in range(0, count, _TOGETHER):
+        rows = slice(top, min(count, top + _TOGETHER))
+        begin = int(begins[rows].min())
+        needed = slice(begin, int(begins[rows].max()) + taps)
+        band = np.zeros((rows.stop - top, needed.stop - begin), kind)
+        band[np.arange(len(band))[:, None], begins[rows, None] - begin + np.arange(taps)] = weights[rows]
+        if begin < 0 or needed.stop > height:
+            band, needed = _folded(band, begin, height, border)
+        bands.append((rows, needed, band))
+    return bands
+
+
+def _folded(band: NDArray[Any], begin: int, height: int, border: Border) -> tuple[NDArray[Any], slice]:
+    """A band of weights of rows from ``begin`` on, those that the border shows counted where they are."""
+    count = band.shape[1]
+    shown = index_of(height, -begin, count, border).numpy()
+    if border == "constant":
+        outside = np.arange(begin, begin + count)
+        band[:, (outside < 0) | (outside >= height)] = 0
+        shown = shown.clip(0, height - 1)
+    needed = slice(int(shown.min()), int(shown.max()) + 1)
+    folded = np.zeros((needed.stop - needed.start, len(band)), band.dtype)
+    np.add.at(folded, shown - needed.start, band.T)
+    return np.ascontiguousarray(folded.T), needed

@@ -1,0 +1,211 @@
+"""Every pair of motions by brute force: each pixel's mean over its row's window of what passes it.
+
+Run as a command, it prints the error of each, RMS in 8-bit numbers of linear light, and the time of each.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations
+
+import cv2
+import numpy as np
+import torch
+from brute_force import Floats, photograph
+from numpy.typing import NDArray
+
+from blurnoise import Camera, Layer, Trajectory
+from blurnoise.light import effects
+from blurnoise.operating_point import operating_points
+
+HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
+VELOCITY_PX_S = (700.0, -400.0)
+ZOOM_PER_S = 6.0
+"""Of a flow about the picture's middle, which the velocity moves on."""
+PATH = Trajectory.sinusoid(4.0, 70.0, 0.2, direction_deg=30.0, phase_rad=0.7)
+OBJECT_PX_S, OBJECT_PLACE = (-800.0, 500.0), (60, 44)
+FINE = 8  # values to a pixel's side
+INSIDE = (slice(20, -20), slice(22, -22))
+MOTIONS = ("straight", "path", "flow", "rolling", "global reset", "objects")
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Which motions a picture has."""
+
+    motions: frozenset[str]
+
+    @property
+    def path(self) -> Trajectory | None:
+        return PATH if "path" in self.motions else None
+
+    @property
+    def row_s(self) -> float:
+        return ROW_S if self.motions & {"rolling", "global reset"} else 0.0
+
+    @property
+    def reset(self) -> bool:
+        return "global reset" in self.motions
+
+    @property
+    def velocity_px_s(self) -> tuple[float, float]:
+        alone = self.motions <= {"rolling", "global reset"}  # before which something has to move
+        return VELOCITY_PX_S if alone or "straight" in self.motions else (0.0, 0.0)
+
+    @property
+    def windows_s(self) -> tuple[Floats, Floats]:
+        """When each row's exposure begins and ends."""
+        tau = (np.arange(HEIGHT) - (HEIGHT - 1) / 2) * self.row_s
+        if not self.reset:
+            return tau - EXPOSURE_S / 2, tau + EXPOSURE_S / 2
+        start = np.full(HEIGHT, -(EXPOSURE_S + tau[-1]) / 2)
+        return start, start + EXPOSURE_S + np.arange(HEIGHT) * self.row_s
+
+    def flow(self) -> torch.Tensor:
+        """Velocities (2, H, W), px/s."""
+        y, x = np.mgrid[:HEIGHT, :WIDTH]
+        middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
+        along = [
+            ZOOM_PER_S * (place - at) + by
+            for place, at, by in zip((x, y), middle, self.velocity_px_s, strict=True)
+        ]
+        return torch.from_numpy(np.stack(along))
+
+
+STREET, THING = photograph(HEIGHT, WIDTH, 5, 3)[0], photograph(20, 24, 9, 3)[0]
+
+
+def layer(kind: torch.dtype = torch.float64) -> Layer:
+    """A textured disc whose edge is 4 px wide."""
+    y, x = np.mgrid[:20, :24]
+    alpha = ((1 - np.hypot((y - 9.5) / 9.5, (x - 11.5) / 11.5)) * 3).clip(0, 1)
+    return Layer(
+        torch.from_numpy(THING).to(kind), torch.from_numpy(alpha).to(kind), OBJECT_PX_S, OBJECT_PLACE
+    )
+
+
+def _finer(planes: Floats) -> NDArray[np.float32]:
+    """Planes (C, H, W) that wrap round at ``FINE`` times their samples, (H, W, C), by their spectra."""
+    channels, height, width = planes.shape
+    spectrum = np.zeros((channels, FINE * height, FINE * width), complex)
+    for rows in (slice(0, height // 2), slice(-(height // 2), None)):
+        for columns in (slice(0, width // 2), slice(-(width // 2), None)):
+            spectrum[:, rows, columns] = np.fft.fft2(planes)[:, rows, columns]
+    seen = np.fft.ifft2(spectrum).real * FINE**2
+    return np.ascontiguousarray(np.moveaxis(seen, 0, -1), np.float32)
+
+
+@lru_cache(maxsize=1)
+def _sheets() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    own = layer()
+    light, alpha = own.light.numpy(), own.alpha.numpy()
+    sheet = np.zeros((4, HEIGHT, WIDTH))
+    left, top = OBJECT_PLACE
+    sheet[:, top : top + 20, left : left + 24] = np.concatenate([light * alpha, alpha[None]])
+    return _finer(STREET), _finer(sheet)
+
+
+def _at(sheet: NDArray[np.float32], x: Floats, y: Floats) -> Floats:
+    places = (np.broadcast_to(FINE * along, (HEIGHT, WIDTH)).astype(np.float32) for along in (x, y))
+    return np.asarray(cv2.remap(sheet, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP), float)
+
+
+def truth(of: Combination, moments: int = 256) -> Floats:
+    """The mean (3, H, W) of each row's window, and as much brighter as that is longer."""
+    street, thing = _sheets()
+    starts, stops = of.windows_s
+    columns, rows = np.arange(WIDTH)[None], np.arange(HEIGHT)[:, None]
+    total = np.zeros((HEIGHT, WIDTH, 3))
+    for moment in range(moments):
+        now = (starts + (stops - starts) * (moment + 0.5) / moments)[:, None]
+        x, y = columns + 0.0 * now, rows + 0.0 * now
+        if of.path is not None:
+            origin = of.path.origin_px(EXPOSURE_S)
+            x = x - np.interp(now, of.path.time_s, of.path.x_px) + origin[0]
+            y = y - np.interp(now, of.path.time_s, of.path.y_px) + origin[1]
+        if "flow" in of.motions:  # where it came from, x' = zoom (x - middle) + v
+            grown = np.exp(-ZOOM_PER_S * now)
+            (vx, vy), middle = of.velocity_px_s, ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+            came = [
+                (place - at + v / ZOOM_PER_S) * grown - v / ZOOM_PER_S + at
+                for place, at, v in zip((x, y), middle, (vx, vy), strict=True)
+            ]
+        else:
+            came = [place - v * now for place, v in zip((x, y), of.velocity_px_s, strict=True)]
+        seen = _at(street, *came)
+        if "objects" in of.motions:
+            own = _at(thing, x - OBJECT_PX_S[0] * now, y - OBJECT_PX_S[1] * now)
+            seen = own[..., :3] + (1 - own[..., 3:].clip(0, 1)) * seen
+        total += seen
+    brighter = ((stops - starts) / EXPOSURE_S)[:, None, None]
+    return np.moveaxis(total / moments * brighter, -1, 0)
+
+
+def exposed(of: Combination, light: torch.Tensor, flow: torch.Tensor | None = None) -> torch.Tensor:
+    """What the light effects make of a picture (1, 3, H, W)."""
+    camera = Camera.preset("imx250")
+    if of.row_s:
+        row_s = of.row_s * camera.field.per_sensor_px((HEIGHT, WIDTH))
+        camera = replace(camera, row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
+    by_pixel = of.flow() if flow is None else flow
+    at = operating_points(
+        light,
+        camera,
+        exposure_s=EXPOSURE_S,
+        illuminance_lux=100.0,
+        velocity_px_s=by_pixel if "flow" in of.motions else of.velocity_px_s,
+        temperature_c=25.0,
+        illuminant="D55",
+        trajectory=of.path,
+        objects=((layer(light.dtype),),) if "objects" in of.motions else (),
+    )
+    return effects.through(light, at, border="circular")
+
+
+def found(of: Combination, kind: torch.dtype = torch.float64) -> Callable[[], Floats]:
+    """The same of the street."""
+    light = torch.from_numpy(STREET)[None].to(kind)
+    return lambda: exposed(of, light)[0].double().numpy()
+
+
+def combinations_of(most: int = len(MOTIONS)) -> list[Combination]:
+    """All of up to ``most`` motions that one frame may have."""
+    every = [frozenset(some) for count in range(1, most + 1) for some in combinations(MOTIONS, count)]
+    return [Combination(some) for some in every if not {"rolling", "global reset"} <= some]
+
+
+def error_dn(one: Floats, other: Floats) -> float:
+    """RMS, 8-bit numbers of linear light, away from the border."""
+    return float(255 * math.sqrt(((one - other)[..., *INSIDE] ** 2).mean()))
+
+
+def report() -> None:
+    """Every combination, a line each."""
+    still = STREET
+    for of in combinations_of():
+        expected = truth(of)
+        line = f"{' + '.join(each for each in MOTIONS if each in of.motions):50}"
+        for kind in (torch.float64, torch.float32):
+            call = found(of, kind)
+            try:
+                seen = call()
+            except ValueError as refused:
+                line += f"  refused: {refused}"[:60]
+                break
+            taken = []
+            for _ in range(7):
+                started = time.perf_counter()
+                call()
+                taken.append(time.perf_counter() - started)
+            line += f"{error_dn(seen, expected):8.3f} DN"
+        else:
+            line += f"{1e3 * min(taken):8.1f} ms   at rest {error_dn(still, expected):.1f}"
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    report()
