@@ -52,7 +52,7 @@ from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.run_surfaces import run_averages
+from blurnoise_eval.sweep.run_surfaces import ENOUGH, run_averages
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
@@ -184,6 +184,7 @@ def decided(
         open_run(store, models, camera, pictures, plan, facts)
         store.set_about(QUESTION, question.to_dict())
         store.set_about(BECAUSE, [])
+        store.set_about(ENOUGH, {name: enough[name] for name in ("threshold", "keep", "score")})
         drawn = _drawn(pictures, seed, cluster)
         computing = _Computing(store, folder, models, camera, drawn, plan, engine_kept, progress)
         _search(computing, question, criterion, cluster, precision)

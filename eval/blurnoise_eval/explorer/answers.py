@@ -171,7 +171,7 @@ class Answers:
         standard = self.last.standard if self.last else None
         if standard is None:
             return
-        kept = works(curve, standard.enough, at) if finished else None
+        kept = works(curve, standard.enough, at, logarithmic=along.logarithmic) if finished else None
         unit = f", {along.unit}" if along.unit else ""
         self._strip_title.set_text(f"{standard.title} along {along.title.lower()}{unit}")
         self._strip.set_content(drawn.strip(curve, along, at, standard.enough, kept))

@@ -20,6 +20,7 @@ from blurnoise_eval.scoring.recommendation import NEAR, best_exposure, without_s
 
 _FINEST = 2**0.25
 """Ratio of neighbouring exposures below which no more are computed."""
+_ROUNDED = 1.01  # ratio: exposures are rounded to three digits
 
 
 class Stop(NamedTuple):
@@ -86,17 +87,39 @@ class Standard:
         return f"{100 * value:.0f} %" if self.criterion.kept else f"{value:.2f}"
 
 
-def works(curve: Sequence[Stop], enough: float, at: float) -> tuple[float, float] | None:
-    """From where to where along a strip the mean score is enough, around ``at`` or else the widest; None: nowhere."""
-    runs: list[list[float]] = [[]]
-    for stop in curve:
-        if stop.mean is not None and stop.mean >= enough:
-            runs[-1].append(stop.value)
-        elif runs[-1]:
-            runs.append([])
-    kept = [(run[0], run[-1]) for run in runs if run]
+def works(
+    curve: Sequence[Stop], enough: float, at: float, *, logarithmic: bool = False
+) -> tuple[float, float] | None:
+    """From where to where along a strip the mean score is enough, around ``at`` or else the widest; None: nowhere.
+
+    As a run's windows end: where the straight line between two places tried, over the logarithm where the strip is
+    logarithmic, crosses what is enough.
+    """
+    kept: list[tuple[float, float]] = []
+    for low, high in _windows(curve, enough):
+        ends = [_crossing(curve, low, low - 1, enough, logarithmic)]
+        ends += [_crossing(curve, high, high + 1, enough, logarithmic)]
+        kept.append((ends[0], ends[1]))
     around = [run for run in kept if run[0] <= at <= run[1]]
     return next(iter(around or sorted(kept, key=lambda run: run[0] - run[1])), None)
+
+
+def _windows(curve: Sequence[Stop], enough: float) -> list[tuple[int, int]]:
+    """First and last places of each stretch in which the mean score is enough."""
+    good = [stop.mean is not None and stop.mean >= enough for stop in curve]
+    firsts = [place for place, each in enumerate(good) if each and not (place and good[place - 1])]
+    lasts = [place for place, each in enumerate(good) if each and not any(good[place + 1 : place + 2])]
+    return list(zip(firsts, lasts, strict=True))
+
+
+def _crossing(curve: Sequence[Stop], inside: int, outside: int, enough: float, logarithmic: bool) -> float:
+    """Where the score falls below what is enough; the last place that has it at an end of what was tried."""
+    last = curve[inside].value
+    high, low = curve[inside].mean, curve[outside].mean if 0 <= outside < len(curve) else None
+    if high is None or low is None:
+        return last
+    share, other = (high - enough) / (high - low), curve[outside].value
+    return last * (other / last) ** share if logarithmic else last + share * (other - last)
 
 
 def keeps_most(curve: Sequence[Stop], standard: Standard) -> Stop | None:
@@ -107,11 +130,25 @@ def keeps_most(curve: Sequence[Stop], standard: Standard) -> Stop | None:
 
 
 def finer(curve: Sequence[Stop], standard: Standard) -> float | None:
-    """The exposure to try next: where those that keep most may end, or in their middle. None: they are known to a
-    quarter of a stop."""
+    """The exposure to try next: where those that keep most may end, in their middle, or where a window ends. None:
+    they are known to a quarter of a stop."""
     tried, values = _tried(curve, standard)
     if not tried:
         return None
+    best = _finer_best(tried, values)
+    return _finer_end(tried, standard.enough) if best is None else best
+
+
+def _finer_end(tried: Sequence[Stop], enough: float) -> float | None:
+    """In the widest gap in which a window ends."""
+    ends = [pair for low, high in _windows(tried, enough) for pair in ((low - 1, low), (high, high + 1))]
+    gaps = [(tried[a].value, tried[b].value) for a, b in ends if a >= 0 and b < len(tried)]
+    low_ms, high_ms = max(gaps, key=lambda gap: gap[1] / gap[0], default=(1.0, 1.0))
+    return None if high_ms / low_ms <= _FINEST * _ROUNDED else float(f"{math.sqrt(low_ms * high_ms):.3g}")
+
+
+def _finer_best(tried: Sequence[Stop], values: NDArray[np.float64]) -> float | None:
+    """About those that keep most, or in their middle."""
     low = high = int(values.argmax())
     near = values >= values[low] - NEAR
     while low > 0 and near[low - 1]:

@@ -43,7 +43,7 @@ GREY = 0.18
 BINS = 64
 OWN = Criterion(KEPT, kept=True)
 """What is enough of a picture that is of no run."""
-_MORE = 12  # exposures at most, beyond those of a strip
+_MORE = 18  # exposures at most, beyond those of a strip
 
 
 class Subject:

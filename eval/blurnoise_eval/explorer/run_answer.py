@@ -7,12 +7,16 @@ from pathlib import Path
 
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.report.opening import opening
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.run_surfaces import asked_enough
 
 
 def answer_of(folder: Path) -> tuple[str, str]:
     """(answer as HTML, the rest as text) of the run in this folder. Raises
     :class:`~blurnoise_eval.store.store.StoreError`."""
-    told = opening(Decision(folder, progress=False).data)
+    with Store(folder, shared=True) as store:
+        enough = asked_enough(store)
+    told = opening(Decision(folder, **enough, progress=False).data)
     answer, *others = told.sentences
     what, colon, rest = answer.partition(":")
     kind = "" if what.startswith("Use ") else ' class="no"'

@@ -35,7 +35,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
-from blurnoise_eval.sweep.run_surfaces import criterion_of
+from blurnoise_eval.sweep.run_surfaces import asked_enough, criterion_of
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 Key = tuple[float | None, ...]
@@ -72,7 +72,7 @@ class Run:
             plan = store.about("identity")["plan"]
             self._held = store.pictures()
             self._batches = asked(store)
-            self.criterion = criterion_of(store)
+            self.criterion = criterion_of(store, **asked_enough(store))
         self.camera = Camera.from_dict(self.manifest["camera"])
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))

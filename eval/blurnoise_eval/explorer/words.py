@@ -42,7 +42,7 @@ def instead(seen: Seen) -> str:
 
 def window(curve: Curve, along: Control, at: float, standard: Standard) -> str:
     """From where to where along the strip the model works, and which exposure keeps most."""
-    kept = works(curve, standard.enough, at)
+    kept = works(curve, standard.enough, at, logarithmic=along.logarithmic)
     what, level = along.title, standard.text(standard.criterion.level)
     asked = f"keeps {level} or more" if standard.criterion.kept else f"the mean is {level} or more"
     tried = [(stop, stop.mean) for stop in curve if stop.mean is not None]

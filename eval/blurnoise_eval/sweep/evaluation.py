@@ -45,7 +45,7 @@ from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.refining import Refinement, left_to_refine
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import Grouped, open_run, read_run, write_tables
-from blurnoise_eval.sweep.run_surfaces import criterion_of
+from blurnoise_eval.sweep.run_surfaces import ENOUGH, criterion_of
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.machine import usable_cores
 from blurnoise_eval.system.progress import Advance, ProgressBar
@@ -142,6 +142,8 @@ def evaluate(
     ):
         opened, comparisons = contracts_chosen(opened, whole, say=progress)
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
+        enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+        store.set_about(ENOUGH, enough)
 
         def compute(plan: SweepPlan, advance: Advance) -> Outcome:
             return sweep.run(
@@ -161,10 +163,9 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
-            wanted = criterion_of(store, threshold, keep, score)
+            wanted = criterion_of(store, **enough)
             _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons)
-    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
 
 

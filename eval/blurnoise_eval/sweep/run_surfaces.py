@@ -31,6 +31,8 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 from blurnoise_eval.sweep.coco_export import truths
 
+ENOUGH = "enough"
+"""Under which a run's store keeps what was asked to be enough last."""
 LEAST_AP50 = 0.05
 """Of the labelled original pictures: below, a detector has no answers."""
 
@@ -51,6 +53,12 @@ def criterion_of(
     rendered = manifest["images"]["kind"] == "rendered"
     labelled = manifest["images"]["labelled"]
     return criteria.stated(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
+
+
+def asked_enough(store: Store) -> dict[str, Any]:
+    """What was asked to be enough when the run was computed: threshold, keep and score; none of an old run."""
+    held: dict[str, Any] = store.about(ENOUGH) or {}
+    return held
 
 
 def grouped_surfaces(store: Store, criterion: Criterion, cluster: str | None) -> Iterator[list[Surface]]:

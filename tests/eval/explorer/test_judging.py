@@ -35,7 +35,7 @@ def strip(
 
     curve = [stop(value) for value in ALONG.stops(15)]
     while (value := finer(curve, standard)) is not None:
-        assert len(curve) < 27
+        assert len(curve) < 15 + 18
         insort(curve, stop(value))
     return curve
 
@@ -78,6 +78,18 @@ def test_a_weak_detector_that_keeps_all_works() -> None:
 
 
 @pytest.mark.parametrize("best_ms", [3.0, 7.7, 21.0])
+def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float) -> None:
+    """Ninety per cent of a parabola in log2: the root of a tenth of its half width, to a tenth of a stop."""
+    standard = Standard.of(KEPT, sight(0.5))
+    for stops in (3.0, 8.0):
+        kept = works(strip(standard, best_ms, stops), standard.enough, best_ms, logarithmic=True)
+        assert kept is not None
+        half = stops * math.sqrt(0.1)
+        assert math.log2(kept[0] / best_ms) == pytest.approx(-half, abs=0.1)
+        assert math.log2(kept[1] / best_ms) == pytest.approx(half, abs=0.1)
+
+
+@pytest.mark.parametrize("best_ms", [3.0, 7.7, 21.0])
 def test_the_exposure_that_keeps_most_is_found_between_the_places_of_a_strip(best_ms: float) -> None:
     """To a third of a stop; a strip's own places are about a stop apart."""
     standard = Standard.of(KEPT, sight(0.5))
@@ -112,9 +124,12 @@ def test_the_words_name_it() -> None:
 
 def test_where_it_works() -> None:
     curve = [Stop(float(x), (held,)) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))] + [Stop(6.0)]
-    assert works(curve, 0.6, 3.3) == (2.0, 4.0)
-    assert works(curve, 0.6, 0.0) == (0.0, 0.0)
-    assert works(curve, 0.6, 5.5) == (2.0, 4.0)
+    window = (1.8, 4 + 1 / 6)  # where straight lines cross 0.6
+    assert works(curve, 0.6, 3.3) == pytest.approx(window)
+    assert works(curve, 0.6, 0.0) == pytest.approx((0.0, 3 / 7))
+    assert works(curve, 0.6, 5.5) == pytest.approx(window)
+    along = [Stop(1.0, (0.2,)), Stop(4.0, (0.8,)), Stop(16.0)]
+    assert works(along, 0.5, 4.0, logarithmic=True) == pytest.approx((2.0, 4.0))
     assert works(curve, 0.95, 1.0) is None
     assert keeps_most([Stop(6.0)], Standard.of(KEPT, sight(0.5))) is None
     assert finer([Stop(6.0)], Standard.of(KEPT, sight(0.5))) is None

@@ -17,10 +17,12 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import PictureSet, image_folder, read_picture, rendered_signs, write_picture
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.explorer.looking import seen
+from blurnoise_eval.explorer.run_answer import answer_of
 from blurnoise_eval.explorer.runs import Run
 from blurnoise_eval.explorer.shelf import Shelf, cell_state
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.explorer.told import command, python
+from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_models.detector import STOP_SIGN
 from commands import Output
@@ -47,6 +49,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def rows(run: Run) -> list[dict[str, object]]:
     with Store(run.folder, shared=True) as store:
         return list(store.cells())
+
+
+def test_a_picture_and_the_answer_are_held_to_what_the_run_was_asked(tmp_path: Path) -> None:
+    """Not to what is usual: a run with --keep 0.8 has its windows at 0.8 in the explorer, too."""
+    plan = SweepPlan({"exposure_s": (0.02,), "illuminance_lux": (50.0,), "gain_db": (float("inf"),)})
+    signs = rendered_signs((32,), count=1)
+    evaluate(pictures=signs, plan=plan, output=tmp_path / "run", keep=0.8, threads=1, progress=False)
+    assert Run(tmp_path / "run").criterion == Criterion(0.8, kept=True)
+    assert "of its confidence" in answer_of(tmp_path / "run")[0]
 
 
 def test_every_kept_picture_is_computed_anew(run: Run) -> None:
