@@ -7,19 +7,19 @@ the digital numbers that ``camera`` would give; ``develop`` turns those into a p
 from typing import TYPE_CHECKING, Any
 
 from blurnoise._core import former_names
-from blurnoise.blur import defocus, motion_blur
-from blurnoise.layered import expose_layers
-from blurnoise.layers import Layer
+from blurnoise.blur.convolution import defocus, motion_blur
+from blurnoise.blur.layered import expose_layers
+from blurnoise.blur.layers import Layer
 from blurnoise.motion.ego import blur_pixels, velocity_px_s
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
+from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop
 from blurnoise.scene.metering import AutoExposure
 from blurnoise.scene.plan import plan
 from blurnoise.scene.scene import ExposedScene, Exposure, simulate
-from blurnoise.transfer import Optics
 
 if TYPE_CHECKING:
     from blurnoise.metrics import slanted_edge

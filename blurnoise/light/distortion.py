@@ -1,7 +1,7 @@
 """Displacements by the lens as light effects: distortion, and colours of different magnification.
 
 Convention: the scene is what a pinhole camera of the same focal length and axis sees; what it does not see follows
-the picture's border. Both are by :mod:`blurnoise.resampling`, with its loss of what is near half a cycle per pixel.
+the picture's border. Both are by :mod:`.resampling`, with its loss of what is near half a cycle per pixel.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from blurnoise import resampling
 from blurnoise._core.borders import Border
+from blurnoise.blur import resampling
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
 from blurnoise.optics.lens import Field, Size

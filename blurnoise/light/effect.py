@@ -12,10 +12,10 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
-from blurnoise.transfer import SHARP, Optics
+from blurnoise.optics.transfer import SHARP, Optics
 
 
 class Blur(NamedTuple):

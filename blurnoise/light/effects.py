@@ -10,17 +10,17 @@ from collections.abc import Hashable
 import torch
 from torch import Tensor
 
-from blurnoise import path_blur
 from blurnoise._core.borders import Border
+from blurnoise.blur import paths
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
 from blurnoise.light.motion import MOTION, MOTION_VARIATION, ROLLING_SHUTTER
 from blurnoise.light.objects import OBJECTS
 from blurnoise.light.vignetting import VIGNETTING
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
-from blurnoise.transfer import SHARP, Optics
+from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
     DISTORTION, OBJECTS, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, MOTION_VARIATION,
@@ -98,4 +98,4 @@ def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
     if by.optics == SHARP and by.displacement_px is None:
         return light
     moved = torch.zeros(2) if by.displacement_px is None else by.displacement_px
-    return path_blur.exposure_blur(light, moved, by.paths, by.optics, border=border)
+    return paths.exposure_blur(light, moved, by.paths, by.optics, border=border)

@@ -8,28 +8,28 @@ from functools import lru_cache
 
 from torch import Tensor
 
-from blurnoise import blur, field_blur
 from blurnoise._core.borders import Border
+from blurnoise.blur import convolution, over_the_field
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
 from blurnoise.optics.lens import Field, Size
-from blurnoise.transfer import Optics
+from blurnoise.optics.transfer import Optics
 
 
 @dataclass(frozen=True)
 class Defocus(LightEffect):
     """The disc of confusion: its transfer function, or its areas in the pixels where the camera asks for them.
 
-    With field curvature another disc for every pixel, see :mod:`blurnoise.field_blur`.
+    With field curvature another disc for every pixel, see :mod:`blurnoise.blur.over_the_field`.
     """
 
     name = "defocus"
     figures = ("defocus_radius_px",)
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`blurnoise.transfer.Optics.error` of the largest disc; areas do nothing up to half a pixel."""
+        """As :attr:`.transfer.Optics.error` of the largest disc; areas do nothing up to half a pixel."""
         if at.camera.defocus_counts_pixel:
             return 0.0 if at.camera.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
@@ -44,9 +44,9 @@ class Defocus(LightEffect):
         """By the disc's areas in the pixels, or over the field."""
         camera = at.camera
         if not camera.lens.field_curvature_px:
-            return blur.defocus(light, camera.defocus_radius_px, border=border)
+            return convolution.defocus(light, camera.defocus_radius_px, border=border)
         radii, tiles = _over_field(camera.field, camera.defocus_radius_px, (light.shape[-2], light.shape[-1]))
-        return field_blur.defocus(light, radii, border=border, tiles=tiles)
+        return over_the_field.defocus(light, radii, border=border, tiles=tiles)
 
     def how(self, at: OperatingPoint[float]) -> str:
         """By which of the three."""
@@ -56,7 +56,7 @@ class Defocus(LightEffect):
             return "transfer function"
         centre, corner = _ends_px(at.camera)
         through = at.camera.defocus_radius_px + at.camera.lens.field_curvature_px < 0  # 0, between them
-        discs = field_blur.discs(0.0 if through else min(centre, corner), max(centre, corner))
+        discs = over_the_field.discs(0.0 if through else min(centre, corner), max(centre, corner))
         return f"disc of {centre:g} px, {corner:g} px in the corner: at most {len(discs)} blurs, blended"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
@@ -74,7 +74,7 @@ class Diffraction(LightEffect):
     figures = ("diffraction_wavelength_um",)
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`blurnoise.transfer.Optics.error`."""
+        """As :attr:`blurnoise.optics.transfer.Optics.error`."""
         return _airy(at).error
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
@@ -83,7 +83,7 @@ class Diffraction(LightEffect):
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
-        return blur.optical_blur(light, _airy(at), border=border)
+        return convolution.optical_blur(light, _airy(at), border=border)
 
     def how(self, at: OperatingPoint[float]) -> str:
         """Its cut-off."""
@@ -102,7 +102,7 @@ class MeasuredMtf(LightEffect):
     name = "measured MTF"
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`blurnoise.transfer.Optics.error`."""
+        """As :attr:`blurnoise.optics.transfer.Optics.error`."""
         return _measured(at).error
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
@@ -111,7 +111,7 @@ class MeasuredMtf(LightEffect):
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
-        return blur.optical_blur(light, _measured(at), border=border)
+        return convolution.optical_blur(light, _measured(at), border=border)
 
     def how(self, at: OperatingPoint[float]) -> str:
         """How many samples it has, and up to where."""
@@ -143,10 +143,10 @@ def _ends_px(camera: Camera) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=8)
-def _over_field(field: Field, defocus_px: float, size: Size) -> tuple[Floats, list[field_blur.Tile]]:
+def _over_field(field: Field, defocus_px: float, size: Size) -> tuple[Floats, list[over_the_field.Tile]]:
     """The disc's radius (H, W) in a picture, and how it is blurred."""
     radii = abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2)
-    return radii, field_blur.plan(radii)
+    return radii, over_the_field.plan(radii)
 
 
 DEFOCUS, DIFFRACTION, MEASURED_MTF = Defocus(), Diffraction(), MeasuredMtf()

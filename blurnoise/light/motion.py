@@ -1,6 +1,6 @@
 """Motion as light effects: of the picture, of each pixel, of what rows see one after another; boxes follow.
 
-All three, and the objects' (:mod:`blurnoise.light.objects`), are of one :class:`blurnoise.displacement.Displacement`,
+All three, and the objects' (:mod:`.objects`), are of one :class:`.displacement.Displacement`,
 which says how it is computed. A transfer function is shared with the lens, as their order does not matter. A picture
 of other rows than the sensor's is read in as long.
 """
@@ -16,13 +16,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import layered, path_blur, transfer
 from blurnoise._core.borders import Border
-from blurnoise.displacement import Displacement, Readout
-from blurnoise.layers import Layer, Passing
+from blurnoise.blur import layered, paths
+from blurnoise.blur.displacement import Displacement, Readout
+from blurnoise.blur.layers import Layer, Passing
+from blurnoise.light.conditions import OperatingPoint, each_of
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.operating_point import OperatingPoint, each_of
+from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
 
 
@@ -78,7 +79,7 @@ class Motion(LightEffect):
     name = "motion"
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """:func:`blurnoise.transfer.motion_error`, or :attr:`blurnoise.trajectory.Polyline.error`."""
+        """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         if (along := _path(at)) is not None:
             return along.error
         if _row_by_row(at):
@@ -100,7 +101,7 @@ class Motion(LightEffect):
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
         own = self.blur(at)
-        return path_blur.exposure_blur(light, at.displacement_px, own.paths, own.optics, border=border)
+        return paths.exposure_blur(light, at.displacement_px, own.paths, own.optics, border=border)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers."""
@@ -140,7 +141,7 @@ class MotionVariation(_Moving):
     name = "motion variation"
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """:func:`blurnoise.transfer.motion_variation_error` of what is farthest from the one motion."""
+        """:func:`blurnoise.optics.transfer.motion_variation_error` of what is farthest from the one motion."""
         return transfer.motion_variation_error(float(at.variation_px))
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:

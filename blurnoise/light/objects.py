@@ -16,18 +16,18 @@ from typing import cast
 import torch
 from torch import Tensor
 
-from blurnoise import layered
 from blurnoise._core.borders import Border
-from blurnoise.layers import Layer, Passing, on_canvas
+from blurnoise.blur import layered
+from blurnoise.blur.layers import Layer, Passing, on_canvas
+from blurnoise.light.conditions import OperatingPoint, items
 from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.motion import exposed
 from blurnoise.light.translation import translated
-from blurnoise.operating_point import OperatingPoint, items
 
 
 class Objects(LightEffect):
-    """Layers by :mod:`blurnoise.layered`. Where there are some it stays, as they are part of the picture."""
+    """Layers by :mod:`blurnoise.blur.layered`. Where there are some it stays, as they are part of the picture."""
 
     name = "objects"
     essential = True

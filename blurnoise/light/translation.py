@@ -2,7 +2,7 @@
 
 Convention: x right, y down, px; what leaves at one side is replaced by the border's continuation at the other. Whole
 pixels are copied. The rest is a phase in the Fourier transform, exact for what the samples hold: beside a step that
-they do not resolve it rings, as :mod:`blurnoise.blur` does.
+they do not resolve it rings, as :mod:`blurnoise.blur.convolution` does.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-from blurnoise import blur
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import image_batch, one_of
+from blurnoise.blur import convolution
 
 _MARGIN_PX = 64  # of the phase's tail, which falls as one over the distance
 _WHOLE_PX = 1e-4  # a shift nearer than this to a whole pixel is one: 3e-4 of the finest detail
@@ -27,7 +27,7 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
     """
     image_batch("light", light)
     one_of("border", border, BORDERS)
-    shifts = blur.displacements(shift_px, light).detach().tolist()
+    shifts = convolution.displacements(shift_px, light).detach().tolist()
     if all(abs(along) < _WHOLE_PX for shift in shifts for along in shift):
         return light
     pictures = zip(torch.split(light, 1), shifts, strict=True)

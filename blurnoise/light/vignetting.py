@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
 from blurnoise.optics.lens import Field, Size

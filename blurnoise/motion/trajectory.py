@@ -137,7 +137,7 @@ class Trajectory:
     ) -> Trajectory:
         """Vibration a sin(2 pi f t + phase) along a direction, counter-clockwise as displayed.
 
-        Its transfer functions: :func:`blurnoise.transfer_of_paths.vibration`. Knots lie so close that it is within
+        Its transfer functions: :func:`.transfer_of_paths.vibration`. Knots lie so close that it is within
         1e-3 px of them.
         """
         amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
@@ -156,7 +156,7 @@ class Trajectory:
     ) -> Trajectory:
         """Constant acceleration; the velocity is that at mid-exposure.
 
-        Its transfer function: :func:`blurnoise.transfer_of_paths.accelerated`.
+        Its transfer function: :func:`blurnoise.blur.transfer_of_paths.accelerated`.
         """
         half = positive("duration_s", duration_s) / 2
         velocity = _vector("velocity_px_s", velocity_px_s)

@@ -21,7 +21,7 @@ from blurnoise.optics import camera_files, colour, gains
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens
 from blurnoise.optics.spectra import Curve
-from blurnoise.transfer import Optics
+from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
 
@@ -37,7 +37,7 @@ class Camera:
     0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
     analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
     conversion_gains: what the pixel becomes from a gain on, see :class:`blurnoise.optics.gains.ConversionGain`.
-    captures: of which it makes one HDR picture, for :mod:`blurnoise.hdr`; what takes one frame refuses them.
+    captures: of which it makes one HDR picture, for :mod:`blurnoise.scene.hdr`; what takes one frame refuses them.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
     black_level_dn: offset before rounding. bit_depth: of the converter.
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as

@@ -63,7 +63,7 @@ class _Table:
 
 def preset(name: str) -> Any:
     """What the file of a preset states."""
-    text = resources.files("blurnoise").joinpath("data", "cameras", f"{name}.yaml").read_text("utf-8")
+    text = resources.files("blurnoise.optics").joinpath("data", "cameras", f"{name}.yaml").read_text("utf-8")
     return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 

@@ -22,7 +22,7 @@ from blurnoise._core.limits import limited, within
 from blurnoise._core.validation import Figure, check_fields
 from blurnoise.optics import distortion
 from blurnoise.optics.distortion import Floats
-from blurnoise.transfer import Measured
+from blurnoise.optics.transfer import Measured
 
 _Share = Annotated[Figure, Ge(0), Le(1)]
 _LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do

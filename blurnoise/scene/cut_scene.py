@@ -15,7 +15,7 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
-from blurnoise.layers import Layer, as_one, seen_behind, window_at_rest
+from blurnoise.blur.layers import Layer, as_one, seen_behind, window_at_rest
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise._core.limits import LARGEST_PICTURE
-from blurnoise.layers import Layer, reach_px
+from blurnoise.blur.layers import Layer, reach_px
 
 Matte = NDArray[np.float32]
 Size = tuple[int, int]

@@ -15,9 +15,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, integer, one_of, shown
 from blurnoise._core.limits import limited
 from blurnoise.light import effects
+from blurnoise.light.conditions import OperatingPoint, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.operating_point import OperatingPoint, of_one_exposure
 from blurnoise.optics.camera import Amplified, Camera
 from blurnoise.optics.radiometry import electrons_per_lux_s
 

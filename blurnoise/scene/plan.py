@@ -26,12 +26,12 @@ from functools import lru_cache
 
 from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
-from blurnoise.layers import Passing
+from blurnoise.blur.layers import Passing
 from blurnoise.light import effects
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
@@ -98,7 +98,7 @@ def plan(
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
     the module. displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels
     is another, 0.484 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
-    displacement and share of the picture (:func:`blurnoise.layers.passing`); the other arguments as in
+    displacement and share of the picture (:func:`blurnoise.blur.layers.passing`); the other arguments as in
     :func:`blurnoise.simulate`, for one picture. size: (H, W) of that, by default the sensor's, in what is told.
     Raises ``ValueError`` that names the argument.
     """

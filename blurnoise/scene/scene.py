@@ -22,11 +22,11 @@ from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of
 from blurnoise._core.limits import limited
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.layers import Layer, Layers, of_each
+from blurnoise.blur.layers import Layer, Layers, of_each
 from blurnoise.light import effects
+from blurnoise.light.conditions import OperatingPoint, each_of, items, operating_points
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.operating_point import OperatingPoint, each_of, items, operating_points
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding, linear_from_srgb
 from blurnoise.optics.spectra import Curve, check_illuminant
@@ -55,7 +55,7 @@ class Frame(NamedTuple):
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
-    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.layered`).
+    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.blur.layered`).
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """
@@ -401,7 +401,7 @@ def simulate(
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
     as :mod:`blurnoise.motion.ego` gives it for a moving camera. illuminant: the light's spectrum.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
-    added to the velocity, whose gradient it stops; :func:`blurnoise.path_blur.polyline_blur` has one of its own.
+    added to the velocity, whose gradient it stops; :func:`blurnoise.blur.paths.polyline_blur` has one of its own.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 

@@ -19,7 +19,7 @@ from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, mean_quantum_efficiency
 from blurnoise.optics.spectra import Curve

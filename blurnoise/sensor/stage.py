@@ -13,7 +13,7 @@ from typing import Literal
 
 from torch import Tensor
 
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s

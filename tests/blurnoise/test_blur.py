@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from blurnoise import Camera, defocus, motion_blur, simulate
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise.blur import NEGLIGIBLE, Method, choose, exposure_blur, optical_blur
-from blurnoise.transfer import Optics
+from blurnoise.blur.convolution import NEGLIGIBLE, Method, choose, exposure_blur, optical_blur
+from blurnoise.optics.transfer import Optics
 
 MOTIONS = st.tuples(st.floats(-30, 30), st.floats(-30, 30))
 OURS: tuple[Method, ...] = ("transfer", "tiles")

@@ -46,7 +46,7 @@ def written(path: Path, values: Any) -> Path:
 
 
 def test_every_file_of_the_package_is_a_preset() -> None:
-    files = Path(blurnoise.__file__).parent.joinpath("data", "cameras").glob("*.yaml")
+    files = Path(blurnoise.__file__).parent.joinpath("optics", "data", "cameras").glob("*.yaml")
     assert sorted(PRESETS) == sorted(file.stem for file in files)
     assert all(camera.name == name for name, camera in PRESETS.items())
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import blur, field_blur, transfer
 from blurnoise._core.borders import BORDERS
-from blurnoise.field_blur import TOLERANCE, Tile, defocus, discs, plan
-from blurnoise.transfer import Optics
+from blurnoise.blur import convolution, over_the_field
+from blurnoise.blur.over_the_field import TOLERANCE, Tile, defocus, discs, plan
+from blurnoise.optics import transfer
+from blurnoise.optics.transfer import Optics
 
 H, W = 31, 43
 
@@ -62,7 +63,7 @@ def test_tiles_of_a_large_picture_meet() -> None:
     """A picture cut, and not cut: each within its tolerance of the other."""
     assert len(plan(radii(0.0, 5.0, 720, 1280))) > 1
     image, radius = picture(150, 215), radii(0.2, 4.0, 150, 215)
-    tiles, whole = (field_blur._cut(radius, *counts, TOLERANCE) for counts in ((2, 3), (1, 1)))
+    tiles, whole = (over_the_field._cut(radius, *counts, TOLERANCE) for counts in ((2, 3), (1, 1)))
     off = defocus(image, radius, tiles=tiles) - defocus(image, radius, tiles=whole)
     assert float(off.square().mean().sqrt()) < 3 * TOLERANCE  # the tail beyond each margin is another 1e-4
     seen = {(row, column) for tile in tiles for row in (tile.rows.start,) for column in (tile.columns.start,)}
@@ -79,9 +80,9 @@ def test_one_disc_fewer_is_too_few(least: float, most: float) -> None:
     exact = np.stack([transfer.disc(band, float(radius)).numpy() for radius in np.sqrt(seen)])
 
     def error(count: int) -> float:
-        nodes = field_blur._points(least, most, count)
+        nodes = over_the_field._points(least, most, count)
         known = np.stack([transfer.disc(band, radius).numpy() for radius in nodes])
-        blended = np.stack(field_blur._weights(seen, nodes)).T @ known
+        blended = np.stack(over_the_field._weights(seen, nodes)).T @ known
         return float(np.sqrt(((blended - exact) ** 2).mean(1)).max() / 2)
 
     assert error(len(found)) < 1.1 * TOLERANCE
@@ -89,7 +90,7 @@ def test_one_disc_fewer_is_too_few(least: float, most: float) -> None:
 
 
 def test_weights_are_a_partition_of_unity() -> None:
-    weights = field_blur._weights(np.linspace(0, 25, 99), discs(0.0, 5.0))
+    weights = over_the_field._weights(np.linspace(0, 25, 99), discs(0.0, 5.0))
     np.testing.assert_allclose(sum(weights), 1, atol=1e-12)
 
 
@@ -103,7 +104,7 @@ def test_borders(border: Any) -> None:
 def test_the_same_disc_everywhere_is_one_blur() -> None:
     image, radius = picture(), np.full((H, W), 1.75)
     assert [tile.radii_px for tile in plan(radius)] == [(1.75,)]
-    expected = blur.optical_blur(image, Optics(1.75))
+    expected = convolution.optical_blur(image, Optics(1.75))
     off = (defocus(image, radius) - expected).square().mean().sqrt()
     assert float(off) < 3 * TOLERANCE  # the tails beyond the margins, in a picture that is all border
 
@@ -156,7 +157,9 @@ def test_spreading_differs_as_the_radius_changes_across_a_disc() -> None:
     """0 to 2 px over 640x480: light spread by the disc of where it comes from, or seen through that of its place."""
     radius, image = radii(0.0, 2.0, 480, 640), picture(480, 640)[:, :1]
     nodes = discs(0.0, 2.0)
-    weights = (torch.from_numpy(each) for each in field_blur._weights(radius**2, nodes))
-    parts = [blur.optical_blur(image * own, Optics(each)) for own, each in zip(weights, nodes, strict=True)]
+    weights = (torch.from_numpy(each) for each in over_the_field._weights(radius**2, nodes))
+    parts = [
+        convolution.optical_blur(image * own, Optics(each)) for own, each in zip(weights, nodes, strict=True)
+    ]
     off = (torch.stack(parts).sum(0) - defocus(image, radius))[..., 16:-16, 16:-16]
     assert float(off.square().mean().sqrt()) == pytest.approx(8e-4, rel=0.1)

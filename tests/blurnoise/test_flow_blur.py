@@ -9,11 +9,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from blurnoise import motion_blur, resampling
+from blurnoise import motion_blur
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise.ego_motion import EgoMotion, Mount, View, range_of_depth_m
-from blurnoise.encoding import srgb_from_linear
-from blurnoise.sub_exposures import flow_blur
+from blurnoise.blur import resampling
+from blurnoise.blur.sub_exposures import flow_blur
+from blurnoise.motion.ego import EgoMotion, Mount, View, range_of_depth_m
+from blurnoise.optics.colour import srgb_from_linear
 
 VIEW = View(321, 241, 60.0, "rectilinear")  # f = 278 px: displacements half of those at 640 px
 

@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from blurnoise import Camera, Exposure, hdr, simulate
-from blurnoise.hdr import Flicker, captured, developed, fuse, fused
+from blurnoise import Camera, Exposure, simulate
 from blurnoise.light.flicker import Pwm
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.gains import Capture, dual_gain, staggered
 from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.scene import hdr
+from blurnoise.scene.hdr import Flicker, captured, developed, fuse, fused
 
 IMX250 = Camera.preset("imx250")
 FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of

@@ -11,7 +11,7 @@ from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, STILL, Moti
 from torch import Tensor
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.layers import boxes_in_motion, seen_behind
+from blurnoise.blur.layers import boxes_in_motion, seen_behind
 
 
 def matte_formula(moved: Motion, background: Motion) -> Tensor:

@@ -9,8 +9,8 @@ import torch
 from layered_scenes import BACKGROUND, MATTE, OBJECT, SIZE, STILL, Motion, close, seen
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.layered import at_rest
-from blurnoise.layers import seen_behind
+from blurnoise.blur.layered import at_rest
+from blurnoise.blur.layers import seen_behind
 
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "circular"])

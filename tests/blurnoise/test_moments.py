@@ -12,7 +12,7 @@ from stage_moments import Moments
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames, SensorStage

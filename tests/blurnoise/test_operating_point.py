@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, Layer, Trajectory
-from blurnoise.operating_point import each_of, items, middle_of, operating_points
+from blurnoise.light.conditions import each_of, items, middle_of, operating_points
 
 CAMERA = Camera.preset("imx250")
 LIGHT = torch.full((4, 1, 7, 9), 0.5)

@@ -10,12 +10,13 @@ import pytest
 import torch
 from brute_force import exposed, photograph, rms_dn
 
-from blurnoise import Camera, ExposedScene, Exposure, Trajectory, blur, fourier, plan, simulate
+from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
+from blurnoise.blur import convolution, fourier
+from blurnoise.blur.paths import path_blur, point_spread, polyline_blur
+from blurnoise.blur.transfer_of_paths import polyline_grid
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.path_blur import path_blur, point_spread, polyline_blur
-from blurnoise.transfer import Optics
-from blurnoise.transfer_of_paths import polyline_grid
+from blurnoise.optics.transfer import Optics
 
 CAMERA = Camera.preset("imx250")
 VIBRATION = Trajectory.sinusoid(4.0, 80.0, 0.05, direction_deg=30.0, phase_rad=0.5)
@@ -56,7 +57,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
     light = torch.rand(1, 2, 61, 95, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     x, y = moved
     seen = Trajectory.straight((100 * x, 100 * y), 0.01).seen(0.01)
-    straight = blur.motion_blur(light, moved, method="transfer", border=border)
+    straight = convolution.motion_blur(light, moved, method="transfer", border=border)
     off = path_blur(light, seen, border=border) - straight
     assert float(off.square().mean().sqrt()) < 1e-4
     knots = torch.tensor([[-x / 2, -y / 2], [x / 2, y / 2]], dtype=torch.float64)
@@ -75,7 +76,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
 def test_small_grids(side: int, error: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the RMS of what a grid of ``side`` changes of the transfer function, of shakes of 20 px; without the
     lead into the alias 1e-2."""
-    from blurnoise import path_blur as module
+    from blurnoise.blur import paths as module
 
     monkeypatch.setattr(module, "_sides", lambda reach_px: (side, side))
 
@@ -104,7 +105,7 @@ def test_small_grids(side: int, error: float, monkeypatch: pytest.MonkeyPatch) -
 def test_lens_shares_the_transform() -> None:
     light, optics = picture(), Optics(defocus_radius_px=1.5, diffraction_lambda_n_px=0.6)
     seen = SHAKE.seen(0.01)
-    twice = blur.optical_blur(path_blur(light, seen, border="circular"), optics, border="circular")
+    twice = convolution.optical_blur(path_blur(light, seen, border="circular"), optics, border="circular")
     torch.testing.assert_close(path_blur(light, seen, optics, border="circular"), twice, rtol=0, atol=1e-9)
 
 

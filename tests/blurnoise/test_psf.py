@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from blurnoise import psf
+from blurnoise.blur import psf
 
 
 def test_disc_equals_matlabs_fspecial() -> None:

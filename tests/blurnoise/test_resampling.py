@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import resampling
 from blurnoise._core.borders import BORDERS, extended
-from blurnoise.resampling import response, sampled
+from blurnoise.blur import resampling
+from blurnoise.blur.resampling import response, sampled
 
 H, W = 37, 53
 

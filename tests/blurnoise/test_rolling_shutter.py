@@ -10,13 +10,14 @@ import pytest
 import torch
 from brute_force import photograph, rms_dn, rolled
 
-from blurnoise import Trajectory, blur
+from blurnoise import Trajectory
 from blurnoise._core.borders import extended
-from blurnoise.displacement import Displacement, Readout, stretch
-from blurnoise.layered import moved
-from blurnoise.rows import rolled as rolled_at_once
-from blurnoise.rows import shifted_rows, warped
-from blurnoise.transfer_of_paths import vibration
+from blurnoise.blur import convolution
+from blurnoise.blur.displacement import Displacement, Readout, stretch
+from blurnoise.blur.layered import moved
+from blurnoise.blur.rows import rolled as rolled_at_once
+from blurnoise.blur.rows import shifted_rows, warped
+from blurnoise.blur.transfer_of_paths import vibration
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)
@@ -39,7 +40,9 @@ def in_uniform_motion(
 ) -> torch.Tensor:
     x, y = velocity
     light = picture() if light is None else light
-    blurred = blur.motion_blur(light, (x * EXPOSURE_S, y * EXPOSURE_S), method="transfer", border="circular")
+    blurred = convolution.motion_blur(
+        light, (x * EXPOSURE_S, y * EXPOSURE_S), method="transfer", border="circular"
+    )
     return warped(blurred, velocity, row_s, "circular")
 
 
@@ -91,7 +94,7 @@ def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], borde
     light = torch.from_numpy(photograph(*size))
     moved, exposure = torch.tensor(velocity, dtype=torch.float64) * EXPOSURE_S, torch.tensor(EXPOSURE_S)
     scene = extended(light, (far, far), (size[0] + 2 * far, size[1] + 2 * far), border)
-    blurred = blur.motion_blur(scene, moved.tolist(), method="transfer", border="replicate")
+    blurred = convolution.motion_blur(scene, moved.tolist(), method="transfer", border="replicate")
     truth = warped(blurred, velocity, row_s, "replicate")[..., far:-far, far:-far].numpy()
     if not velocity[0]:
         windows = Readout(size[0] + 2 * far, row_s, EXPOSURE_S).windows_s
@@ -100,7 +103,10 @@ def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], borde
     seen = rolled_at_once(light, moved, exposure, row_s, border).numpy()
     assert 255 * np.abs(seen - truth).max() < 0.1
     after = warped(
-        blur.motion_blur(light, moved.tolist(), method="transfer", border=border), velocity, row_s, border
+        convolution.motion_blur(light, moved.tolist(), method="transfer", border=border),
+        velocity,
+        row_s,
+        border,
     )
     if all(velocity) and border != "circular":
         assert rms_dn(after.numpy(), truth) > 1.0
@@ -131,7 +137,7 @@ def test_shear_before_blur_is_wrong() -> None:
     brute = rolled(picture().numpy(), lambda s: (300 * s, 500 * s), *READOUT.windows_s)
     sheared = warped(picture(), velocity, ROW_S, "circular")
     blurred = [
-        blur.motion_blur(sheared, (3.0 * by, 5.0 * by), method="transfer", border="circular").numpy()[
+        convolution.motion_blur(sheared, (3.0 * by, 5.0 * by), method="transfer", border="circular").numpy()[
             ..., 8:-8, :
         ]
         for by in (1.0, stretch(500.0, ROW_S))
@@ -218,7 +224,7 @@ def test_plane_wave() -> None:
     row_s, velocity, f = 24.098e-6, (900.0, -500.0), (0.07, -0.05)
     x, y = np.meshgrid(np.arange(300.0), np.arange(420.0))
     light = torch.from_numpy(np.cos(2 * np.pi * (f[0] * x + f[1] * y)))[None, None]
-    blurred = blur.motion_blur(light, (9.0, -5.0), method="transfer")
+    blurred = convolution.motion_blur(light, (9.0, -5.0), method="transfer")
     seen = warped(blurred, velocity, row_s, "reflect").numpy()[0, 0]
     amplitude, seen_y = np.sinc(0.07 * 9 + 0.05 * 5), f[1] - (f[0] * 900 + f[1] * -500) * row_s
     assert amplitude == pytest.approx(0.133156, abs=1e-6)

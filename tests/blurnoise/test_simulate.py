@@ -8,11 +8,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from blurnoise import Camera, ExposedScene, Exposure, blur, photoelectrons, simulate
+from blurnoise import Camera, ExposedScene, Exposure, photoelectrons, simulate
+from blurnoise.blur import convolution
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
+from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop
 from blurnoise.sensor import readout as sensor
-from blurnoise.transfer import Optics
 
 CAMERA = Camera.preset("imx250")
 
@@ -48,7 +49,7 @@ def test_chain_in_order() -> None:
     dn = simulate(
         image, camera, exposure_s=0.02, illuminance_lux=30.0, velocity_px_s=(300.0, -150.0), generator=[3]
     )
-    moved = blur.exposure_blur(linear_from_srgb(image), (6.0, -3.0), Optics(defocus_radius_px=1.3))
+    moved = convolution.exposure_blur(linear_from_srgb(image), (6.0, -3.0), Optics(defocus_radius_px=1.3))
     by_hand = sensor.read_out(
         moved * photoelectrons(camera, 30.0, 0.02),
         camera,

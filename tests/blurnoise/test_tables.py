@@ -11,25 +11,17 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
-from blurnoise import (
-    Camera,
-    ExposedScene,
-    Exposure,
-    RandomExposure,
-    blur,
-    photoelectrons,
-    plan,
-    simulate,
-)
+from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
+from blurnoise.blur import convolution
 from blurnoise.light import effects
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import fast, readout, stages
 from blurnoise.sensor.readout import read_out
-from blurnoise.transfer import Optics
 
 CAMERA = replace(
     Camera.preset("imx250"),
@@ -235,13 +227,13 @@ def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.Mon
 
 def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[Optics] = []
-    real = blur.exposure_blur
+    real = convolution.exposure_blur
 
     def watched(image: Any, moved: Any, optics: Optics, **options: Any) -> Any:
         calls.append(optics)
         return real(image, moved, optics, **options)
 
-    monkeypatch.setattr(blur, "exposure_blur", watched)
+    monkeypatch.setattr(convolution, "exposure_blur", watched)
     light = picture().double()
     at = OperatingPoint(CAMERA, *[torch.zeros(1)] * 3, torch.tensor([[6.0, 2.0]]))
     together = effects.through(light, at)

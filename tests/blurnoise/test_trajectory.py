@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Trajectory, fourier, transfer
+from blurnoise import Trajectory
+from blurnoise.blur import fourier
+from blurnoise.blur.transfer_of_paths import accelerated, polyline, polyline_grid, vibration
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import simplified
-from blurnoise.transfer_of_paths import accelerated, polyline, polyline_grid, vibration
+from blurnoise.optics import transfer
 
 FX, FY = np.fft.rfftfreq(16), np.fft.fftfreq(14)
 
@@ -196,7 +198,7 @@ def test_many_periods_are_simplified_a_part_at_a_time() -> None:
 @pytest.mark.parametrize("sides", [(64, 96), (90, 128)])
 def test_long_paths_are_sums_over_points(sides: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
     """As the exact sum over segments, at the grid's frequencies and their aliases, and at whole periods as J0."""
-    from blurnoise import transfer_of_paths as module
+    from blurnoise.blur import transfer_of_paths as module
 
     drawn = np.random.default_rng(0)
     knots, shares = drawn.uniform(-20, 20, (2, 200)), drawn.uniform(size=199)

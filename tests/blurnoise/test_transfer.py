@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from torch import Tensor
 
-from blurnoise import psf, transfer
-from blurnoise.blur import optical_blur
-from blurnoise.transfer import Optics
+from blurnoise.blur import psf
+from blurnoise.blur.convolution import optical_blur
+from blurnoise.optics import transfer
+from blurnoise.optics.transfer import Optics
 
 
 def crossing(curve: Callable[[Tensor], Tensor], level: float, high: float) -> float:

@@ -36,11 +36,11 @@ from blurnoise import (
     develop,
     simulate,
 )
-from blurnoise.hdr import Flicker, fused
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import PRESETS
 from blurnoise.optics.gains import dual_gain, staggered
+from blurnoise.scene.hdr import Flicker, fused
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.expose import expose_pictures
 

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import LightEffect
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.sensor.stage import Frames, SensorStage
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from blurnoise import Camera, Layer, Trajectory
 from blurnoise.light import effects
-from blurnoise.operating_point import operating_points
+from blurnoise.light.conditions import operating_points
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
 VELOCITY_PX_S = (700.0, -400.0)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core.limits import LIMITS
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage
 

@@ -19,7 +19,7 @@ from kornia import augmentation
 from torch import Tensor
 
 from blurnoise.light import effects
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.lens import Distortion, Lens

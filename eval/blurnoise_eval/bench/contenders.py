@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import motion_blur
-from blurnoise.blur import Method
+from blurnoise.blur.convolution import Method
 from blurnoise_eval.bench.line_kernel import line_kernel
 
 Blur = Callable[[Tensor, float, Sequence[float]], Tensor]

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.layered import at_rest
+from blurnoise.blur.layered import at_rest
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
 from blurnoise_eval.bench.motion_peers import FRAMES, displaced, mean_of_frames

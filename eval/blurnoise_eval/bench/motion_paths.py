@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import torch
 
+from blurnoise.blur.paths import path_blur, polyline_blur
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.path_blur import path_blur, polyline_blur
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.contenders import Contender
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
@@ -127,9 +127,9 @@ def job() -> Job:
     """Ours from the cache, anew, and differentiable; point spreads of others; one line; frames."""
     missing = absent()
     ways = [
-        Method(OURS, OURS, "blurnoise.path_blur of a path that it has seen before", _cached),
-        Method("ours, a new path", OURS, "blurnoise.path_blur of a path that it has not", _new_path, "new"),
-        Method("ours, polyline_blur", OURS, "blurnoise.path_blur.polyline_blur", _optimised, "polyline"),
+        Method(OURS, OURS, "blurnoise.blur.paths of a path that it has seen before", _cached),
+        Method("ours, a new path", OURS, "blurnoise.blur.paths of a path that it has not", _new_path, "new"),
+        Method("ours, polyline_blur", OURS, "blurnoise.blur.paths.polyline_blur", _optimised, "polyline"),
     ]
     if "deepinv" not in missing:
         ways.append(Method("deepinv", "deepinv", "MotionBlurGenerator with this path, conv2d_fft", _deepinv))

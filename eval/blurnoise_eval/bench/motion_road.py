@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from blurnoise import motion_blur
-from blurnoise.ego_motion import Mount, View
-from blurnoise.sub_exposures import flow_blur
+from blurnoise.blur.sub_exposures import flow_blur
+from blurnoise.motion.ego import Mount, View
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.contenders import Contender
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
@@ -84,7 +84,7 @@ def job() -> Job:
         for name, each in lines().items()
     ]
     ways = (
-        Method(OURS, OURS, "blurnoise.sub_exposures.flow_blur", _ours),
+        Method(OURS, OURS, "blurnoise.blur.sub_exposures.flow_blur", _ours),
         Method("one blur", "one blur", "blurnoise.motion_blur by the mean", _one_blur),
         *peers,
         *(_frames(number) for number in (4, 8, 16, 32)),

@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise import Trajectory, motion_blur, rows, sub_exposures
-from blurnoise.displacement import Displacement, Readout
+from blurnoise import Trajectory, motion_blur
+from blurnoise.blur import rows, sub_exposures
+from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise_eval.bench import motion_scenes, motion_truth
 from blurnoise_eval.bench.motion_job import EXPOSURE_S, OURS, Call, Case, Extent, Job, Method, Picture
 from blurnoise_eval.bench.motion_peers import FRAMES, mapped, mean_of_frames

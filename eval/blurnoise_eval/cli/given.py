@@ -13,7 +13,6 @@ from blurnoise_eval.cli._options import MODEL_TIMEOUT_S
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.hdr import Flicker
     from blurnoise.motion.ego import Lens, Vehicle
     from blurnoise.motion.trajectory import Trajectory
     from blurnoise.optics.camera import Camera
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from blurnoise.optics.gains import Capture
     from blurnoise.optics.spectra import Curve
     from blurnoise.scene.cutting import Cut, Matte
+    from blurnoise.scene.hdr import Flicker
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.objects import Objects
@@ -177,8 +177,8 @@ def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
 
 def flicker(pwm: str | None, mask_path: Path | None, light: Tensor, seed: int) -> Flicker | None:
     """A lamp "HZ,DUTY[,PHASE]", where the mask says; a phase that is not given is drawn from the seed."""
-    from blurnoise.hdr import Flicker
     from blurnoise.light.flicker import Pwm
+    from blurnoise.scene.hdr import Flicker
 
     if pwm is None:
         if mask_path is not None:

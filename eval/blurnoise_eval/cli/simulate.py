@@ -15,10 +15,10 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.hdr import Flicker
     from blurnoise.optics.camera import Camera
     from blurnoise.optics.gains import Capture
     from blurnoise.scene.cutting import Cut
+    from blurnoise.scene.hdr import Flicker
 
 
 _EGO = "With --ego: the camera on the vehicle"
@@ -187,11 +187,11 @@ def simulate(
     from blurnoise._core.checks import in_range, integer
     from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
-    from blurnoise.hdr import captured, developed, fuse
-    from blurnoise.layers import passing
-    from blurnoise.operating_point import middle_of
+    from blurnoise.blur.layers import passing
+    from blurnoise.light.conditions import middle_of
     from blurnoise.optics.radiometry import filter_electrons, photoelectrons
     from blurnoise.picture.develop import develop_8bit, in_channels
+    from blurnoise.scene.hdr import captured, developed, fuse
     from blurnoise.scene.metering import mean_luma, reflectance_text, share_above_white
     from blurnoise.sensor.mosaic import outside_share
     from blurnoise_eval.datasets import write_picture
@@ -356,8 +356,8 @@ def _of_captures(
     taker: Camera, captures: tuple[Capture, ...], frames: list[Tensor], exposure_s: float, speed_px_s: float
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
-    from blurnoise import hdr
     from blurnoise.optics.gains import windows
+    from blurnoise.scene import hdr
 
     ends_e = hdr.saturations_e(taker, captures)
     last_s = windows(captures, exposure_s)[-1]
@@ -414,7 +414,7 @@ def _of_object(
     """How far it moves, and how much of what is seen in its place was invented."""
     from math import hypot
 
-    from blurnoise.layers import seen_behind
+    from blurnoise.blur.layers import seen_behind
 
     (layer,) = moving.layers
     x, y = (float(own) for own in layer.velocity_px_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from typer import Option
 
 if TYPE_CHECKING:
-    from blurnoise.layers import Layer
+    from blurnoise.blur.layers import Layer
     from blurnoise.motion.ego import Vehicle
     from blurnoise.optics.camera import Camera
     from blurnoise_eval.grid.objects import Crossing

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise.layers import Layer
+from blurnoise.blur.layers import Layer
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.scene import ExposedScene

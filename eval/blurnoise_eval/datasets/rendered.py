@@ -18,7 +18,7 @@ from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.layers import Layer
+    from blurnoise.blur.layers import Layer
     from blurnoise.scene.cutting import Cut
 
 RENDERED_SIZE_PX = 320
@@ -173,7 +173,7 @@ def _cut(signs: tuple[_Sign, ...], number: int, seed: int) -> Cut:
 def _layer(sign: _Sign) -> Layer:
     """From the sign before black, which is its light times its matte, and before white."""
     from blurnoise import charts
-    from blurnoise.layers import Layer
+    from blurnoise.blur.layers import Layer
 
     box = charts.stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
     left, top, right, bottom = (

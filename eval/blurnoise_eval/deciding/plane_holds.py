@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.motion.causes import StatedTrajectory
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.operating_point import middle_of
+from blurnoise.light.conditions import middle_of
 from blurnoise.optics.camera import Camera, binned
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import photoelectrons

@@ -10,8 +10,8 @@ import math
 
 import torch
 
-from blurnoise import transfer
-from blurnoise.transfer import Optics
+from blurnoise.optics import transfer
+from blurnoise.optics.transfer import Optics
 
 NYQUIST = 0.5
 _PLACES = 4097

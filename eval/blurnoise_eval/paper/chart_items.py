@@ -15,8 +15,9 @@ from typing import Any
 import torch
 from scipy.optimize import brentq
 
-from blurnoise import psf, transfer
+from blurnoise.blur import psf
 from blurnoise.metrics.estimate import Estimate
+from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near
 from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, Saturation

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.layers import boxes_in_motion
+from blurnoise.blur.layers import boxes_in_motion
 from blurnoise.light import effects
 from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle

@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from blurnoise import Camera, simulate
+from blurnoise.light.conditions import operating_points
 from blurnoise.light.effects import through
 from blurnoise.motion.ego import Mount, View
-from blurnoise.operating_point import operating_points
 
 VIEW = View(95, 71, 70.0, "rectilinear")
 MOUNT = Mount(1.4, pitch_deg=50.0)

@@ -10,16 +10,17 @@ import torch
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
-from blurnoise import Camera, RandomExposure, blur, plan, simulate
-from blurnoise.field_blur import TOLERANCE
+from blurnoise import Camera, RandomExposure, plan, simulate
+from blurnoise.blur import convolution
+from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.light import effects
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
 from blurnoise.light.motion import MOTION
 from blurnoise.light.vignetting import VIGNETTING
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
-from blurnoise.transfer import Optics
+from blurnoise.optics.transfer import Optics
 
 H, W = 61, 87
 CAMERA = replace(Camera.preset("imx250"), width_px=2 * W, height_px=2 * H, hfov_deg=70.0)
@@ -59,9 +60,9 @@ def test_off_is_bit_equal_to_a_chain_without(
 ) -> None:
     """In one transform with the lens and motion, as before."""
     calls: list[Any] = []
-    real = blur.exposure_blur
+    real = convolution.exposure_blur
     monkeypatch.setattr(
-        blur, "exposure_blur", lambda *given, **options: calls.append(1) or real(*given, **options)
+        convolution, "exposure_blur", lambda *given, **options: calls.append(1) or real(*given, **options)
     )
     camera = replace(CAMERA, defocus_radius_px=1.2, diffraction_wavelength_um=0.55, f_number=2.8)
     frames: dict[str, Any] = {"velocity_px_s": (900.0, 300.0), "generator": [3], "fidelity": fidelity, **LIT}
@@ -131,7 +132,7 @@ def test_field_curvature_adds_to_defocus() -> None:
     camera = of(Lens(field_curvature_px=-1.5), defocus_radius_px=1.5)
     light = picture(size=(H, W))
     seen = effects.through(light, at(camera))
-    centre = blur.optical_blur(light, Optics(1.5))
+    centre = convolution.optical_blur(light, Optics(1.5))
     assert float((seen - centre)[..., H // 2, W // 2].abs().max()) < 2e-3
     corner = (slice(None), slice(None), slice(0, 2), slice(0, 2))
     assert float((seen - light)[corner].abs().max()) < 0.02

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise import Camera, ExposedScene, motion_blur, plan, simulate, transfer
-from blurnoise.ego_motion import Mount, View
-from blurnoise.sub_exposures import flow_blur
+from blurnoise import Camera, ExposedScene, motion_blur, plan, simulate
+from blurnoise.blur.sub_exposures import flow_blur
+from blurnoise.motion.ego import Mount, View
+from blurnoise.optics import transfer
 
 CAMERA = Camera.preset("imx250")
 VIEW = View(61, 47, 60.0, "rectilinear")

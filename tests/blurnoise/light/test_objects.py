@@ -8,13 +8,13 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, Layer, expose_layers, plan, simulate
-from blurnoise.hdr import captured
-from blurnoise.layers import passing
+from blurnoise.blur.layers import passing
+from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effects import through
 from blurnoise.light.objects import OBJECTS, displaced
-from blurnoise.operating_point import OperatingPoint
 from blurnoise.optics.gains import staggered
 from blurnoise.optics.lens import Distortion, Lens
+from blurnoise.scene.hdr import captured
 
 CAMERA = Camera.preset("imx250")
 SIZE = (61, 84)

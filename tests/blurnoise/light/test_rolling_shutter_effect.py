@@ -10,9 +10,10 @@ import pytest
 import torch
 from brute_force import photograph, rms_dn, rolled
 
-from blurnoise import Camera, Exposure, RandomExposure, Trajectory, blur, plan, simulate
+from blurnoise import Camera, Exposure, RandomExposure, Trajectory, plan, simulate
+from blurnoise.blur import convolution
 from blurnoise.light import effects
-from blurnoise.operating_point import operating_points
+from blurnoise.light.conditions import operating_points
 from blurnoise.optics.lens import Distortion, Lens
 
 SIZE = (40, 64)
@@ -224,10 +225,10 @@ def test_bound_holds() -> None:
     """Of what leaving it out changes a picture of black and white pixels."""
     light = (torch.rand(1, 1, *SIZE, generator=torch.Generator().manual_seed(1)) > 0.5).double()
     for velocity in ((20.0, 0.0), (0.0, 15.0), (60.0, -50.0)):
-        moved = blur.motion_blur(light, (velocity[0] / 100, velocity[1] / 100), method="transfer")
+        moved = convolution.motion_blur(light, (velocity[0] / 100, velocity[1] / 100), method="transfer")
         at = Exposure(ROLLING, 0.01, 100.0, velocity_px_s=velocity)._point(SIZE)
         effect = next(each for each in effects.EFFECTS if each.name == "rolling shutter")
-        from blurnoise.rows import warped
+        from blurnoise.blur.rows import warped
 
         changed = float((warped(moved, velocity, 3e-4, "reflect") - moved).square().mean().sqrt())
         assert 0.1 * effect.bound(at) < changed <= effect.bound(at)

@@ -8,7 +8,6 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from blurnoise import transfer
 from blurnoise.metrics.information import (
     at,
     ideal_observer_snr,
@@ -18,6 +17,7 @@ from blurnoise.metrics.information import (
     shannon_capacity_square,
     square_integral,
 )
+from blurnoise.optics import transfer
 
 DOUBLE = torch.float64
 SNR_300 = {"signal_pp": 60.0, "noise_variance": 1.0}  # 60² / 12

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, charts
-from blurnoise.layers import Layer
+from blurnoise.blur.layers import Layer
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.scene.cut_scene import CutScene
 from blurnoise.scene.cutting import Cut

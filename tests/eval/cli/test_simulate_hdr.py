@@ -14,9 +14,9 @@ from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import decode_linear, write_picture
 
 from blurnoise import Camera, photoelectrons
-from blurnoise.hdr import captured, developed, fuse
 from blurnoise.light.flicker import Pwm
 from blurnoise.optics.gains import staggered
+from blurnoise.scene.hdr import captured, developed, fuse
 
 Output = pytest.CaptureFixture[str]
 IMX250 = Camera.preset("imx250")

@@ -11,7 +11,7 @@ from made_up import Veil
 
 from blurnoise import Camera
 from blurnoise.light import effects
-from blurnoise.operating_point import OperatingPoint
+from blurnoise.light.conditions import OperatingPoint
 
 CAMERA = Camera.preset("imx250")
 EXPOSURES_S = 0.001, 0.09

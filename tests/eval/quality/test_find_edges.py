@@ -12,7 +12,7 @@ from blurnoise_eval.quality.find_edges import UNUSABLE, Found, find_edges
 from torch import Tensor
 
 from blurnoise import charts
-from blurnoise.blur import motion_blur
+from blurnoise.blur.convolution import motion_blur
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 
 

@@ -24,7 +24,7 @@ from blurnoise_eval.quality import picture_figures as edge_figures
 from torch import Tensor
 
 from blurnoise import Camera, charts, simulate
-from blurnoise.blur import motion_blur
+from blurnoise.blur.convolution import motion_blur
 from blurnoise.metrics import Flag, information
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics.colour import srgb_from_linear

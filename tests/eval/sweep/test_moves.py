@@ -28,8 +28,8 @@ from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 
 from blurnoise import charts
-from blurnoise.layered import at_rest
-from blurnoise.layers import boxes_in_motion
+from blurnoise.blur.layered import at_rest
+from blurnoise.blur.layers import boxes_in_motion
 from blurnoise.scene import scene
 from blurnoise.scene.cut_scene import CutScene
 from blurnoise.scene.cutting import Cut
@@ -57,7 +57,7 @@ def labelled() -> PictureSet:
 def test_names_are_those_of_the_simulator() -> None:
     from blurnoise_eval.cli import _options
 
-    from blurnoise.layers import BOX_KINDS
+    from blurnoise.blur.layers import BOX_KINDS
 
     assert MOVES.choices == scene.MOVES
     assert (_options.MATTES, _options.BOXES, BOXES) == (MATTES, BOXES, BOX_KINDS)

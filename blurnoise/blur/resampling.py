@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from blurnoise import fourier
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import plain, side_by_side, threads_for
+from blurnoise.blur import fourier
 
 Floats = NDArray[np.floating[Any]]
 _MARGIN = 24  # px; what is further off has a weight below 1e-8 in the spline

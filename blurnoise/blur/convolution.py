@@ -18,13 +18,14 @@ import torch
 from kornia import filters
 from torch import Tensor
 
-from blurnoise import fourier, psf, transfer
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import an_instance, image_batch, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS, limited, limited_motion
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.transfer import SHARP, Optics
+from blurnoise.blur import fourier, psf
+from blurnoise.optics import transfer
+from blurnoise.optics.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kornia")

@@ -9,7 +9,7 @@ One object of light F and matte alpha before a background B makes, the exposure 
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
 time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap that move differently, it is a mean of sub-exposures (:mod:`blurnoise.sub_exposures`) in a window around what
+overlap that move differently, it is a mean of sub-exposures (:mod:`.sub_exposures`) in a window around what
 the objects pass; the rest of the picture knows the background alone, and what of that is uncovered there is as
 exact as in the rest. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
 
@@ -25,14 +25,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from blurnoise import blur, fourier, path_blur, row_paths, rows, sub_exposures
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, image_batch, in_range, one_of
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.windows import Window, continued_in, cut
-from blurnoise.displacement import Displacement, Readout, asked
-from blurnoise.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
-from blurnoise.sub_exposures import Sheet
+from blurnoise.blur import convolution, fourier, paths, row_paths, rows, sub_exposures
+from blurnoise.blur.displacement import Displacement, Readout, asked
+from blurnoise.blur.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
+from blurnoise.blur.sub_exposures import Sheet
 
 STEP_PX = sub_exposures.SPACING_PX
 """What the fastest moves from one sub-exposure to the next, at most."""
@@ -58,7 +58,7 @@ def expose_layers(
     in_range("step_px", step_px, 0.05, 1e5)
     per_picture = of_each(layers, background)
     exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
-    moved_px = blur.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
+    moved_px = convolution.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", moved_px)
     height = background.shape[-2]
     seen = []
@@ -89,8 +89,8 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.way == "rows":
         return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
     if (path := moves.polyline) is not None:
-        return path_blur.path_blur(picture, path, border=border)
-    return blur.motion_blur(picture, moves.even_px[None], border=border)
+        return paths.path_blur(picture, path, border=border)
+    return convolution.motion_blur(picture, moves.even_px[None], border=border)
 
 
 def exposed(
@@ -187,7 +187,7 @@ def _blurred(
         sheet = Sheet(plane[0], moves, work.top, work.left)
         seen = sub_exposures.moved_sheet(sheet, window)[None]
     elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
-        seen = blur.motion_blur(plane, moves.even_px[None], border="circular")
+        seen = convolution.motion_blur(plane, moves.even_px[None], border="circular")
         middle, velocity = (size[0] - 1) / 2 - work.top, moves.even_px / moves.exposure_s.to(moves.even_px)
         seen = cut(rows.warped(seen, velocity, moves.readout.row_s, "circular", middle=middle), work, window)
     else:

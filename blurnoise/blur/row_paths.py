@@ -14,9 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import fourier, rows
 from blurnoise._core.borders import Border
-from blurnoise.displacement import Displacement, Floats, asked
+from blurnoise.blur import fourier, rows
+from blurnoise.blur.displacement import Displacement, Floats, asked
 
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _LEAST_SAMPLES = 16  # of a row's exposure, however little moves

@@ -13,15 +13,15 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
-from blurnoise.layers import Layer, Passing, passing
+from blurnoise.blur import convolution
+from blurnoise.blur.layers import Layer, Passing, passing
+from blurnoise.blur.sub_exposures import flows
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
-from blurnoise.sub_exposures import flows
 
 Number = TypeVar("Number", float, Tensor)
 
@@ -98,7 +98,7 @@ def _motion(velocity_px_s: Any, exposure_s: Tensor, image: Tensor) -> tuple[Tens
     """Displacements (B, 2) of pictures (B, C, H, W); of a flow the middle, and the flow (B, 2, H, W) itself."""
     moved = "displacement_px: velocity times exposure"
     if getattr(velocity_px_s, "ndim", 0) < 3:
-        displacement = blur.motions("velocity_px_s", velocity_px_s, image) * exposure_s[:, None]
+        displacement = convolution.motions("velocity_px_s", velocity_px_s, image) * exposure_s[:, None]
         limited_motion(moved, displacement)
         return displacement, None
     flow = flows("velocity_px_s", velocity_px_s, image) * exposure_s[:, None, None, None]
@@ -141,8 +141,8 @@ def of_one_exposure(camera: Camera) -> None:
     an_instance("camera", camera, Camera)
     if camera.captures:
         raise ValueError(
-            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; blurnoise.hdr takes them, "
-            "here there is one exposure (captures=())"
+            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; blurnoise.scene.hdr takes "
+            "them, here there is one exposure (captures=())"
         )
 
 

@@ -2,13 +2,13 @@
 
     I(p) = mean over k of (layers)(p - d(p, t_k)),
 
-d a :class:`blurnoise.displacement.Displacement` of each layer's own, t_k a time of the pixel's row. What moves is at
+d a :class:`.displacement.Displacement` of each layer's own, t_k a time of the pixel's row. What moves is at
 mid-exposure where the picture has it. A pixel averages what passes it: a constant stays constant. At steps of depth
 the picture is one sheet: the nearer side takes from the farther one and the reverse.
 
 Sub-exposures are as many in each band of rows as its longest way needs, their times spread a little so that their
 variance is that of an even exposure. They are seen by linear interpolation of the picture at twice its samples
-(:mod:`blurnoise.finer`): of the picture itself it would lose more than all the rest does. Linear interpolation is a
+(:mod:`.finer`): of the picture itself it would lose more than all the rest does. Linear interpolation is a
 blur of its own. Of a flow alone it counts as part of the motion's, and paths are shorter for it. Of paths and of rows
 the samples are three times as many, and what a mean still loses along the axes on which they move is given back.
 """
@@ -34,8 +34,8 @@ from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise._core.windows import Window
-from blurnoise.displacement import Displacement, Readout, asked
-from blurnoise.finer import MARGIN, Plane, finer, finer_torch, given_back, led, seen_torch, with_margin
+from blurnoise.blur.displacement import Displacement, Readout, asked
+from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, led, seen_torch, with_margin
 
 SPACING_PX = 2.0
 _LEAST_PX = 1e-3

@@ -1,7 +1,7 @@
 """Layers: objects with a matte that move for themselves before a picture, and what is known of each without it.
 
 Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure an object
-is where its ``place_px`` says. What they make of a picture is in :mod:`blurnoise.layered`.
+is where its ``place_px`` says. What they make of a picture is in :mod:`blurnoise.blur.layered`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import Literal, NamedTuple, cast
 import torch
 from torch import Tensor
 
-from blurnoise import blur
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import an_instance, finite, integer, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS
 from blurnoise._core.windows import Window, cut, placed
-from blurnoise.displacement import ALIKE_PX, TAIL_PX
+from blurnoise.blur import convolution
+from blurnoise.blur.displacement import ALIKE_PX, TAIL_PX
 
 BoxKind = Literal["object", "half", "swept"]
 BOX_KINDS = ("object", "half", "swept")
@@ -184,7 +184,7 @@ def seen_behind(
         down, across = (reach_px(along) for along in motion.tolist()[::-1])
         work = rest.grown(down, across)
         if window_at_rest(each).meets(work):
-            covered = blur.motion_blur(_matte_in(each, work, size), motion, border="constant")
+            covered = convolution.motion_blur(_matte_in(each, work, size), motion, border="constant")
             clear = clear * (1 - cut(covered, work, rest).clamp(0, 1))
     return float((alpha * clear).sum()) / total
 

@@ -1,6 +1,6 @@
 """Blur of pictures (B, C, H, W) by paths of any shape, in linear light.
 
-Convention: x right, y down, px; the border is continued as in :mod:`blurnoise.blur`. The transfer function of a path
+Convention: x right, y down, px; the border is continued as in :mod:`.convolution`. The transfer function of a path
 of many segments is not evaluated at every frequency of the picture: a grid as large as the path and its band-limited
 ends need gives the point spread, which is laid into a tile of the picture and transformed there. Half the RMS of what
 that changes of the transfer function, the RMS error of a white picture of full contrast, is 1e-4.
@@ -19,17 +19,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import blur, fourier
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import image_batch, one_of, real_tensor
 from blurnoise._core.limits import limited_motion
 from blurnoise._core.threads import WORTH_IT
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.blur import NEGLIGIBLE
+from blurnoise.blur import convolution, fourier
+from blurnoise.blur.convolution import NEGLIGIBLE
+from blurnoise.blur.transfer_of_paths import polyline, polyline_on
 from blurnoise.motion.trajectory import Polyline
-from blurnoise.transfer import SHARP, Optics
-from blurnoise.transfer_of_paths import polyline, polyline_on
+from blurnoise.optics.transfer import SHARP, Optics
 
 _LEAST_PX = 64  # side of the small grid
 _ROOM_PX = 32  # of the band-limited ends, both together
@@ -69,13 +69,13 @@ def exposure_blur(
     *,
     border: Border = "reflect",
 ) -> Tensor:
-    """:func:`blurnoise.blur.exposure_blur`, but by their own paths for those pictures that have one; (): none has."""
+    """:func:`.convolution.exposure_blur`, but by their own paths for those pictures that have one; (): none has."""
     if not any(paths):
-        return blur.exposure_blur(image, displacement_px, optics, border=border)
-    moved = blur.displacements(displacement_px, image)
+        return convolution.exposure_blur(image, displacement_px, optics, border=border)
+    moved = convolution.displacements(displacement_px, image)
     return torch.cat(
         [
-            blur.exposure_blur(picture, by, optics, border=border)
+            convolution.exposure_blur(picture, by, optics, border=border)
             if path is None
             else path_blur(picture, path, optics, border=border)
             for picture, by, path in zip(torch.split(image, 1), torch.split(moved, 1), paths, strict=True)

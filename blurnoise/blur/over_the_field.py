@@ -20,11 +20,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import fourier, transfer
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import plain, side_by_side, threads_for
+from blurnoise.blur import fourier
+from blurnoise.optics import transfer
 
 Floats = NDArray[np.float64]
 _Array = TypeVar("_Array", Tensor, NDArray[Any])

@@ -20,12 +20,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import transfer
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import side_by_side
-from blurnoise.transfer import SHARP, Optics
+from blurnoise.optics import transfer
+from blurnoise.optics.transfer import SHARP, Optics
 
 _Array = TypeVar("_Array", Tensor, NDArray[Any])
 _TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise

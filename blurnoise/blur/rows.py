@@ -19,12 +19,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import blur, fourier
 from blurnoise._core.borders import Border, continued, extended, index_of
 from blurnoise._core.checks import finite
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, side_by_side
-from blurnoise.displacement import asked, stretch
+from blurnoise.blur import convolution, fourier
+from blurnoise.blur.displacement import asked, stretch
 
 Floats = NDArray[np.float64]
 Band = tuple[slice, slice, NDArray[Any]]
@@ -46,7 +46,7 @@ def rolled(
     """Pictures in uniform motion, (2,) px in an exposure (), whose rows are read every ``row_s``; differentiable.
 
     Motion along rows is one transform of rows; motion down them a mean of rows, which Lanczos's window resamples and
-    averages at once. Raises as :func:`blurnoise.displacement.stretch` does, and where the continued picture would be
+    averages at once. Raises as :func:`.displacement.stretch` does, and where the continued picture would be
     too large.
     """
     from scipy.fft import next_fast_len
@@ -77,7 +77,7 @@ def rolled(
     plane = extended(light, before, (high, wide), border)
     plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
     moved = displacement_px[None].expand(len(light), 2)
-    plane = blur.motion_blur(plane, moved, method="transfer", border="circular")
+    plane = convolution.motion_blur(plane, moved, method="transfer", border="circular")
     plane = shifted_rows(_resampled(plane, places, "replicate"), shift_px, "circular", wraps=True)
     return plane[..., before[1] : before[1] + width].contiguous()
 
@@ -143,7 +143,7 @@ def warped(
     """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
 
     middle: the row that is read at time 0, by default the pictures' middle one. Light is not kept: what moves along
-    with the readout is read longer. Raises as :func:`blurnoise.displacement.stretch` does.
+    with the readout is read longer. Raises as :func:`blurnoise.blur.displacement.stretch` does.
     """
     velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
     finite("velocity_px_s", velocity)

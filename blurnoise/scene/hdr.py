@@ -17,24 +17,24 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from blurnoise import blur
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, positive, shown
 from blurnoise._core.limits import LIMITS, limited
-from blurnoise.capture import Capture, factors, windows
-from blurnoise.encoding import Encoding
-from blurnoise.exposure import ExposedScene
-from blurnoise.layers import Layers, of_each
+from blurnoise.blur import convolution
+from blurnoise.blur.layers import Layers, of_each
+from blurnoise.blur.sub_exposures import flow_warp, flows
 from blurnoise.light.flicker import Pwm, lit
 from blurnoise.light.objects import displaced
 from blurnoise.light.translation import translated
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import Encoding
+from blurnoise.optics.gains import Capture, factors, windows
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.step import Development
-from blurnoise.sub_exposures import flow_warp, flows
+from blurnoise.scene.scene import ExposedScene
 
 BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far
@@ -90,7 +90,7 @@ def captured(
             f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
         )
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
-    velocity = (flows if by_flow else blur.motions)("velocity_px_s", velocity_px_s, light)
+    velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
     objects = of_each(layers, light)
     frames = []

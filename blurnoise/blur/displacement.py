@@ -28,7 +28,7 @@ _AT_ONCE_PX2 = 0.02  # of a path in a row's window: a phase of 0.02 of the fines
 ALIKE_PX = 1e-4
 """Motions that differ by less are one."""
 TAIL_PX = 8
-"""Of a band-limited line beyond its ends, as in :mod:`blurnoise.fourier`; more than interpolation reaches."""
+"""Of a band-limited line beyond its ends, as in :mod:`blurnoise.blur.fourier`; more than interpolation reaches."""
 
 
 @dataclass(frozen=True)

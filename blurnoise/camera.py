@@ -1,3 +1,0 @@
-"""Moved to :mod:`blurnoise.optics.camera`."""
-
-from blurnoise.optics.camera import *  # noqa: F403

@@ -1,3 +1,0 @@
-"""Moved to :mod:`blurnoise.motion.ego`."""
-
-from blurnoise.motion.ego import *  # noqa: F403

@@ -1,3 +1,0 @@
-"""Moved to :mod:`blurnoise.motion.trajectory`."""
-
-from blurnoise.motion.trajectory import *  # noqa: F403
