@@ -9,10 +9,10 @@ the variance s^2 + 1/12 + sum_k (-1)^k (4 s^2 + 1/(pi k)^2) cos(2 pi k m) exp(-2
 
 - s >= 0.5 DN remains: the sum is below 0.009 DN^2 at any m, and a variance v more or less changes the result by v to
   13 %. What is left out counts for itself.
-- s < 0.5 DN remains: a spread t, however small, makes of m = 9.5 the numbers 9 and 10, variance 1/4, where without it
-  all are one. The variance is at most t^2 + 1/4 and at least 0, so leaving t out may cost sqrt(t^2 + 1/4) DN, and is
-  done where that is within the tolerance. Or where t is below what single precision tells at full scale: the fraction
-  of m, on which all this hangs, is no better known.
+- s < 0.5 DN remains: a spread t turns a share of the pixels by 1 DN, t at most over means that lie anywhere between
+  two numbers, and 1/4 DN^2 at worst. So leaving t out costs t^2 + min(t, 1/4) DN^2, but t^2 + 1/4 where black itself
+  lies within 4 t of the border of two numbers. Nothing is below what single precision tells at full scale: the
+  fraction of m, on which all this hangs, is no better known.
 
 Only noise that reaches every pixel counts as remaining: read noise. Shot noise leaves the dark without.
 """
@@ -62,7 +62,7 @@ class Plan:
 
     camera: with what is left out set to 0. without: the names of effects and stages that are passed over; shot
     noise never, as ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all that is left out, at
-    most tolerance_dn; with the 0.5 DN that rounding makes of a spread where nothing else protects it.
+    most tolerance_dn; with what rounding makes of a spread where nothing else protects it.
     """
 
     stages: tuple[Contribution, ...]
@@ -142,6 +142,10 @@ def _plan(
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
     if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:
         left_out.discard(read)  # it shares shot noise's draw and costs nothing
+    spreading = [
+        stage.name for stage in of_sensor if (stage.spreads or stage.draws) and stage.name in left_out
+    ]
+    rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, math.hypot(*(bounds[name] for name in spreading))))
     every: tuple[LightEffect | SensorStage, ...] = (*of_light, *of_sensor)
     reduced = _without(
         camera, frozenset(figure for each in every if each.name in left_out for figure in each.figures)
@@ -167,30 +171,28 @@ def _left_out(
     """What may leave, and the DN^2 that rounding adds to it: the most that the module's two cases allow."""
     spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
-    invisible_dn2 = (_SINGLE * at.camera.full_scale_dn) ** 2
-    for kept, rounding_dn2 in (
-        (stay, 0.0),
-        (stay, _ROUNDING_DN2),
-        (stay | dithers, 0.0),
-        (stay | spreading, 0.0),
-    ):
-        if rounding_dn2 and rounding_dn2 >= budget_dn2:
+    for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
+        if kept != stay and budget_dn2 > _ROUNDING_DN2:
             continue
-        left_out, spent_dn2 = set[str](), rounding_dn2
-        unseen_dn2 = 0.0
+        left_out, spent_dn2, spread_dn2, rounding_dn2 = set[str](), 0.0, 0.0, 0.0
         for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
-            unseen = name in spreading - stay and unseen_dn2 + bound**2 <= invisible_dn2
-            if spent_dn2 + bound**2 > budget_dn2 or (name in kept and bound > 0 and not unseen):
+            spread = spread_dn2 + (bound**2 if name in spreading else 0.0)
+            rounding = _rounding_dn2(at.camera, math.sqrt(spread)) if charged else 0.0
+            if spent_dn2 + bound**2 + rounding > budget_dn2 or (name in kept and bound > 0):
                 continue
-            spent_dn2 += bound**2
-            unseen_dn2 += bound**2 if unseen else 0.0
+            spent_dn2, spread_dn2, rounding_dn2 = spent_dn2 + bound**2, spread, rounding
             left_out.add(name)
-        spread_dn2 = sum(bounds[name] ** 2 for name in left_out & spreading)
-        if dithers - left_out or spread_dn2 <= invisible_dn2:
+        if dithers - left_out or not _rounding_dn2(at.camera, math.sqrt(spread_dn2)):
             return left_out, 0.0
-        if rounding_dn2:
-            return left_out, rounding_dn2
-    return left_out, 0.0
+    return left_out, rounding_dn2
+
+
+def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
+    """What rounding makes of a spread that nothing dithers, beside itself; see the module."""
+    if spread_dn <= _SINGLE * camera.full_scale_dn:
+        return 0.0
+    from_border_dn = abs(camera.black_level_dn % 1 - 0.5)
+    return _ROUNDING_DN2 if from_border_dn < 4 * spread_dn else min(spread_dn, _ROUNDING_DN2)
 
 
 @lru_cache(maxsize=64)

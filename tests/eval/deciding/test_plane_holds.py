@@ -30,6 +30,8 @@ def test_it_holds_where_rounding_is_coarser_than_the_noise(bits: int, read_noise
     coarse = replace(CAMERA, bit_depth=bits, system_gain_dn_per_e=gain, read_noise_e=read_noise_e)
     assert what_breaks(coarse, EXPOSURES_S, ONE_WAY) == []
     assert what_breaks(replace(coarse, dark_current_e_s=50.0), EXPOSURES_S, ONE_WAY)
+    if bits == 8:  # 0.0028 DN
+        assert what_breaks(replace(coarse, dark_current_e_s=0.1), EXPOSURES_S, ONE_WAY) == []
 
 
 @pytest.mark.parametrize(
