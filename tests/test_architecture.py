@@ -60,7 +60,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"records", "class_names", "contract"},
         {"formats"},
         {"detector"},
-        {"contract_checks", "ocr"},
+        {"ocr"},
     ],
     "blurnoise_models": [
         {"scenes", "network"},

@@ -45,7 +45,7 @@ def inspect(
             parser=location,
             metavar="IMAGE|DIR",
             help="list and draw what it finds in this picture, or in the first of a folder; compare how pictures "
-            "may enter the model, on up to ten",
+            "may enter the model, on up to 32",
         ),
     ] = None,
     output: Annotated[
@@ -74,12 +74,13 @@ def inspect(
 
       blurnoise inspect M.onnx                                     from the file alone
       blurnoise inspect M.onnx --probe photo.jpg                   its detections drawn on a photograph of yours
-      blurnoise inspect M.onnx --probe photos/ --save-contract     the contract chosen by ten of them, kept
+      blurnoise inspect M.onnx --probe photos/ --save-contract     the contract chosen by 32 of them, kept
       blurnoise inspect M.onnx --contract yolox,colour=rgb,range=0-1 --probe photos/
 
     Red and blue swapped, or values 0-1 instead of 0-255, often still find something. With --probe
     colours, values and resize are varied: what is found again in the mirrored, cropped picture
-    decides what nothing states, and doubts what is stated. It takes 30 to 200 inferences.
+    decides what nothing states, and doubts what is stated. It takes 100 to 600 inferences; what the
+    pictures leave open is a warning, which more pictures settle.
 
     FIELD: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr), value_range (or
     range: 0-1, 0-255), mean and std (1/2/3, in that range and the colours' order), resize
@@ -137,9 +138,9 @@ def inspect(
 
 
 def _pictures(probe: Location) -> list[tuple[Location, NDArray[np.uint8]]]:
-    """The picture, or up to ten of a folder. Raises ``ValueError`` for a folder without any."""
+    """The picture, or up to 32 of a folder. Raises ``ValueError`` for a folder without any."""
     from blurnoise_eval.datasets import eight_bit, image_folder, read_picture, sample
-    from blurnoise_eval.detectors.contract_checks import MOST_PICTURES
+    from blurnoise_eval.scoring.contract_checks import MOST_PICTURES
 
     if not (isinstance(probe, Path) and probe.is_dir()):
         return [(probe, eight_bit(read_picture(probe)))]
@@ -170,9 +171,9 @@ def _look_at_detector(
     """The detector, what is known of it, and what it finds in the first picture."""
     from blurnoise_eval.detectors.baked import baked, baked_text
     from blurnoise_eval.detectors.contract import contract_option
-    from blurnoise_eval.detectors.contract_checks import compared, output_problems
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.formats import probe as drawn
+    from blurnoise_eval.scoring.contract_checks import compared, output_problems
 
     detector = Detector(model, contract=contract, timeout_s=timeout_s)
     facts: dict[str, Any] = {

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from blurnoise_eval.datasets import PictureSet, sample
-from blurnoise_eval.detectors.contract_checks import MOST_PICTURES, Comparison, Known, compared
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.contract_checks import MOST_PICTURES, Comparison, compared
+from blurnoise_eval.scoring.input_variants import Known
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.system.terminal import say_wrapped
 
@@ -41,7 +42,7 @@ def contracts_chosen(
 
 
 def known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
-    """At most ten of the pictures, with those of their labels that the detector knows."""
+    """At most 32 of the pictures, with those of their labels that the detector knows."""
     ids = {name: number for number, name in enumerate(detector.contract.classes)}
     for picture, image in sample(pictures, MOST_PICTURES):
         told = [each for each in picture.targets or () if each.label in ids and not each.crowd]

@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from blurnoise_eval.detectors import contract_checks
 from blurnoise_eval.detectors.contract import EXPORTER, FIELDS, INPUT_VALUES, Contract, preset
-from blurnoise_eval.detectors.contract_checks import Known, compared, output_problems
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring import input_variants
+from blurnoise_eval.scoring.contract_checks import compared, output_problems
+from blurnoise_eval.scoring.input_variants import Known
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 
@@ -72,15 +73,18 @@ def assumed(path: Path, contract: Contract) -> Detector:
     return Detector(path, contract=replace(contract, sources=sources))
 
 
-def squares(count: int = 4) -> list[Known]:
-    """Pictures of three red squares of 32 px each, on grey noise."""
+RED, BLUE = (204, 51, 51), (51, 51, 204)
+
+
+def squares(count: int = 4, colours: Sequence[tuple[int, int, int]] = (RED,)) -> list[Known]:
+    """Pictures of three squares of 32 px each, of these colours by chance, on grey noise."""
     random = np.random.default_rng(1)
     made: list[Known] = []
     for _ in range(count):
         image = random.integers(40, 200, (128, 128, 1)).repeat(3, axis=2).astype(np.uint8)
         for left, top in ((10, 10), (80, 20), (45, 80)):
             x, y = np.add((left, top), random.integers(-6, 7, 2))
-            image[y : y + 32, x : x + 32] = (204, 51, 51)
+            image[y : y + 32, x : x + 32] = colours[int(random.integers(len(colours)))]
         made.append((image, None))
     return made
 
@@ -140,9 +144,12 @@ def test_what_nothing_states_is_chosen_and_its_source_says_so(
     detector = assumed(behind(reds, ("rgb", "0-1"), taken, tmp_path / "m.onnx"), own)
     found = compared(detector, pictures)
     assert {name: getattr(found.contract, name) for name in fields(*taken)} == fields(*taken)
-    assert found.contract.sources["colour"].startswith("chosen by comparing 10 variants on 4 pictures")
+    assert found.contract.sources["colour"].startswith("chosen by comparing 11 variants on 4 pictures")
+    assert (
+        "do not tell it from 'stretch', whose merit is at most 5% higher" in found.contract.sources["resize"]
+    )
     assert found.doubts == ()
-    assert found.inferences <= 100
+    assert found.inferences <= 120
     assert found == replace(compared(detector, pictures), seconds=found.seconds)
 
 
@@ -154,9 +161,20 @@ def test_what_is_stated_is_only_doubted(
     found = compared(stated, pictures)
     assert found.contract == own
     (doubt,) = found.doubts
-    assert "read as rgb, 0-255, letterbox instead of rgb, 0-1, letterbox" in doubt
+    assert "(given): read as rgb, 0-255, " in doubt
     right = Detector(path, contract=replace(own, value_range="0-255"))
     assert compared(right, pictures).doubts == ()
+
+
+def test_what_the_pictures_leave_open_is_doubted(reds: Path, own: Contract) -> None:
+    """Of red and blue squares the network finds the red ones, and as many blue ones where it is fed with bgr."""
+    found = compared(assumed(reds, own), squares(8, (RED, BLUE)))
+    (doubt,) = found.doubts
+    assert f"colour may be wrong ({ASSUMED}): read as " in doubt
+    assert "% of what the two find is the same; " in doubt
+    assert "more pictures would tell; if the former is right: --contract yolox,classes=red," in doubt
+    assert found.contract.sources["colour"].startswith("assumed, doubtful: ")
+    assert found.contract.sources["value_range"].startswith("chosen")
 
 
 def test_what_an_exporter_s_code_fixes_is_not_questioned(tmp_path: Path, reds: Path, own: Contract) -> None:
@@ -168,9 +186,11 @@ def test_what_an_exporter_s_code_fixes_is_not_questioned(tmp_path: Path, reds: P
 
 def test_pictures_that_tell_nothing_leave_what_was_assumed(reds: Path, own: Contract) -> None:
     grey = np.full((96, 130, 3), 118, np.uint8)
-    found = compared(assumed(reds, own), [(grey, None)] * 4)
+    found = compared(assumed(reds, own), [(grey, None)] * 20)
     assert found.contract == own
-    assert found.doubts == ()
+    assert found.doubts == (
+        "nothing is found again in 8 pictures, however they enter: nothing confirms the contract",
+    )
     assert all(found.contract.sources[name].startswith(ASSUMED) for name in ("colour", "value_range"))
 
 
@@ -196,18 +216,31 @@ def test_labels_are_one_more_view(reds: Path, own: Contract) -> None:
     wrong = Detections(np.array([[0, 0, 9, 9]], np.float32), np.ones(1, np.float32), np.zeros(1, np.int64))
     shares = []
     for labels in (wrong, None, right):
-        first = compared(detector, [(picture, labels)]).ways[0]
+        first = compared(detector, [(picture, labels)]).variants[0]
         shares.append(first["agreed"] / first["found"])
     assert shares[0] < 0.8 * shares[1] < 0.8 * 1
     assert shares[2] > shares[0]
+
+
+def test_each_variant_has_its_ap50_where_labels_are(reds: Path, own: Contract) -> None:
+    detector = Detector(reds, contract=own)
+    found = [detector.detect(image, min_score=0.25) for image, _ in squares()]
+    labelled = [
+        (image, replace(each, scores=np.ones(len(each), np.float32)))
+        for (image, _), each in zip(squares(), found, strict=True)
+    ]
+    best, *_, worst = compared(detector, labelled).variants
+    assert (best["colour"], best["value_range"], best["ap50"]) == ("rgb", "0-1", pytest.approx(1))
+    assert worst["ap50"] < 0.5
+    assert compared(detector, squares()).variants[0]["ap50"] is None
 
 
 def test_a_view_shows_what_was_found_where_it_is_in_it() -> None:
     image = np.zeros((50, 100, 3), np.uint8)
     image[20:30, 30:50] = 255
     found = Detections(np.array([[30, 20, 50, 30], [0, 0, 3, 9]], np.float32), np.ones(2), np.zeros(2))  # type: ignore[arg-type]
-    for view in contract_checks._VIEWS:
-        seen, moved = contract_checks._view(image, *view), contract_checks._seen_in(found, image, *view)
+    for view in input_variants._VIEWS:
+        seen, moved = input_variants._view(image, *view), input_variants._seen_in(found, image, *view)
         rows, columns = np.nonzero(seen[..., 0] == 255)
         box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
         np.testing.assert_allclose(moved.boxes_xyxy[0], box)
@@ -256,6 +289,21 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     assert not any(source.startswith("chosen") for source in found.contract.sources.values())
 
 
+def test_scores_that_are_all_0_are_no_doubt_where_the_chosen_contract_has_others(
+    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
+) -> None:
+    model = onnx.load(behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx"))
+    offsets = next(each for each in model.graph.initializer if each.name == "offsets")
+    values = numpy_helper.to_array(offsets).copy()
+    values[5] = 0  # the score where nothing is red
+    offsets.CopyFrom(numpy_helper.from_array(values, "offsets"))
+    onnx.save(model, tmp_path / "m.onnx")
+    detector = assumed(tmp_path / "m.onnx", own)
+    assert "every score is exactly 0" in output_problems(detector, pictures[0][0])[0]
+    found = compared(detector, pictures)
+    assert (found.contract.value_range, found.doubts) == ("0-255", ())
+
+
 def photographs(places: Sequence[int]) -> list[Known]:
     paths = sorted((SHARED / "photos").glob("*.jpg"))
     images = [cv2.imread(str(paths[place])) for place in places]
@@ -279,19 +327,20 @@ def same_input(one: Contract, other: Contract) -> NDArray[np.bool_]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("file", "family", "own"), NETWORKS)
 def test_real_networks_behind_every_way(file: str, family: str, own: tuple[str, str], tmp_path: Path) -> None:
-    """Of what is chosen for each way, nothing is wrong; much is chosen; where it is right nothing is doubted."""
+    """Nothing that is chosen is wrong, whatever is wrong is doubted; the right contract, stated, is not."""
     source = SHARED / "models" / f"{file}.onnx"
-    some = photographs(range(0, 35, 4))
-    chosen = count = 0
-    for taken in ways():
+    some = photographs(range(0, 35, 2))
+    chosen = 0
+    for taken in list(ways())[::3]:
         detector = assumed(behind(source, own, taken, tmp_path / "m.onnx"), preset(family))
-        right = replace(detector.contract, **fields(*taken))
+        right = replace(detector.contract, **fields(*taken), sources={})
         found = compared(detector, some)
         told = np.array(
             [found.contract.sources[name].startswith("chosen") for name in ("colour", "value_range")]
         )
         assert same_input(found.contract, right)[told].all(), (taken, found.text)
-        assert found.doubts or same_input(found.contract, right).all() or "do not tell" in found.text
-        chosen, count = chosen + int(told.sum()), count + 2
+        all_right = same_input(found.contract, right).all() and found.contract.resize == right.resize
+        assert found.doubts or all_right
+        chosen += int(told.sum())
         assert compared(Detector(tmp_path / "m.onnx", contract=right), some).doubts == ()
-    assert chosen >= 0.15 * count  # 8 of 40 fields at these nine pictures, the other 32 are said to be untold
+    assert chosen >= 2  # of 8
