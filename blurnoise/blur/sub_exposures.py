@@ -140,6 +140,8 @@ def moved_sheet(sheet: Sheet, window: Window, *, flow_alone: bool = False) -> Te
 
 def layers_over(sheets: Sequence[Sheet], window: Window, spacing_px: float) -> Exposed:
     """Sheets, hindmost first, in a window of the picture, at most ``spacing_px`` between two sub-exposures."""
+    if any(each.moves.each_row_differs for each in sheets):  # of which nothing is known more exactly
+        return _exposed(sheets, window, min(spacing_px, _FINER_PX), "given back")
     return _exposed(sheets, window, spacing_px, "lost")
 
 

@@ -41,6 +41,15 @@ def test_all_at_once(readout: str, kind: torch.dtype) -> None:
         assert motion_oracle.error_dn(motion_oracle.found(without, kind)(), expected) > 2 * error_dn
 
 
+@pytest.mark.parametrize("readout", ["rolling", "global reset"])
+def test_objects_along_a_path_before_rows(readout: str) -> None:
+    """A third of what sub-exposures 2 px apart make of it."""
+    of = Combination(frozenset({"path", "objects", readout}))
+    assert (
+        motion_oracle.error_dn(motion_oracle.found(of, torch.float32)(), motion_oracle.truth(of, 128)) < 0.25
+    )
+
+
 def test_gradients_pass_all_at_once() -> None:
     of = Combination(frozenset({"path", "flow", "objects", "rolling"}))
     light = torch.from_numpy(motion_oracle.STREET)[None].requires_grad_()
