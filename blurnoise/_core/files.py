@@ -33,23 +33,29 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:
     """The content of a regular file. Raises ``OSError``, and ``ValueError`` above ``largest`` bytes."""
     check_regular(path)
     with path.open("rb") as file:
-        data = file.read(largest + 1)
-    if len(data) > largest:
+        held = os.fstat(file.fileno()).st_size
+        most = min(largest, max(held, LARGEST_TEXT_BYTES)) + 1
+        data = b"" if held > largest else file.read(most)
+    if max(held, len(data)) > largest:
         raise ValueError(f"larger than {largest} bytes")
     return data
 
 
 def read_text(path: Path) -> str:
-    """A text in UTF-8, with or without a byte-order mark; line ends are ``\\n``.
-
-    Raises ``OSError``, and ``ValueError`` that names the file for other bytes or above ``LARGEST_TEXT_BYTES``.
-    """
+    """:func:`text_of` a file. Raises ``OSError``, and ``ValueError`` that names it, also above
+    ``LARGEST_TEXT_BYTES``."""
     try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text (byte {error.start})") from None
+        return text_of(read_bytes(path))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def text_of(data: bytes) -> str:
+    """A text in UTF-8, with or without a byte-order mark; line ends are ``\\n``. Raises ``ValueError``."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"not UTF-8 text (byte {error.start})") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

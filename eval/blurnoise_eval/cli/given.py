@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from blurnoise_eval.cli._options import MODEL_TIMEOUT_S
+from blurnoise_eval.system.terminal import say_wrapped
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -291,18 +292,16 @@ def pictures(
 ) -> PictureSet:
     """A labelled set's, a folder's, or rendered signs; the first ``limit`` of them.
 
-    reads: text. A picture of more than ``max_megapixels`` cannot be loaded.
-
-    Raises ``ValueError`` for what does not go together.
+    reads: text. A picture of more than ``max_megapixels`` cannot be loaded. Notes of the set are written to standard
+    error. Raises ``ValueError`` for what does not go together.
     """
     from dataclasses import replace
 
     from blurnoise._core.checks import in_range
     from blurnoise_eval import datasets
 
-    largest: Any = {
-        "max_megapixels": in_range("max-megapixels", max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
-    }
+    in_range("max-megapixels", max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
+    largest: Any = {"max_megapixels": max_megapixels}
     chosen: Any = {"images": images, "labels": targets, "keep_empty": keep_empty}
     if limit is not None and limit < 1:
         raise ValueError(f"limit = {limit}: must be >= 1")
@@ -332,6 +331,8 @@ def pictures(
         found = datasets.image_folder(images, **largest)
     else:
         found = datasets.rendered_texts() if reads else datasets.rendered_signs()
+    for note in found.notes:
+        say_wrapped(f"{found.source}: {note}.", hanging=2, error=True)
     return replace(found, pictures=found.pictures[:limit])
 
 

@@ -119,11 +119,13 @@ def _annotation(
     if image_id not in listed:
         return image_id, selection.leave_out("of pictures that are not listed")
     annotation = {key: value for key, value in entry.items() if key not in _READ}
-    own = entry.get("id")
-    if type(own) is int and 0 < own < LARGEST_ID and own not in used:  # pycocotools takes 0 for "not found"
+    own: Any = entry.get("id")
+    usable = type(own) is int and 0 < own < LARGEST_ID  # pycocotools takes 0 for "not found"
+    repeated = usable and own in used
+    if usable and not repeated:
         annotation["id"] = own
         used.add(own)
-    return image_id, selection.target(
+    found = selection.target(
         categories[category_id],
         (x, y, x + width, y + height),
         listed[image_id].size_px,
@@ -131,3 +133,6 @@ def _annotation(
         crowd=bool(entry.get("iscrowd")),
         annotation=annotation,
     )
+    if found and repeated:
+        selection.count("with the id of another (its own is a new one)")
+    return image_id, found

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.records import Target, size_group
 
 
@@ -19,7 +20,8 @@ class Selection:
     def __init__(self, labels: Sequence[str], keep_empty: bool) -> None:
         self._labels = tuple(labels)
         self._keep_empty = keep_empty
-        self._left_out: Counter[str] = Counter()
+        self._counted: Counter[str] = Counter()
+        self._alike: list[str] = []
 
     def target(
         self,
@@ -63,6 +65,7 @@ class Selection:
 
     def check(self, known: Collection[str], pictures: Sequence[object]) -> None:
         """Raise ``ValueError`` for a label that the set does not know, or where no picture is left."""
+        self._alike = sorted(name for name, count in Counter(known).items() if count > 1)
         if unknown := [label for label in self._labels if label not in known]:
             raise ValueError(f"target = {unknown}: not among the categories {sorted(known)}")
         if not pictures:
@@ -70,12 +73,19 @@ class Selection:
 
     def leave_out(self, why: str) -> list[Target]:
         """Count a box that is left out, and be no target in its place."""
-        self._left_out[why] += 1
+        self.count(f"{why} left out")
         return []
 
+    def count(self, what: str) -> None:
+        """Count a box of which the notes say ``what``."""
+        self._counted[what] += 1
+
     def notes(self) -> tuple[str, ...]:
-        """What was left out, a sentence each."""
-        return tuple(
-            f"{count} {'box' if count == 1 else 'boxes'} {why} left out"
-            for why, count in self._left_out.items()
+        """What was left out or is not as it should be, a sentence each."""
+        alike = f"{len(self._alike)} names stand for several classes each, which count as one"
+        if len(self._alike) == 1:
+            alike = "1 name stands for several classes, which count as one"
+        return (
+            *(f"{count} {'box' if count == 1 else 'boxes'} {what}" for what, count in self._counted.items()),
+            *([f"{alike} (first: {shown(self._alike[0])})"] if self._alike else []),
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.fields import (
+    LARGEST_SET_BYTES,
     as_json,
     as_number,
     each,
@@ -43,7 +44,7 @@ def texts(
     folder = images or file.parent
     selection = Selection((), keep_empty=True)
     with faults_of("text", file):
-        content = read_text(file)
+        content = read_text(file, LARGEST_SET_BYTES)
         targets: Callable[[Location, str], list[Target]]
         whole, find = "\t[{" not in content, Finder()
         targets = partial(_whole, find=find) if whole else partial(_places, selection=selection)

@@ -13,6 +13,7 @@ import numpy as np
 
 from blurnoise._core.checks import shown
 from blurnoise_eval.datasets.fields import (
+    LARGEST_SET_BYTES,
     each_line,
     faults_of,
     is_unicode,
@@ -145,7 +146,7 @@ def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
     for source in sources:
         if source.suffix == ".txt" and source.is_file():
             with faults_of("list", source):
-                lines = each_line(read_text(source), lambda line: inside(line.strip()))
+                lines = each_line(read_text(source, LARGEST_SET_BYTES), lambda line: inside(line.strip()))
                 listed.append((source.parent, list(lines)))
         else:
             listed.append((source, picture_names(source)))

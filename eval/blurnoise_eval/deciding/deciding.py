@@ -188,7 +188,7 @@ def decided(
         drawn = _drawn(pictures, seed, cluster)
         computing = _Computing(store, folder, models, camera, drawn, plan, engine_kept, progress)
         _search(computing, question, criterion, cluster, precision)
-        note_models(store, models, pictures, comparisons)
+        note_models(store, models, pictures, comparisons, computed=computing.outcome.computed)
     return Decision(folder, **enough, outcome=computing.outcome, progress=progress)
 
 

@@ -165,7 +165,7 @@ def evaluate(
         if refine and own is None:
             wanted = criterion_of(store, **enough)
             _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
-        note_models(store, opened, shown, comparisons)
+        note_models(store, opened, shown, comparisons, computed=outcome.computed)
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
 
 

@@ -17,11 +17,21 @@ _BAKED_PICTURES = 8  # by which limits baked into a graph are measured
 
 
 def note_models(
-    store: Store, models: Sequence[Model], pictures: PictureSet, comparisons: Mapping[str, Comparison]
+    store: Store,
+    models: Sequence[Model],
+    pictures: PictureSet,
+    comparisons: Mapping[str, Comparison],
+    *,
+    computed: int,
 ) -> None:
-    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract told."""
+    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract told.
+
+    computed: cells, now; where there are none, a model of which these are noted keeps its notes.
+    """
     manifest = store.about("manifest")
     for model, about in zip(models, manifest["models"], strict=True):
+        if not computed and "latency" in about:
+            continue
         if not about.get("latency"):
             about["latency"] = measured = latency.measure(model, pictures)
             if measured.get("clock_ratio", 1.0) > latency.BUSY:

@@ -7,7 +7,8 @@ AWS_ACCESS_KEY_ID) and fsspec (FSSPEC_S3_ANON) read it; none is printed or kept.
 
 What fails is an ``OSError`` of one line with the URL: ``FileNotFoundError`` for what is missing, ``PermissionError``
 for what is denied. What may pass (no answer, a connection cut off, a server that is busy) is tried five times, after
-0.5, 1, 2 and 4 s; one try waits at most 10 s for a connection, 30 s for the next bytes and 10 minutes in all.
+0.5, 1, 2 and 4 s; one try waits at most 10 s for a connection, 30 s for the next bytes and 10 minutes in all. Storage
+that does not answer is tried for a minute, and then once for each request until it answers.
 """
 
 from __future__ import annotations
@@ -65,9 +66,6 @@ class Location(Protocol):
 
     def __hash__(self) -> int:
         """Equal places are one key."""
-
-    def read_text(self, encoding: str) -> str:
-        """All of the file."""
 
     def exists(self) -> bool:
         """Whether there is such a file or folder."""
@@ -151,10 +149,13 @@ class Url:
             raise FileNotFoundError(errno.ENOENT, "is a folder, no object", str(self))
         return replace(self, stamp=_stamp(found))
 
-    def read_bytes(self) -> bytes:
-        """All of the object, from the cache if it is there. Raises ``OSError``, also for another version."""
+    def read_bytes(self, largest: int | None = None) -> bytes:
+        """All of the object, from the cache if it is there. Raises ``OSError``, also for another version, and
+        ``ValueError`` for more than ``largest`` bytes."""
         version = self.stamped()
         size = (version.stamp or "").partition(" ")[0]
+        if largest is not None and size.isdecimal() and int(size) > largest:
+            raise ValueError(f"larger than {largest} bytes")
         return node_cache().read(
             version.key, partial(_download, version), int(size) if size.isdecimal() else None
         )

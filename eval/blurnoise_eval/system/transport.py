@@ -24,6 +24,9 @@ SCHEMES = (
 """Scheme, the extra of this package that brings what it needs, and the module by which that shows."""
 WAITS_S = (0.5, 1.0, 2.0, 4.0)
 CONNECT_S, READ_S, OBJECT_S = 10, 30, 600
+PATIENCE_S = 60.0
+"""With storage that does not answer, from the first try of a request on."""
+_silent: set[str] = set()  # buckets that have not answered since they last did: they are asked once
 _CUT = (
     "IncompleteRead",
     "ClientPayloadError",
@@ -46,15 +49,26 @@ class Changed(Exception):
 
 def tried(shown: str, request: Callable[[], T]) -> T:
     """What a request answers, tried again where that may help. Raises ``OSError`` with the URL."""
+    began, bucket = time.monotonic(), "/".join(shown.split("/")[:3])
     for wait_s in (*WAITS_S, None):
         try:
-            return request()
+            answer = request()
         except Exception as error:  # each storage has exceptions of its own
             passing, explained = _explained(error, shown)
-            if not passing or wait_s is None:
+            silent = explained.errno in (errno.ETIMEDOUT, errno.EHOSTUNREACH)
+            if not passing or wait_s is None or (silent and _given_up(bucket, began)):
+                if silent:
+                    _silent.add(bucket)
                 raise explained from None
+        else:
+            _silent.discard(bucket)
+            return answer
         time.sleep(wait_s)
     raise AssertionError  # the last try returns or raises
+
+
+def _given_up(bucket: str, began_s: float) -> bool:
+    return bucket in _silent or time.monotonic() - began_s >= PATIENCE_S
 
 
 def _explained(error: Exception, shown: str) -> tuple[bool, OSError]:

@@ -82,6 +82,16 @@ def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
     assert [target.area_px2 for target in targets] == [6.0] * 6 + [None]
 
 
+def test_coco_notes_what_it_has_twice(tmp_path: Path) -> None:
+    categories = [{"id": 13, "name": "stop sign"}, {"id": 1, "name": "person"}, {"id": 5, "name": "person"}]
+    entries = [{**ANNOTATION, "id": entry_id} for entry_id in (1, 2, 2, 2)]
+    data = instances(categories=categories, annotations=entries)
+    assert coco(write(tmp_path / "instances.json", data)).notes == (
+        "2 boxes with the id of another (its own is a new one)",
+        "1 name stands for several classes, which count as one (first: 'person')",
+    )
+
+
 def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
     """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number or size."""
     outside = [[100, 0, 5, 5], [-5, 0, 5, 5], [0, 80, 5, 5], [0, -9, 5, 5]]

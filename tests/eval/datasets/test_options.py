@@ -113,3 +113,27 @@ def test_readers_need_texts(options: str) -> None:
 
 def test_readers_may_find_their_texts_in_a_folder(sets: dict[str, Path]) -> None:
     assert chosen("--images", sets["images"], reads=True).kind == "folder"
+
+
+def test_notes_are_told(tmp_path: Path, sets: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    data = json.loads(sets["coco"].read_text())
+    data["annotations"].append({**data["annotations"][0], "bbox": [0, 0, 0, 5]})
+    (tmp_path / "instances.json").write_text(json.dumps(data))
+    chosen("--coco", tmp_path / "instances.json", "--images", sets["images"])
+    assert "1 box of no area left out." in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize(("name", "mebibytes"), [("coco", 2048), ("bdd", 2048), ("text", 2048), ("yolo", 64)])
+def test_label_files_have_a_largest_size(sets: dict[str, Path], name: str, mebibytes: int) -> None:
+    """Of holes alone, which take no room."""
+    file = sets["images"].parent / "labels" / "a.txt" if name == "yolo" else sets[name]
+    with file.open("wb") as huge:
+        huge.truncate((mebibytes << 20) + 1)
+    with pytest.raises(ValueError, match=f"larger than {mebibytes << 20} bytes"):
+        chosen(f"--{name}", sets[name])
+
+
+@pytest.mark.parametrize("name", ["coco", "bdd", "text"])
+def test_devices_are_no_label_files(name: str) -> None:
+    with pytest.raises(ValueError, match="a directory, device or pipe, no file"):
+        chosen(f"--{name}", "/dev/zero")

@@ -19,7 +19,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.page import TABLES
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep import latency
+from blurnoise_eval.sweep import latency, model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -118,6 +118,18 @@ def test_latency_is_measured_once_and_a_busy_machine_named(
         evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
     again = evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
     assert again.models[0]["latency_ms"] == 1.5
+
+
+def test_a_finished_run_keeps_what_is_noted_of_its_models(
+    model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured: list[str] = []
+    monkeypatch.setattr(latency, "measure", lambda model, _: measured.append(model.name) or {})
+    monkeypatch.setattr(model_notes, "baked", lambda *_: measured.append("baked"))
+    plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
+    for _ in range(2):
+        evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
+    assert measured == ["small", "baked"]
 
 
 def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: PictureSet) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -131,3 +132,50 @@ def test_an_answer_that_is_lost_does_not_make_ours_theirs(monkeypatch: pytest.Mo
     assert asked == [b"mine", b"mine", b"theirs"]
     assert lock.read_fresh() == b"mine"
     system.rm_file("/bucket/lost answer")
+
+
+@dataclass
+class Clock:
+    """In place of the module ``time``."""
+
+    now_s: float = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+def test_storage_that_does_not_answer_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two tries of 30 s, then one for each object, until it has answered."""
+    clock = Clock()
+    monkeypatch.setattr(transport, "time", clock)
+
+    def stalled() -> None:
+        clock.now_s += 30
+        raise TimeoutError
+
+    for name, took_s in (("a", 60.5), ("b", 30), ("c", 30)):
+        began_s = clock.now_s
+        with pytest.raises(TimeoutError, match="no answer within 30 s") as caught:
+            transport.tried(f"s3://stalled/{name}.png", stalled)
+        assert (caught.value.filename, clock.now_s - began_s) == (f"s3://stalled/{name}.png", took_s)
+    assert transport.tried("s3://stalled/d.png", lambda: 5) == 5
+    began_s = clock.now_s
+    with pytest.raises(TimeoutError):
+        transport.tried("s3://stalled/e.png", stalled)
+    assert clock.now_s - began_s == 60.5
+
+
+def test_what_is_cut_off_after_a_minute_is_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, cuts = Clock(), iter([EOFError(), EOFError()])
+    monkeypatch.setattr(transport, "time", clock)
+
+    def large() -> int:
+        clock.now_s += 300
+        for cut in cuts:
+            raise cut
+        return 5
+
+    assert transport.tried("s3://large/model.onnx", large) == 5
