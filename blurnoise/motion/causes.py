@@ -163,7 +163,7 @@ def from_text(content: str, name: str, *, focal_px: float | None = None, axes: A
         raise ValueError(
             f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
         )
-    except ValueError as error:
+    except (ValueError, csv.Error) as error:
         raise ValueError(f"{name}: {error}") from None
 
 

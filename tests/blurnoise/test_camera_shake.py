@@ -91,6 +91,7 @@ def test_logs(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("", "is empty"),
+        ("[" * 200_000, "field larger than field limit"),
         ("time_s,x_px\n0,1\n1,2\n", "must be time_s and x_px, y_px or"),
         ("time_s,x_px,y_px\n0,1,1\n0,2,2\n", "must be at least two times that increase"),
         ("time_s,x_px,y_px\n0,1,left\n", "must hold numbers"),

@@ -33,6 +33,7 @@ def detections(
 
     pycocotools reads them.
     """
+    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
@@ -41,6 +42,7 @@ def detections(
 
     target = new_place(run / "coco") if output is None else output
     with read_run(run) as read, Store(read.path) as store, output_folder(target) as folder:
+        check_rows(store)
         path_within(read.path, "coco")
         steps = store.count_different(*CONDITIONS, "model", "repeat")
         with ProgressBar("write", steps) as advance:

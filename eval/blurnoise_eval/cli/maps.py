@@ -43,6 +43,7 @@ def maps(
     from blurnoise_eval.grid.conditions import MOST_REPEATS
     from blurnoise_eval.maps import figures, mapping, told
     from blurnoise_eval.scoring.clusters import cluster_of
+    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.run_surfaces import criterion_of
@@ -51,6 +52,7 @@ def maps(
     integer("repeats", repeats, 1, MOST_REPEATS)
     cluster_of("", cluster)
     with read_run(run) as read, Store(read.path) as store:
+        check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)
         nodes = mapping.nodes_of(store)
         steps = len(nodes.plane.nodes) + store.count_different(*CONDITIONS, "model")

@@ -120,6 +120,7 @@ def program(
     from blurnoise_eval.program.response import Response
     from blurnoise_eval.program.scenario import Scenario, chosen_targets, half_stops, scaled_note
     from blurnoise_eval.program.stages import MOST
+    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.run_surfaces import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
@@ -140,6 +141,7 @@ def program(
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
+        check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)
         found = reading.read(store, criterion, cluster, model)
         camera = found.metering.camera

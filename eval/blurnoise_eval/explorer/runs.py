@@ -32,6 +32,7 @@ from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.checked import check_rows
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
@@ -69,6 +70,7 @@ class Run:
             self.manifest: dict[str, Any] = store.about("manifest")
             if self.manifest is None:
                 raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
+            check_rows(store)
             plan = store.about("identity")["plan"]
             self._held = store.pictures()
             self._batches = asked(store)

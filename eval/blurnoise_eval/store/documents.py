@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_validator
+
+MOST_CONDITIONS = 10_000_000
+"""Of a run's grid."""
 
 
 class _Model(BaseModel):
@@ -19,7 +23,10 @@ class _Model(BaseModel):
 
     @model_validator(mode="after")
     def _detects_classes(self) -> _Model:
-        if self.kind == "detector" and not self.contract.get("classes"):
+        classes = self.contract.get("classes", [])
+        if not isinstance(classes, list) or not all(isinstance(name, str) for name in classes):
+            raise ValueError("the classes of its contract must be texts")
+        if self.kind == "detector" and not classes:
             raise ValueError("its contract names no classes")
         return self
 
@@ -43,6 +50,12 @@ class _Plan(BaseModel):
     repeats: int
     grid: dict[str, list[float]] = {}
 
+    @model_validator(mode="after")
+    def _can_be_computed(self) -> _Plan:
+        if math.prod(map(len, self.grid.values())) > MOST_CONDITIONS:
+            raise ValueError(f"grid: has more than {MOST_CONDITIONS} conditions")
+        return self
+
 
 class _Identity(BaseModel):
     model: list[dict[str, Any]]
@@ -57,7 +70,19 @@ class _Learnt(BaseModel):
     non_finite_values: dict[str, int] = {}
 
 
-_FORMS: dict[str, type[BaseModel]] = {"manifest": _Manifest, "identity": _Identity, "learnt": _Learnt}
+class _Batch(BaseModel):
+    n_pictures: int
+    places: list[tuple[float, float]]
+    conditions: list[dict[str, Any]]
+
+
+_FORMS: dict[str, TypeAdapter[Any]] = {
+    "manifest": TypeAdapter(_Manifest),
+    "identity": TypeAdapter(_Identity),
+    "learnt": TypeAdapter(_Learnt),
+    "asked": TypeAdapter(list[_Batch]),
+    "versions": TypeAdapter(dict[str, Any]),
+}
 
 
 class Stated(dict[str, Any]):
@@ -69,11 +94,14 @@ class Stated(dict[str, Any]):
 
 def read(key: str, text: str) -> Any:
     """The document of that name. Raises ``ValueError`` for text that is no JSON, or of another form."""
-    if key not in _FORMS:
-        return json.loads(text)
-    value = json.loads(text, object_hook=Stated)
     try:
-        _FORMS[key].model_validate(value)
+        value = json.loads(text, object_hook=Stated if key in _FORMS else None)
+    except RecursionError:
+        raise ValueError("is nested too deeply") from None
+    if key not in _FORMS:
+        return value
+    try:
+        _FORMS[key].validate_python(value)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(map(str, first["loc"]))

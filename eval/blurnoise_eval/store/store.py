@@ -84,6 +84,7 @@ class Store:
                 self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
                 self._db.execute(f"PRAGMA wal_autocheckpoint = {JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
+            self._check_tables()
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
             if version in schema.UPGRADES:
                 if self.read_only:
@@ -123,6 +124,20 @@ class Store:
         except (ValueError, OSError) as error:
             raise StoreError(f"run = {str(self.folder)!r}: {error}") from None
 
+    def damaged(self, field: str, what: str) -> StoreError:
+        """The error of a run in which ``field`` is not what sweeps write."""
+        return StoreError(
+            f"run = {str(self.folder)!r}: {RUN_FILE} is damaged, or was made by other software ({field}: {what})"
+        )
+
+    def _check_tables(self) -> None:
+        """Raise :class:`StoreError` where a name stands for a query, which need not end, or writing starts one."""
+        made = schema.TABLES.lower()
+        for name, kind, sql in self._db.execute("SELECT name, type, sql FROM sqlite_master"):
+            virtual = str(sql).lstrip()[:14].upper() == "CREATE VIRTUAL"
+            if kind == "trigger" or ((kind == "view" or virtual) and f"exists {name.lower()} (" in made):
+                raise self.damaged(name, f"is a {'virtual table' if virtual else kind}, which no run has")
+
     def set_about(self, key: str, value: Any) -> None:
         """Keep a JSON value under ``key``."""
         with self._transaction() as db:
@@ -135,8 +150,7 @@ class Store:
         try:
             return documents.read(key, rows[0]["value"]) if rows else None
         except ValueError as error:
-            told = f"run = {str(self.folder)!r}: {RUN_FILE} is damaged, or was made by other software"
-            raise StoreError(f"{told} ({key}: {error})") from None
+            raise self.damaged(key, str(error)) from None
 
     def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
         """Commit finished cells, all of them or none, with what they teach of the run and the seconds they took.
@@ -182,7 +196,10 @@ class Store:
     def software(self) -> dict[str, dict[str, str]]:
         """By ``computed_by`` of cells the versions of what computed them; cells of earlier runs state none."""
         every = self.rows("SELECT * FROM software ORDER BY computed_by")
-        return {row["computed_by"]: json.loads(row["versions"]) for row in every}
+        try:
+            return {row["computed_by"]: documents.read("versions", row["versions"]) for row in every}
+        except ValueError as error:
+            raise self.damaged("software.versions", str(error)) from None
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
@@ -384,6 +401,16 @@ def unpack_all(names: Sequence[str], repeats: Sequence[int], packed: Sequence[by
     leads = found["class_id"] >= 0
     class_ids = np.where(leads, found["class_id"], ~found["class_id"]).astype(np.int64)
     return Answers(names, repeats, counts, found["box_xyxy"], found["score"], class_ids, leads)
+
+
+def extent(packed: Sequence[bytes]) -> int:
+    """The greatest class of detections as the column holds them. Raises ``ValueError`` where they are none."""
+    if any(len(each) % _DETECTION.itemsize for each in packed):
+        raise ValueError(f"must have {_DETECTION.itemsize} bytes each")
+    found = np.frombuffer(b"".join(packed), _DETECTION)
+    if not (np.isfinite(found["box_xyxy"]).all() and np.isfinite(found["score"]).all()):
+        raise ValueError("boxes and scores must be finite")
+    return int(np.maximum(found["class_id"], ~found["class_id"]).max())
 
 
 def unpack(packed: bytes) -> Detections:

@@ -97,6 +97,8 @@ def _read(store: Store, model: str) -> TargetColumns:
     asked = ", ".join(("cell_id", '"group"', "target_id", exact, *_OF_TARGET))
     for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
         ids, named, target_ids, *numbers = zip(*rows, strict=True)
+        if missing := set(ids).difference(place_of):
+            raise store.damaged("targets.cell_id", f"{min(missing)!r} is none of the cells")
         codes = (
             [place_of[each] for each in ids],
             [groups.setdefault(name, len(groups)) for name in named],

@@ -31,6 +31,7 @@ from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.scoring.clusters import check_cluster
 from blurnoise_eval.scoring.criterion import Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.checked import check_rows
 from blurnoise_eval.store.exports import exported_meanwhile, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -258,6 +259,7 @@ class Evaluation:
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder, shared=True) as store:
+            check_rows(store)
             check_cluster(cluster, store.pictures())
             self.criterion = criterion_of(store, threshold, keep, score)
         self.threshold = self.criterion.level

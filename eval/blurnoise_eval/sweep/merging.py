@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.checked import check_rows
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.coco_export import INSTANCES
@@ -52,6 +53,8 @@ def merge(
     with ExitStack() as opened:
         different = {run.resolve(): run for run in runs}  # one that is named twice counts once
         stores = [opened.enter_context(Store(run)) for run in different.values()]
+        for store in stores:
+            check_rows(store)
         identity = _identity(stores)
         truth = _truth(stores)
         _check_pictures(stores)

@@ -207,9 +207,11 @@ def is_url(text: object) -> bool:
 def location(text: str | Location) -> Any:
     """The ``Path`` or :class:`Url` that is named; ``file://`` is a path.
 
-    Raises ``ValueError`` for a scheme that is not known, an address without a bucket, one that leaves it, and one
-    with a password in it.
+    Raises ``ValueError`` for no text, a scheme that is not known, an address without a bucket, one that leaves it,
+    and one with a password in it.
     """
+    if text == "":
+        raise ValueError("'': must name a file or folder")
     if not isinstance(text, str) or not is_url(text):
         return Path(text) if isinstance(text, str) else text
     scheme, _, rest = text.partition("://")

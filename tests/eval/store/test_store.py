@@ -58,14 +58,14 @@ def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path: Path) ->
 def test_facts_and_skipped_pictures_come_back(tmp_path: Path) -> None:
     facts = {"seed": 3, "nested": [1, None, {"λ": 0.1}]}
     with Store(tmp_path, create=True) as store:
-        assert store.about("manifest") is None
-        store.set_about("manifest", {"old": 1})
-        store.set_about("manifest", facts)
+        assert store.about("facts") is None
+        store.set_about("facts", {"old": 1})
+        store.set_about("facts", facts)
         store.skip("b.png", "first reason")
         store.skip("b.png", "empty")
         store.skip("a.png", "no picture")
     with Store(tmp_path) as store:
-        assert store.about("manifest") == facts
+        assert store.about("facts") == facts
         assert [(entry["image"], entry["reason"]) for entry in store.skipped()] == [
             ("a.png", "no picture"),
             ("b.png", "empty"),

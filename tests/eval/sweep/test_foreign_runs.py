@@ -92,3 +92,45 @@ def test_a_model_of_any_name_has_its_detections_within(sent: Path, tmp_path: Pat
         db.execute("UPDATE about SET value = ? WHERE key = 'manifest'", (json.dumps(manifest),))
     assert main(["detections", str(run)]) == 2
     assert not list(tmp_path.glob("**/away"))
+
+
+ROWS = {
+    "cells.detections: must have 24": "UPDATE cells SET detections = X'616263'",
+    "cells.detections: is missing": "UPDATE cells SET detections = NULL",
+    "cells.detections: holds text": "UPDATE cells SET detections = 'hello'",
+    "cells.detections: class": "UPDATE cells SET detections = X'" + "00" * 20 + "FFFFFF7F'",
+    "cells.detections: boxes": "UPDATE cells SET detections = X'" + "FF" * 20 + "00000000'",
+    "cells.exposure_s: holds text": "UPDATE cells SET exposure_s = 'x'",
+    "cells.example: holds blob": "UPDATE cells SET example = X'FF'",
+    "cells.image: holds blob": "UPDATE cells SET image = X'FF'",
+    "cells.model: 'other'": "UPDATE cells SET model = 'other'",
+    "targets.model: 'other'": "UPDATE targets SET model = 'other'",
+    "targets.confidence: holds blob": "UPDATE targets SET confidence = X'FF'",
+    "targets.confidence: is missing": "UPDATE targets SET confidence = NULL",
+    "targets.cell_id: ": "DELETE FROM cells",
+    "software.versions: value": "UPDATE software SET versions = '[1]'",
+    "software.versions: Expecting": "UPDATE software SET versions = '{'",
+    "asked: value": "INSERT INTO about VALUES ('asked', '{\"a\": 1}')",
+    "manifest: is nested too deeply": f"UPDATE about SET value = '{'[' * 100_000}' WHERE key = 'manifest'",
+    "manifest: models.0": "UPDATE about SET value = json_set(value, '$.models[0].contract.classes', json('[{}]'))"
+    " WHERE key = 'manifest'",
+    "identity: plan": "UPDATE about SET value = json_set(value, '$.plan.grid', json('"
+    + json.dumps({name: [*range(300)] for name in ("exposure_s", "illuminance_lux", "velocity_x_px_s")})
+    + "')) WHERE key = 'identity'",
+    "cells: is a view": "ALTER TABLE cells RENAME TO held; CREATE VIEW cells AS WITH RECURSIVE endless(n) AS"
+    " (SELECT 1 UNION ALL SELECT n + 1 FROM endless) SELECT held.* FROM held, endless",
+    "seldom: is a trigger": "CREATE TRIGGER seldom AFTER INSERT ON about BEGIN DELETE FROM cells; END",
+}
+
+
+@pytest.mark.parametrize("told", ROWS)
+def test_rows_that_no_sweep_writes_are_a_line(
+    sent: Path, tmp_path: Path, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = shutil.copytree(sent, tmp_path / "run")
+    with closing(sqlite3.connect(run / RUN_FILE)) as db, db:
+        db.executescript(ROWS[told])
+    assert main(["report", str(run)]) == 2
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "error" in each]
+    assert line.startswith(f"blurnoise: error: run = {str(run)!r}: {RUN_FILE} is damaged")
+    assert f"({told}" in line

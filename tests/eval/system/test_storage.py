@@ -46,6 +46,7 @@ def test_urls(text: str, shown: str) -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
+        ("", "must name a file or folder"),
         ("ftp://host/a", "must begin with s3://, gs://, hf:// or file://"),
         ("s3://", "must name a bucket"),
         ("s3:///a", "must name a bucket"),
