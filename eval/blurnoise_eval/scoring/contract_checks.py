@@ -32,6 +32,7 @@ from blurnoise_eval.scoring.matching import FOUND_SCORE
 _ROUNDS = (2, 4, 8, 16, 32)  # pictures after which the variants that are surely worse are given up
 MOST_PICTURES = _ROUNDS[-1]
 _MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
+_SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
 _MOST_INFERENCES = 600  # a round that would lead beyond them is left out
 _NOTHING_FROM = 8  # pictures in which nothing is found again, after which no further ones are shown
 _LIKELY, _PROBABLE = 0.975, 0.84  # one-sided levels of Student's t
@@ -151,8 +152,17 @@ def _is_open(rival: Variant, final: Variant, *, stated: bool = False) -> bool:
     Other colours and values matter unless what is found is the same, another resize if it may gain much. stated: in
     place of what somebody stated, which it probably has to beat.
     """
+    if _same(rival, final) >= _SAME:
+        return False
     gain = rival.lead(final, _PROBABLE) if stated else -final.lead(rival, _LIKELY)
     return gain > (_MATTERS * final.merit if _only_resized(rival, final) else 0)
+
+
+def _same(one: Variant, other: Variant) -> float:
+    """The share of what two variants find in the pictures that is the same, by scores and overlaps."""
+    same = sum(map(agreement, one.counted, other.counted))
+    every = sum(float(each.scores.sum()) for variant in (one, other) for each in variant.counted) / 2
+    return same / max(every, 1e-9)
 
 
 def _judged(variants: Sequence[Variant], shown: Sequence[Known]) -> tuple[Contract, list[str]]:
@@ -202,14 +212,12 @@ def _doubt(final: Variant, rivals: Sequence[Variant], shown: Sequence[Known]) ->
     whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
     sure = "surely " * rival.surely_beats(final)
     again = f"{sure}more" if rival.merit > final.merit else "nearly as much"
-    same = sum(map(agreement, rival.counted, final.counted))
-    every = sum(float(each.scores.sum()) for variant in (rival, final) for each in variant.counted) / 2
     parts = [
         f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {rival} instead of {final}, {again} "
         f"is found again where "
         f"{_pictures(len(shown))} are mirrored and cropped ({sum(rival.agreed):.3g} of {sum(rival.found):.3g} in sum "
         f"of scores, instead of {sum(final.agreed):.3g} of {sum(final.found):.3g})",
-        f"{same / max(every, 1e-9):.0%} of what the two find is the same",
+        f"{_same(rival, final):.0%} of what the two find is the same",
     ]
     ap50, own_ap50 = rival.ap50(shown), final.ap50(shown)
     if ap50 is not None and own_ap50 is not None:
@@ -238,6 +246,8 @@ def _source(source: str, variants: Sequence[Variant], final: Variant, factor: st
     untold = f"{compared} do not tell it from {part_text(near.contract, factor)}"
     if _is_open(near, final):
         return f"assumed, doubtful: {untold}"
+    if (same := _same(near, final)) >= _SAME:
+        return f"{source}; {untold}, by which {same:.0%} of what is found is the same"
     return f"{source}; {untold}, whose merit is at most {_MATTERS:.0%} higher"
 
 

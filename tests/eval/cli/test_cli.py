@@ -26,7 +26,7 @@ from blurnoise.optics.colour import srgb_from_linear
 
 MOTION = "motion --speed-kmh 1 --distance-m 1 --target-width-m 1 --exposure-ms 1 --width-px 9 --hfov-deg 9"
 LFS_POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
-FEW = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400", "--repeats", "1", "--threads", "1")
+FEW = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0,400", "--no-refine", "--threads", "1")
 
 
 @pytest.fixture(scope="module")

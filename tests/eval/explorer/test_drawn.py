@@ -69,9 +69,9 @@ def test_a_strip_has_a_dot_for_each_value_that_was_had() -> None:
         ((0.9, 0.9, 0.9), "the mean is 0.60 or more anywhere along the strip; most, 0.90 at 1.64 ms."),
         (
             (0.1, 0.9, 0.1),
-            "the mean is 0.60 or more from about 1.6 to 1.6 ms, not here; most, 0.90 at 1.64 ms.",
+            "the mean is 0.60 or more from about 0.15 to 17 ms, not here; most, 0.90 at 1.64 ms.",
         ),
-        ((0.9, 0.8, 0.1), "the mean is 0.60 or more up to about 1.6 ms, not here; most, 0.90 at 0.003 ms."),
+        ((0.9, 0.8, 0.1), "the mean is 0.60 or more up to about 9.9 ms, not here; most, 0.90 at 0.003 ms."),
         (
             (0.1, 0.2, 0.1),
             "None of the 3 values of exposure tried brings the mean to 0.60; most is 0.20 at 1.64 ms.",

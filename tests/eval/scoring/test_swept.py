@@ -93,7 +93,9 @@ def test_who_boxes_the_middle_is_right_by_the_box_at_mid_exposure(blur_px: float
 
 def test_the_swept_box_is_what_training_boxes_grow_to() -> None:
     """That of RandomExposure(grow_boxes=True), whose boxes end in the last pixel, ours at its outer edge."""
-    augment = RandomExposure("imx250", 0.02, 50.0, (100.0, 900.0), grow_boxes=True, p=1.0)
+    augment = RandomExposure(
+        "imx250", exposure_s=0.02, illuminance_lux=50.0, speed_px_s=(100.0, 900.0), grow_boxes=True, p=1.0
+    )
     boxes = torch.tensor([[[20.0, 30.0, 80.0, 70.0], [100.0, 90.0, 159.0, 110.0]]]).expand(6, -1, -1)
     torch.manual_seed(3)
     params = augment.forward_parameters((6, 3, 120, 160))

@@ -53,7 +53,9 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> PictureSet:
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory, model: Path, pictures: PictureSet) -> Evaluation:
-    return evaluate(model, pictures, "imx250", PLAN, output=tmp_path_factory.mktemp("run"), threads=2)
+    return evaluate(
+        model, pictures, "imx250", PLAN, output=tmp_path_factory.mktemp("run"), threads=2, refine=False
+    )
 
 
 def timeless(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -133,7 +135,7 @@ def test_a_finished_run_keeps_what_is_noted_of_its_models(
 
 
 def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: PictureSet) -> None:
-    again = evaluate([Detector(model)], pictures, "imx250", PLAN, done.folder, threshold=0.2)
+    again = evaluate([Detector(model)], pictures, "imx250", PLAN, done.folder, threshold=0.2, refine=False)
     assert again.outcome is not None
     assert (again.outcome.computed, again.outcome.resumed) == (0, 10)
     opened = Evaluation(done.folder, 0.2)
@@ -231,7 +233,7 @@ def test_engine_workers_and_models_are_as_given(
 ) -> None:
     live = Detector(model)
     live.name = "mine"
-    both = evaluate([model, live], pictures, "imx250", PLAN, tmp_path, engine=ThreadEngine(3))
+    both = evaluate([model, live], pictures, "imx250", PLAN, tmp_path, engine=ThreadEngine(3), refine=False)
     assert [row["model"] for row in both.models] == ["small", "mine"]
     own = [{**cell, "model": "small"} for cell in both.cells if cell["model"] == "mine"]
     assert timeless(own) == timeless(done.cells)

@@ -50,7 +50,7 @@ IN_IDENTITY = {
     "--images", "--coco", "--yolo", "--bdd", "--text", "--plates",  # pictures, choice of targets, annotations
     "--camera", "--trajectory",  # camera, and the plan
 }  # fmt: skip
-HARMLESS = {"--output"}
+HARMLESS = {"--output", "--lens"}  # --lens: a word of the plan; its help names the camera's file
 NAMES_FILES = re.compile(r"FILE|DIR|PATH|RUN|\.onnx|\bfile\b|\bfolder\b")
 
 

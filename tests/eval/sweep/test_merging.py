@@ -38,7 +38,7 @@ def signs(count: int = 6) -> datasets.PictureSet:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
-    tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1))
+    tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1, refine=False))
     for part in ("1/2", "2/2"):
         evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part)
     return folder
