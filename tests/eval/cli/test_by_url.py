@@ -83,7 +83,7 @@ def sweep(root: object, run: object, *further: str) -> int:
 def evaluated(root: object, run: Path, **further: Any) -> Evaluation:
     """The same without a page."""
     pictures = datasets.coco(location(f"{root}/instances.json"))
-    return evaluate(f"{root}/small.onnx", pictures, plan=PLAN, output=run, threads=2, **further)
+    return evaluate(f"{root}/small.onnx", pictures, plan=PLAN, output=run, threads=2, refine=False, **further)
 
 
 def untimed(done: Evaluation) -> list[dict[str, Any]]:
@@ -227,7 +227,7 @@ def test_a_cache_that_cannot_be_written(folder: Path, tmp_path: Path, monkeypatc
     (tmp_path / "file").touch()
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "file"))
     pictures = datasets.coco(location(f"{ROOT}/instances.json"))
-    done = evaluate(folder / "small.onnx", pictures, plan=PLAN, output=tmp_path / "run")
+    done = evaluate(folder / "small.onnx", pictures, plan=PLAN, output=tmp_path / "run", refine=False)
     assert (len(done.cells), done.skipped) == (15, [])
     with pytest.raises(ValueError, match="the cache cannot be written"):
         evaluated(ROOT, tmp_path / "run2")

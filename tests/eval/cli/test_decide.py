@@ -15,7 +15,7 @@ from signs_in_memory import matched_detector, sign
 
 Output = pytest.CaptureFixture[str]
 SMALL = [
-    "--exposure-ms", "8:32", "--lux", "2,5", "--speed", "0,200", "--gain", "0", "--most-nodes", "12", "--keep", "0.8",
+    "--exposure-ms", "8:32", "--lux", "1,2,5,20", "--speed", "0,100,200", "--gain", "0", "--most-nodes", "12", "--keep", "0.8",
 ]  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_it_decides_and_report_says_the_same(tmp_path: Path, capsys: Output) -> 
         n_nodes = sum(len(batch.conditions) for batch in asked(store))
     assert f"{n_nodes} conditions before 8 pictures: {8 * n_nodes} cells" in " ".join(first.split())
     assert (Path(run) / "report.html").stat().st_size > 100_000
-    assert len((Path(run) / "answers.csv").read_text().splitlines()) == 1 + 4
+    assert len((Path(run) / "answers.csv").read_text().splitlines()) == 1 + 12
     assert main(["report", run, "--keep", "0.8", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["decided"]["nodes"] == n_nodes
