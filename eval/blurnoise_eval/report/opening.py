@@ -159,7 +159,7 @@ def _answer(data: RunData, model: str, row: Row | None, *, brief: bool) -> str:
     reached = reached_text(value_text(row["value"], row["low"], row["high"]), asked)
     average = f" on average over {_over(data, row['model'])}" if n > 1 and not brief else ""
     lost = _lost(data, row)
-    bright = "" if brief else _saturated(data, row)
+    bright = "" if brief else _saturated(data, row) + _brighter(data, row)
     lost = "" if brief else lost
     if n == 1:
         first = f"Use {use}: it {reached}" if row["verdict"] == SURE else f"Best is {use}: it {reached}"
@@ -195,6 +195,17 @@ def _saturated(data: RunData, row: Row) -> str:
     light = max(_of(data, row["model"], "light"), key=lambda each: each[LIGHT.name])
     at = f" at {LIGHT.text(light[LIGHT.name])}" if len(_of(data, row["model"], "light")) > 1 else ""
     return f" It saturates {100 * share:.0f} % of the picture{at}."
+
+
+def _brighter(data: RunData, row: Row) -> str:
+    """The exposure that keeps more, and is not used since it saturates more."""
+    of_all = [each for each in data.averages if each["model"] == row["model"] and each["speed"] is None]
+    tested = [pair for each in of_all for pair in zip(each["values"], each["exposures_s"], strict=True)]
+    value, exposure_s = max(tested, default=(0.0, 0.0))
+    if value - row["value"] <= NEAR or exposure_s <= row["exposure_s"]:
+        return ""
+    verb = "keeps" if data.criterion.kept else "reaches"
+    return f" {EXPOSURE.text(exposure_s)} {verb} {value:.2f}, but saturates too much."
 
 
 def _weakest(data: RunData, model: str) -> str:

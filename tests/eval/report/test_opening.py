@@ -58,6 +58,17 @@ def test_use_is_said_only_where_half_of_the_conditions_are_sure(tmp_path: Path) 
     assert "It falls short most at 10 lux, 600 px/s: 0.28." in sentence
 
 
+def test_an_exposure_that_keeps_more_but_saturates_is_named(tmp_path: Path) -> None:
+    data = made_run(tmp_path, {"sign": 0.95}, lights_lux=(200.0, 2000.0), n_examples=0)
+    assert "saturates too much" not in opening(data).sentences[0]
+    brighter = [
+        row | {"values": [0.99 if each == 0.016 else 0.5 for each in row["exposures_s"]]}
+        for row in data.averages
+    ]
+    (sentence,) = opening(replace(data, averages=brighter)).sentences
+    assert sentence.endswith(" 16 ms reaches 0.99, but saturates too much.")
+
+
 def test_the_table_is_light_by_speed(tmp_path: Path) -> None:
     told = opening(made_run(tmp_path, {"sign": 0.95}, n_examples=0))
     assert told.heads == ("light", "any speed", "at rest", "600 px/s")
