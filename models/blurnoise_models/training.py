@@ -39,8 +39,8 @@ POOL_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
 BATCH = 16
 FEWEST_PICTURES = 20 * BATCH
-MOST_PICTURES = 10**9
 """In fewer, the learning rate has no time to rise and fall."""
+MOST_PICTURES = 10**9
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
 _STEEPEST = 10.0  # gradient norm; a rare batch of odd boxes shall not throw the weights away

@@ -15,7 +15,8 @@ from signs_in_memory import matched_detector, sign
 
 Output = pytest.CaptureFixture[str]
 SMALL = [
-    "--exposure-ms", "8:32", "--lux", "1,2,5,20", "--speed", "0,100,200", "--gain", "0", "--most-nodes", "12", "--keep", "0.8",
+    "--exposure-ms", "8:32", "--lux", "1,2,5,20", "--speed", "0,100,200",
+    "--gain", "0", "--most-nodes", "12", "--keep", "0.8",
 ]  # fmt: skip
 
 

@@ -60,9 +60,11 @@ def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: s
     started = [sys.executable, "-m", "blurnoise_eval.cli", "train", "-o", str(tmp_path), "--scenes", "16000"]
     process = subprocess.Popen(started, stderr=subprocess.PIPE, start_new_session=True, text=True)
     deadline = time.monotonic() + 400
-    pictures = tmp_path / "pool" / "pictures-16000x320.npy"
+    drawn = tmp_path / "pool"
     try:
-        while not pictures.is_file() or pictures.stat().st_blocks < 9_000:  # 64 scenes have 36 864
+        while not any(
+            each.stat().st_blocks >= 9_000 for each in drawn.glob(".*.partial")
+        ):  # 64 scenes: 36 864
             assert process.poll() is None, process.communicate()
             assert time.monotonic() < deadline
             time.sleep(0.01)
@@ -79,7 +81,7 @@ def test_no_process_outlives_a_training_that_draws_scenes(tmp_path: Path, how: s
         assert all(line.startswith("draw scenes: ") for line in progress)
     else:
         assert process.returncode == -how
-    assert not (tmp_path / "pool" / "boxes-16000x320.npy").exists()
+    assert not list(drawn.glob("*.npy"))
 
 
 @pytest.mark.parametrize(

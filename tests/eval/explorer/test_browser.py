@@ -423,7 +423,11 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
     grid = {"exposure_s": (0.002, 0.02), "illuminance_lux": (1.0, 50.0), "gain_db": (float("inf"),)}
     run = tmp_path / "run"
     found = evaluate(
-        pictures=rendered_signs((50,), count=1), plan=SweepPlan(grid), output=run, progress=False
+        pictures=rendered_signs((50,), count=1),
+        plan=SweepPlan(grid),
+        output=run,
+        refine=False,
+        progress=False,
     )
     kept = [row for row in found.cells if row["example"] and not row["clean"]]
     with served(run) as address:
@@ -454,7 +458,7 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
 
 def test_memory_stays_flat_over_500_changes(browser: Browser, tmp_path: Path) -> None:
     """Of the server and of the page, with a picture large enough to be seen smaller first: after the first 200
-    changes, which fill what is kept and load what Numba compiles, 300 more add less than 48 MB and 8 MB."""
+    changes, which fill what is kept and load what is compiled, 300 more add less than 48 MB and 8 MB."""
     write_picture(tmp_path / "large.png", np.random.default_rng(0).integers(0, 255, (480, 720, 3), np.uint8))
     words = ["explore", str(tmp_path / "large.png"), "--model", "none", "--no-browser"]
     command = [sys.executable, "-m", "blurnoise_eval.cli", *words]

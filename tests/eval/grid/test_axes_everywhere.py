@@ -86,8 +86,10 @@ def filled(folder: Path, plan: SweepPlan) -> tuple[Store, dict[Conditions | None
     scores = {at: (place + 1) / 64 for place, at in enumerate(conditions)}  # exact in single precision
     store = Store(folder, create=True)
     store.add([result(Cell("p", 0, at, 1), score) for at, score in scores.items()])
-    model = {"name": "m", "kind": "detector", "contract": {"classes": ["stop sign"]}}
-    manifest = {"models": [model], "camera": IMX250.to_dict(), "images": {"labelled": True}}
+    model = {"name": "m", "kind": "detector", "file": "m.onnx", "sha256": "0", "unknown_labels": []}
+    model["contract"] = {"classes": ["stop sign"]}
+    images = {"kind": "coco", "source": "p", "count": 1, "labelled": True, "notes": []}
+    manifest = {"title": "m", "models": [model], "camera": IMX250.to_dict(), "images": images}
     store.set_about("manifest", manifest)
     (folder / "coco").mkdir()
     truth = {"images": [{"id": 1, "file_name": "p"}], "annotations": []}
