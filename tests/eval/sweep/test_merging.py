@@ -40,7 +40,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs")
     tables(evaluate(pictures=signs(), plan=PLAN, output=folder / "whole", threads=1, refine=False))
     for part in ("1/2", "2/2"):
-        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part)
+        evaluate(pictures=signs(), plan=PLAN, output=folder / part[0], threads=1, part=part, refine=False)
     return folder
 
 
@@ -95,19 +95,19 @@ def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_merged_run_goes_on(runs: Path, tmp_path: Path) -> None:
     """The command of the whole resumes it; one part alone is a part, and says what it lacks."""
     merge([runs / "1", runs / "2"], tmp_path / "run")
-    again = evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "run", threads=1)
+    again = evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "run", threads=1, refine=False)
     assert again.outcome is not None
     assert (again.outcome.computed, again.outcome.resumed) == (0, 30)
     merge([runs / "1"], tmp_path / "part")
     with pytest.raises(StoreError, match="another part"):
-        evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "part", threads=1)
+        evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "part", threads=1, refine=False)
 
 
 @pytest.mark.slow
 def test_other_conditions_and_repeats_are_joined(tmp_path: Path) -> None:
     at = {"exposure_s": (0.005, 0.02), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)}
-    evaluate(pictures=signs(2), plan=PLAN, output=tmp_path / "a", threads=1)
-    evaluate(pictures=signs(2), plan=SweepPlan(at, repeats=2), output=tmp_path / "b", threads=1)
+    evaluate(pictures=signs(2), plan=PLAN, output=tmp_path / "a", threads=1, refine=False)
+    evaluate(pictures=signs(2), plan=SweepPlan(at, repeats=2), output=tmp_path / "b", threads=1, refine=False)
     done = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
     assert done == (2 * (1 + 6 + 4), 2, 2 * (1 + 2))
     found = Evaluation(tmp_path / "run")
@@ -141,7 +141,7 @@ def test_another_picture_under_a_name_is_refused(tmp_path: Path) -> None:
         image = np.random.default_rng(number).integers(0, 255, (80, 90, 3), np.uint8)
         cv2.imwrite(str(tmp_path / f"photos{number}" / "a.png"), image)
         photos = datasets.image_folder(tmp_path / f"photos{number}")
-        evaluate(pictures=photos, plan=PLAN, output=tmp_path / f"{number}", threads=1)
+        evaluate(pictures=photos, plan=PLAN, output=tmp_path / f"{number}", threads=1, refine=False)
     with pytest.raises(StoreError, match=r"picture 'a\.png' is not what it is in"):
         merge([tmp_path / "0", tmp_path / "1"], tmp_path / "run")
 
@@ -159,7 +159,7 @@ def test_other_choices_of_targets_over_other_pictures_are_refused(tmp_path: Path
         }
         (tmp_path / name / "labels.json").write_text(json.dumps(listed))
         found = datasets.coco(tmp_path / name / "labels.json", labels=labels)
-        evaluate(pictures=found, plan=PLAN, output=tmp_path / f"run-{name}", threads=1)
+        evaluate(pictures=found, plan=PLAN, output=tmp_path / f"run-{name}", threads=1, refine=False)
     with pytest.raises(StoreError, match=r"in choice of targets \(stop sign there, all here\)"):
         merge([tmp_path / "run-a", tmp_path / "run-b"], tmp_path / "run")
     assert merge([tmp_path / "run-a", tmp_path / "run-c"], tmp_path / "run").pictures == 2

@@ -80,7 +80,7 @@ def files(folder: Path) -> dict[str, bytes]:
 def finished(tmp_path_factory: pytest.TempPathFactory, model: Path) -> Path:
     folder = tmp_path_factory.mktemp("finished")
     evaluate(model, datasets.image_folder(photos(folder / "photos", "a.png", "b.png")), plan=PLAN,
-             output=folder / "run", threads=1)  # fmt: skip
+             output=folder / "run", threads=1, refine=False)  # fmt: skip
     return folder / "run"
 
 
@@ -97,7 +97,8 @@ def run(finished: Path, tmp_path: Path) -> Path:
 def test_killed_run_says_how_many_cells_are_missing(model: Path, tmp_path: Path, capsys: Output) -> None:
     pictures, folder = photos(tmp_path / "photos", "a.png", "b.png"), tmp_path / "run"
     (pictures / "c.png").write_bytes(b"")
-    command = ["sweep", "--model", str(model), "--images", str(pictures), *OPTIONS, "-o", str(folder)]
+    command = ["sweep", "--model", str(model), "--images", str(pictures), *OPTIONS]
+    command += ["--no-refine", "-o", str(folder)]
     dies = """
 import os, sys
 from blurnoise_eval import cli
