@@ -65,7 +65,7 @@ TWO = picture_set(picture("a"), picture("b", partial(noise, 40, 51), None))
 def everything(store: Store) -> list[Any]:
     """All that a run found, but not how long it took."""
     cells = [
-        {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms")}
+        {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms", "computed_by")}
         for cell in store.cells()
     ]
     found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]

@@ -75,6 +75,7 @@ def test_python_and_the_command_find_the_same(
         *OPTIONS,
         "--camera",
         "imx250",
+        "--no-refine",
         "--threads",
         "1",
         "--json",

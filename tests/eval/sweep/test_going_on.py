@@ -104,7 +104,7 @@ def test_killed_sweep_goes_on_with_the_same_command(
     """kill -9 in the middle of a real command; the default detector and one default sign."""
     folder = tmp_path / "run"
     command = ["sweep", "--exposure-ms", "1:24:1", "--lux", "50", "--dx", "0,300", "--repeats", "1"]
-    command += ["--limit", "1", "--threads", "1", "--json", "-o", str(folder)]
+    command += ["--limit", "1", "--no-refine", "--threads", "1", "--json", "-o", str(folder)]
     plan = swept(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0), gain_db=("auto",))
     one = PictureSet("rendered", "", rendered_signs().pictures[:1])
 
