@@ -44,6 +44,7 @@ from small_sweeps import CAMERA
 given, where, address = sys.argv[1:]
 detector, pictures, plan = pickle.loads(Path(given).read_bytes())
 working_folder.MIRROR_S = 0.0  # whenever a block is finished
+working_folder.RESPECTED_S = working_folder.WATCHED_S = 0.0  # the lock of a machine that was killed is nobody's
 engine = RayEngine(2, address) if address else ThreadEngine(2)
 with working_folder.written_run(location(where)) as folder, Store(folder.path, create=True) as store:
     told = folder.minded(lambda cells: print(cells, flush=True), store.copy_to)
