@@ -53,7 +53,11 @@ def everything(folder: Path) -> list[Any]:
     """All that a run found, but not how long it took; and the pictures it kept."""
     with Store(folder) as store:
         cells = [
-            {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms", "computed_by")}
+            {
+                key: value
+                for key, value in cell.items()
+                if key not in ("simulate_ms", "infer_ms", "computed_by")
+            }
             for cell in store.cells()
         ]
         found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]

@@ -20,7 +20,9 @@ def test_two_processes_score_as_one(other: str, tmp_path: Path, monkeypatch: pyt
     shown = some_pictures(tmp_path)
     shown = PictureSet(shown.kind, shown.source, shown.pictures[:2])
     plan = swept((0.005, 0.02), (50.0,), (0.0, 300.0))
-    run = evaluate(small_detector(tmp_path), shown, plan=plan, output=tmp_path / "run", refine=False, progress=False)
+    run = evaluate(
+        small_detector(tmp_path), shown, plan=plan, output=tmp_path / "run", refine=False, progress=False
+    )
 
     def scores() -> tuple[run_scores.RunScores, int]:
         told: list[int] = []
