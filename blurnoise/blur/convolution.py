@@ -21,7 +21,7 @@ from torch import Tensor
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import an_instance, image_batch, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS, limited, limited_motion
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import WORTH_IT, differentiable, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur import fourier, psf
 from blurnoise.optics import transfer
@@ -100,14 +100,14 @@ def exposure_blur(
     at_once = 1 if image.device.type == "cpu" or method == "kornia" else len(image)
     groups = list(zip(torch.split(image, at_once), torch.split(moved, at_once), strict=True))
     size = (image.shape[-2], image.shape[-1])
-    moving = _differentiable(moved)  # then a blur too short to be seen still has its gradient
+    moving = differentiable(moved)  # then a blur too short to be seen still has its gradient
     choices = []
     for _, group in groups:
         dx, dy = group.detach().abs().amax(0).tolist()
         choices.append(_choose(dx, dy, size, optics, method, border, moving=moving))
     if all(choice.method == "none" for choice in choices):
         return image
-    if _differentiable(image, moved):
+    if differentiable(image, moved):
         parts = zip(groups, choices, strict=True)
         return torch.cat([_blurred(*group, choice, optics, border) for group, choice in parts])
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
@@ -207,10 +207,6 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     if not bool(torch.isfinite(seen).all()) or bool((seen.abs() > high * (1 + 1e-6)).any()):
         raise ValueError(f"{name} = {shown(vectors)}: must be finite and >= {low:g} and <= {high:g}")
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
-
-
-def _differentiable(*tensors: Tensor) -> bool:
-    return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors)
 
 
 def _blurred(

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from blurnoise._core.threads import differentiable
 from blurnoise._core.windows import Window
 from blurnoise.motion.trajectory import Polyline, Trajectory
 
@@ -102,7 +103,11 @@ class Displacement:
         if self.flows:
             return "sub-exposures"
         if by_rows and self.each_row_differs:
-            return "sub-exposures" if asked(self.even_px) or self._at_once_px2 > _AT_ONCE_PX2 else "rows"
+            return (
+                "sub-exposures"
+                if differentiable(self.even_px) or self._at_once_px2 > _AT_ONCE_PX2
+                else "rows"
+            )
         return "rows" if by_rows and bool(self.exposure_s) and not self.still else "transfer"
 
     @property
@@ -113,13 +118,13 @@ class Displacement:
     @property
     def still(self) -> bool:
         """Whether nothing moves, for anybody who asks."""
-        if asked(self.even_px) or float(self.even_px.detach().abs().max()) >= ALIKE_PX:
+        if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= ALIKE_PX:
             return False
         return float(np.abs(self._track[1]).max()) < ALIKE_PX
 
     def moves_like(self, other: Displacement) -> bool:
         """Whether both move alike, before the same camera."""
-        if self.flows or other.flows or asked(self.even_px, other.even_px):
+        if self.flows or other.flows or differentiable(self.even_px, other.even_px):
             return False
         return float((self.even_px - other.even_px).abs().amax()) < ALIKE_PX
 
@@ -199,7 +204,7 @@ class Displacement:
         """Least and largest displacement (2, h) of anything in each row of a window; of a path over all of them."""
         base, along = self.even(window)
         half = along.detach().abs() / 2
-        if asked(self.even_px):  # the slope along an axis on which nothing moves
+        if differentiable(self.even_px):  # the slope along an axis on which nothing moves
             half = half.clamp_min(ALIKE_PX)
         if base is None:
             largest = half.amax(-1).double().cpu().numpy()
@@ -311,11 +316,6 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
     grid = torch.stack([2 * x / max(1, width - 1) - 1, 2 * y / max(1, height - 1) - 1], -1)
     seen: Tensor = functional.grid_sample(flow[None], grid[None], "bilinear", "border", align_corners=True)
     return seen[0]
-
-
-def asked(*tensors: Tensor) -> bool:
-    """Whether gradients of any of them are asked for."""
-    return torch.is_grad_enabled() and any(each.requires_grad for each in tensors)
 
 
 def _column(of_rows: Floats, like: Tensor) -> Tensor:

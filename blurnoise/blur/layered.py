@@ -28,9 +28,10 @@ from torch import Tensor
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, image_batch, in_range, one_of
 from blurnoise._core.limits import limited_motion, limited_per_image
+from blurnoise._core.threads import differentiable
 from blurnoise._core.windows import Window, continued_in, cut
 from blurnoise.blur import convolution, fourier, paths, row_paths, rows, sub_exposures
-from blurnoise.blur.displacement import Displacement, Readout, asked
+from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
 from blurnoise.blur.sub_exposures import Sheet
 
@@ -123,7 +124,7 @@ def exposed(
     blurred = moved(ground, moves, border)
     if not laid:
         return blurred
-    follows = asked(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
+    follows = differentiable(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and follows) else blurred
     for window, members in _groups(laid):
         group = _joined(members)

@@ -23,7 +23,7 @@ from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import image_batch, one_of, real_tensor
 from blurnoise._core.limits import limited_motion
-from blurnoise._core.threads import WORTH_IT
+from blurnoise._core.threads import WORTH_IT, plain
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.convolution import NEGLIGIBLE
@@ -48,7 +48,7 @@ def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: 
         return image
     plan = _plan(image, path.reach_px, optics, border)
     fourier.check_span(plan, border, f"path over {path.box} px")
-    if plan.packs and len(plan.dims) == 2 and image.device.type == "cpu" and not _differentiable(image):
+    if plan.packs and len(plan.dims) == 2 and plain(image):
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
         lengths = (plan.y.length, plan.x.length)
         spectrum = _packed_spectrum(path, optics, lengths, image.detach().numpy().dtype)
@@ -218,7 +218,3 @@ def _with_lens(whole: Tensor, optics: Optics, plan: fourier.TransformPlan, image
         whole = whole * optics.response(fx, fy[:, None])
     kind = torch.complex64 if image.dtype == torch.float32 else torch.complex128
     return whole.to(device=image.device, dtype=kind)[None, None]
-
-
-def _differentiable(image: Tensor) -> bool:
-    return torch.is_grad_enabled() and image.requires_grad

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import Border
+from blurnoise._core.threads import plain
 from blurnoise.blur import fourier, rows
-from blurnoise.blur.displacement import Displacement, Floats, asked
+from blurnoise.blur.displacement import Displacement, Floats
 
 _STILL_PX = 1e-3  # motion across that is not worth its transform
 _LEAST_SAMPLES = 16  # of a row's exposure, however little moves
@@ -78,7 +79,7 @@ def _rows_blurred(light: Tensor, time: Floats, x_px: Floats, moves: Displacement
     kernels = np.zeros((len(spread), length))
     kernels[:, (np.arange(side) + side // 2) % side - side // 2] = spread
     factors: NDArray[Any] = np.fft.rfft(kernels)
-    if light.device.type != "cpu" or asked(light):
+    if not plain(light):
         return rows.times(light, torch.from_numpy(factors).to(light.device), margin, length, border)
     packed = rows.packed_factors(factors, length, light.detach().numpy().dtype)
     return rows.times_packed(light, packed, margin, border)

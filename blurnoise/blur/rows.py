@@ -22,9 +22,9 @@ from torch import Tensor
 from blurnoise._core.borders import Border, continued, extended, index_of
 from blurnoise._core.checks import finite
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import WORTH_IT, differentiable, plain, side_by_side
 from blurnoise.blur import convolution, fourier
-from blurnoise.blur.displacement import asked, stretch
+from blurnoise.blur.displacement import stretch
 
 Floats = NDArray[np.float64]
 Band = tuple[slice, slice, NDArray[Any]]
@@ -57,10 +57,10 @@ def rolled(
     tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
     skew_px = (velocity.detach() * row_s).abs() * (height - 1) / 2
     across, down = (skew_px + displacement_px.detach().abs() / 2).tolist()
-    plain = light.device.type == "cpu" and not asked(light, displacement_px, exposure_s)
-    if plain and down <= _STILL_PX:
+    on_numpy = plain(light, displacement_px, exposure_s)
+    if on_numpy and down <= _STILL_PX:
         return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
-    if plain and across <= _STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
+    if on_numpy and across <= _STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
         return mixed(
             light, *_swept_taps((-velocity[1] * tau).numpy(), float(displacement_px[1].abs())), border
         )
@@ -72,7 +72,7 @@ def rolled(
             f"{high}x{wide} pixels; at most {fourier.LARGEST_PLANE} are allowed"
         )
     places, shift_px = before[0] - velocity[1] * tau, velocity[0] * tau
-    if plain:
+    if on_numpy:
         return _at_once(light, displacement_px, places, shift_px, before, (high, wide), border)
     plane = extended(light, before, (high, wide), border)
     plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
@@ -151,7 +151,7 @@ def warped(
     height = light.shape[-2]
     still = (height - 1) / 2 if middle is None else middle
     tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
-    follows = asked(velocity)
+    follows = differentiable(velocity)
     readout_s = float(tau.abs().max())
     if follows or abs(float(velocity[1].detach())) * readout_s > _STILL_PX:
         light = _resampled(light, -velocity[1] * tau, border)
@@ -171,7 +171,7 @@ def shifted_rows(
     far = math.ceil(float(shift_px.detach().abs().max()) + abs(along_px) / 2)
     margin = 0 if wraps else _MARGIN_PX + far
     length = light.shape[-1] if wraps else fourier.fast_length(light.shape[-1] + 2 * margin)
-    if light.device.type != "cpu" or asked(light, shift_px):
+    if not plain(light, shift_px):
         turn = torch.fft.rfftfreq(length, dtype=torch.float64).to(shift_px.device)
         phase = -2 * math.pi * shift_px[:, None] * turn
         factors = torch.polar(torch.ones_like(phase), phase)
@@ -258,7 +258,7 @@ def _row_phases(shift_px: Floats, length: int, kind: type[np.complexfloating]) -
 def _resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
     """Row i as seen at i + shift_px, for every i of those, between rows by Lanczos's taps."""
     first, weights = _lanczos_taps(shift_px)
-    if light.device.type != "cpu" or asked(light, weights):
+    if not plain(light, weights):
         return _gathered(light, first, weights, border)
     return mixed(light, first.numpy(), weights.numpy(), border)
 

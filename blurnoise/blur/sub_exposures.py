@@ -31,10 +31,10 @@ from blurnoise._core.borders import BORDERS, OPENCV, Border
 from blurnoise._core.checks import finite, image_batch, one_of, real_tensor
 from blurnoise._core.limits import limited_motion
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.threads import WORTH_IT, differentiable, side_by_side
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise._core.windows import Window
-from blurnoise.blur.displacement import Displacement, Readout, asked
+from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, led, seen_torch, with_margin
 
 SPACING_PX = 2.0
@@ -88,7 +88,7 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     one_of("border", border, BORDERS)
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)
-    if not asked(moved) and not bool(moved.any()):
+    if not differentiable(moved) and not bool(moved.any()):
         return image
     once = torch.ones(())
     rows = Readout(image.shape[-2], 0.0, 1.0)
@@ -164,7 +164,7 @@ def _exposed(
     bands = _bands([sheet.moves for sheet in sheets], window, spacing_px, times)
     first = sheets[0].light
     tensors = [each for sheet in sheets for each in (sheet.light, sheet.moves.even_px, sheet.matte)]
-    follows = asked(*(each for each in tensors if each is not None))
+    follows = differentiable(*(each for each in tensors if each is not None))
     if not follows and first.device.type == "cpu" and first.dtype == torch.float32:
         return _by_opencv(sheets, window, bands, loss)
     return _by_torch(sheets, window, bands, loss)
