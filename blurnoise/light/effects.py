@@ -13,12 +13,17 @@ from torch import Tensor
 from blurnoise._core.borders import Border
 from blurnoise.blur import paths
 from blurnoise.light.conditions import OperatingPoint
-from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
+from blurnoise.light.lens import (
+    DEFOCUS,
+    DIFFRACTION,
+    DISTORTION,
+    LATERAL_COLOUR,
+    MEASURED_MTF,
+    VIGNETTING,
+)
 from blurnoise.light.motion import MOTION, MOTION_VARIATION, ROLLING_SHUTTER
 from blurnoise.light.objects import OBJECTS
-from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.transfer import SHARP, Optics
 

@@ -1,21 +1,118 @@
-"""The lens's blur as light effects: defocus and diffraction by their transfer functions, or a measured one."""
+"""A lens's effects on light: distortion, lateral colour, defocus, diffraction or a measured MTF, vignetting.
+
+Convention: the scene is what a pinhole camera of the same focal length and axis sees; what it does not see follows
+the picture's border. Displacements are by :mod:`blurnoise.blur.resampling`, which loses what is near 0.5 cycles/px.
+"""
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.blur import convolution, over_the_field
+from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.light.conditions import OperatingPoint
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
 from blurnoise.optics.lens import Field, Size
 from blurnoise.optics.transfer import Optics
+
+
+class _OverTheField(LightEffect):
+    """An effect that differs from place to place, of cameras whose lens :meth:`has` it."""
+
+    @abstractmethod
+    def has(self, camera: Camera) -> bool:
+        """Whether the camera's lens does anything of the kind."""
+
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+        return None if self.has(at.camera) else Blur()
+
+    def key(self, at: OperatingPoint[float]) -> Hashable:
+        return at.camera.field if self.has(at.camera) else None
+
+
+class _ByTransferFunction(LightEffect):
+    """A blur that is the same everywhere, hence shares a transform with its neighbours."""
+
+    @abstractmethod
+    def optics(self, camera: Camera) -> Optics:
+        """The cause alone."""
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        return self.optics(at.camera).error
+
+    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+        return Blur(self.optics(at.camera))
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        return convolution.optical_blur(light, self.optics(at.camera), border=border)
+
+    def key(self, at: OperatingPoint[float]) -> Hashable:
+        return self.optics(at.camera)
+
+
+@dataclass(frozen=True)
+class Distortion(_OverTheField):
+    """Distortion by OpenCV's models; boxes follow."""
+
+    name = "distortion"
+
+    def has(self, camera: Camera) -> bool:
+        return camera.lens.displaces
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        return _displaced(at.camera.field.farthest_px()) if self.has(at.camera) else 0.0
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        return resampling.sampled(light, *_sources(at.camera.field, _size(light)), border)
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        shape = at.camera.lens.distortion
+        if shape is None:
+            return "resampled"
+        return f"{shape.model}, up to {at.camera.field.farthest_px():.3g} px: resampled by splines"
+
+    def displaces(self, camera: Camera) -> bool:
+        return self.has(camera)
+
+    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+        if not self.has(at.camera):
+            return boxes_xyxy
+        field = at.camera.field
+        moved = field.moved_boxes(boxes_xyxy.detach().cpu().double().numpy(), at.size or field.size)
+        return torch.from_numpy(moved).to(boxes_xyxy)
+
+
+@dataclass(frozen=True)
+class LateralColour(_OverTheField):
+    """Red and blue larger or smaller than green, in pictures of three channels, R, G and B; others have no colour."""
+
+    name = "lateral colour"
+
+    def has(self, camera: Camera) -> bool:
+        return any(_shares(camera))
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        return _displaced(max(map(abs, _shares(at.camera))) * at.camera.field.corner_px)
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        if light.shape[1] != 3:
+            return light
+        red, green, blue = (light[:, place : place + 1] for place in range(3))
+        of_red, of_blue = _shares(at.camera)
+        return torch.cat([_larger(red, of_red, at, border), green, _larger(blue, of_blue, at, border)], 1)
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        red, blue = (share * at.camera.field.corner_px for share in _shares(at.camera))
+        return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
 
 
 @dataclass(frozen=True)
@@ -29,27 +126,24 @@ class Defocus(LightEffect):
     figures = ("defocus_radius_px",)
 
     def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`.transfer.Optics.error` of the largest disc; areas do nothing up to half a pixel."""
+        """That of the largest disc; areas do nothing up to half a pixel."""
         if at.camera.defocus_counts_pixel:
             return 0.0 if at.camera.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
     def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
-        """Shared with the lens's other blurs and with motion, unless by areas or over the field."""
         if at.camera.defocus_counts_pixel or at.camera.lens.field_curvature_px:
             return None
         return Blur(Optics(defocus_radius_px=at.camera.defocus_radius_px))
 
     def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
-        """By the disc's areas in the pixels, or over the field."""
         camera = at.camera
         if not camera.lens.field_curvature_px:
             return convolution.defocus(light, camera.defocus_radius_px, border=border)
-        radii, tiles = _over_field(camera.field, camera.defocus_radius_px, (light.shape[-2], light.shape[-1]))
+        radii, tiles = _over_field(camera.field, camera.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border, tiles=tiles)
 
     def how(self, at: OperatingPoint[float]) -> str:
-        """By which of the three."""
         if at.camera.defocus_counts_pixel:
             return f"areas of a disc, {at.camera.defocus_radius_px:g} px"
         if not at.camera.lens.field_curvature_px:
@@ -60,86 +154,101 @@ class Defocus(LightEffect):
         return f"disc of {centre:g} px, {corner:g} px in the corner: at most {len(discs)} blurs, blended"
 
     def key(self, at: OperatingPoint[float]) -> Hashable:
-        """The radius, by which of the three, and the field it changes over."""
         camera = at.camera
         field = camera.field if camera.lens.field_curvature_px else None
         return camera.defocus_radius_px, camera.defocus_counts_pixel, field
 
 
 @dataclass(frozen=True)
-class Diffraction(LightEffect):
-    """Diffraction at a round aperture, of the wavelength that the camera states."""
+class Diffraction(_ByTransferFunction):
+    """Diffraction at a round aperture, of the camera's diffraction_wavelength_um."""
 
     name = "diffraction"
     figures = ("diffraction_wavelength_um",)
 
-    def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`blurnoise.optics.transfer.Optics.error`."""
-        return _airy(at).error
-
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
-        """Shared with defocus and motion."""
-        return Blur(_airy(at))
-
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
-        """By its transfer function."""
-        return convolution.optical_blur(light, _airy(at), border=border)
+    def optics(self, camera: Camera) -> Optics:
+        return Optics(diffraction_lambda_n_px=camera.optics.diffraction_lambda_n_px)
 
     def how(self, at: OperatingPoint[float]) -> str:
-        """Its cut-off."""
-        reach = _airy(at).diffraction_lambda_n_px
+        reach = at.camera.optics.diffraction_lambda_n_px
         return f"transfer function, to {1 / reach:.3g} cycles/px" if reach else "transfer function"
-
-    def key(self, at: OperatingPoint[float]) -> Hashable:
-        """Wavelength times f-number over pitch."""
-        return _airy(at).diffraction_lambda_n_px
 
 
 @dataclass(frozen=True)
-class MeasuredMtf(LightEffect):
+class MeasuredMtf(_ByTransferFunction):
     """A measured MTF, in place of defocus and diffraction."""
 
     name = "measured MTF"
 
-    def bound(self, at: OperatingPoint[float]) -> float:
-        """As :attr:`blurnoise.optics.transfer.Optics.error`."""
-        return _measured(at).error
-
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
-        """Shared with motion."""
-        return Blur(_measured(at))
-
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
-        """By its transfer function."""
-        return convolution.optical_blur(light, _measured(at), border=border)
+    def optics(self, camera: Camera) -> Optics:
+        return Optics(measured=camera.optics.measured)
 
     def how(self, at: OperatingPoint[float]) -> str:
-        """How many samples it has, and up to where."""
         curve = at.camera.lens.mtf
         if curve is None:
             return "transfer function"
         return f"transfer function of {len(curve.values)} samples, to {curve.frequencies[-1]:g} {curve.unit}"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
-        """The curve, per pixel."""
-        return _measured(at).measured
+
+@dataclass(frozen=True)
+class Vignetting(_OverTheField):
+    """The light of every pixel times its relative illumination, by the field angle or by a measured curve."""
+
+    name = "vignetting"
+
+    def has(self, camera: Camera) -> bool:
+        return camera.lens.falloff_power > 0 or camera.lens.relative_illumination is not None
+
+    def bound(self, at: OperatingPoint[float]) -> float:
+        """What the darkest pixel of white loses."""
+        return 1 - at.camera.field.least_light() if self.has(at.camera) else 0.0
+
+    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+        return light * torch.from_numpy(_light(at.camera.field, _size(light))).to(light)
+
+    def how(self, at: OperatingPoint[float]) -> str:
+        if not self.has(at.camera):
+            return "pixel by pixel"
+        by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
+        return f"{by}, {at.camera.field.least_light():.3g} of the light in the darkest corner"
 
 
-def _airy(at: OperatingPoint[float] | OperatingPoint[Tensor]) -> Optics:
-    camera = at.camera
-    return Optics(
-        diffraction_lambda_n_px=camera.diffraction_wavelength_um * camera.f_number / camera.pixel_pitch_um
-    )
+def _displaced(by_px: float) -> float:
+    """RMS that a displacement changes a picture by, at most, units of white.
+
+    A wave changes by at most 2 pi f d of its amplitude; the worst picture is a checkerboard, whose contrast, 1/2 RMS,
+    lies at f = 1 / sqrt(2).
+    """
+    return min(1.0, math.pi * by_px / math.sqrt(2))
 
 
-def _measured(at: OperatingPoint[float] | OperatingPoint[Tensor]) -> Optics:
-    curve = at.camera.lens.mtf
-    return Optics(measured=curve.per_px(at.camera.pixel_pitch_um) if curve else None)
+def _shares(camera: Camera) -> tuple[float, float]:
+    return camera.lens.lateral_red, camera.lens.lateral_blue
+
+
+def _larger(plane: Tensor, share: float, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    if not share:
+        return plane
+    return resampling.sampled(plane, *_magnified(at.camera.field, share, _size(plane)), border)
 
 
 def _ends_px(camera: Camera) -> tuple[float, float]:
     """The disc's radius on the axis and in the corner of the sensor, between which it may pass through 0."""
     return camera.defocus_radius_px, abs(camera.defocus_radius_px + camera.lens.field_curvature_px)
+
+
+def _size(light: Tensor) -> Size:
+    return light.shape[-2], light.shape[-1]
+
+
+@lru_cache(maxsize=2)
+def _sources(field: Field, size: Size) -> tuple[Floats, Floats]:
+    return field.sources(size)
+
+
+@lru_cache(maxsize=4)
+def _magnified(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
+    return field.larger(share, size)
 
 
 @lru_cache(maxsize=8)
@@ -149,4 +258,10 @@ def _over_field(field: Field, defocus_px: float, size: Size) -> tuple[Floats, li
     return radii, over_the_field.plan(radii)
 
 
+@lru_cache(maxsize=4)
+def _light(field: Field, size: Size) -> Floats:
+    return field.light(size)
+
+
+DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()
 DEFOCUS, DIFFRACTION, MEASURED_MTF = Defocus(), Diffraction(), MeasuredMtf()

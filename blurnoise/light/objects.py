@@ -20,8 +20,8 @@ from blurnoise._core.borders import Border
 from blurnoise.blur import layered
 from blurnoise.blur.layers import Layer, Passing, on_canvas
 from blurnoise.light.conditions import OperatingPoint, items
-from blurnoise.light.distortion import DISTORTION
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.lens import DISTORTION
 from blurnoise.light.motion import exposed
 from blurnoise.light.translation import translated
 

@@ -15,10 +15,15 @@ from blurnoise.blur import convolution
 from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.light import effects
 from blurnoise.light.conditions import OperatingPoint
-from blurnoise.light.distortion import DISTORTION, LATERAL_COLOUR
-from blurnoise.light.lens import DEFOCUS, DIFFRACTION, MEASURED_MTF
+from blurnoise.light.lens import (
+    DEFOCUS,
+    DIFFRACTION,
+    DISTORTION,
+    LATERAL_COLOUR,
+    MEASURED_MTF,
+    VIGNETTING,
+)
 from blurnoise.light.motion import MOTION
-from blurnoise.light.vignetting import VIGNETTING
 from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 from blurnoise.optics.transfer import Optics
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from plans import plan as swept
 
 from blurnoise import Camera, charts
-from blurnoise.light.distortion import DISTORTION
+from blurnoise.light.lens import DISTORTION
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.lens import Distortion, Lens, Mtf
 
