@@ -1,8 +1,4 @@
-"""The operating point of a frame: what every part of the chain needs to know of how it is taken.
-
-Convention: for one frame numbers are floats, for a batch of B frames of one camera tensors (B,), the
-displacement (B, 2); the same formulas serve both. A flow is a motion that differs from pixel to pixel.
-"""
+"""The conditions of a frame: what every part of the chain needs to know of how it is taken."""
 
 from __future__ import annotations
 
@@ -27,12 +23,12 @@ Number = TypeVar("Number", float, Tensor)
 
 
 @dataclass(frozen=True)
-class OperatingPoint(Generic[Number]):
-    """A camera and what its frame meets; hashable where the numbers are floats.
+class Conditions(Generic[Number]):
+    """A camera and what its frame meets; for one frame of floats, and hashable, for a batch of tensors (B,).
 
-    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, which adds to the
-    trajectory of each frame, none where there are none. size: (H, W) of the picture whose boxes are moved, None for
-    the sensor's. objects: for one frame what each does, for a batch the layers of every frame; empty where there are
+    white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, for a batch (B, 2),
+    which adds to the trajectory of each frame, none where there are none. size: (H, W) of the picture, None for the
+    sensor's. objects: for one frame what each does, for a batch the layers of every frame; empty where there are
     none. flow_px: (B, 2, H, W), each pixel's displacement, whose middle displacement_px is then; variation_px: the
     farthest from that.
     """
@@ -49,6 +45,43 @@ class OperatingPoint(Generic[Number]):
     flow_px: Tensor | None = None
     variation_px: Tensor | float = 0.0
 
+    @staticmethod
+    def of(
+        image: Tensor,
+        camera: Camera,
+        *,
+        exposure_s: Numbers,
+        illuminance_lux: Numbers,
+        velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]] = (0.0, 0.0),
+        temperature_c: Numbers = 25.0,
+        illuminant: str | Curve = "D55",
+        trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
+        objects: tuple[tuple[Layer, ...], ...] = (),
+    ) -> Conditions[Tensor]:
+        """Conditions of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
+
+        Every number is one for all or (B,); velocity_px_s (2,) or (B, 2), or of each pixel (2, H, W) or
+        (B, 2, H, W); trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
+        """
+        of_one_exposure(camera)
+        batch, size = len(image), (image.shape[-2], image.shape[-1])
+        exposure = limited_per_image("exposure_s", exposure_s, batch, image)
+        lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
+        temperature = limited_per_image("temperature_c", temperature_c, batch, image)
+        white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
+        by_flow = getattr(velocity_px_s, "ndim", 0) > 2
+        velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, image)
+        moved = velocity * exposure.view(-1, *[1] * (velocity.ndim - 1))
+        limited_motion("displacement_px: velocity times exposure", moved)
+        middle, variation = middle_of(moved) if by_flow else (moved, 0.0)
+        paths = per_picture(trajectory, batch)
+        for path, lasting_s in zip(paths, exposure.tolist(), strict=False):
+            if path is not None:
+                path.origin_px(lasting_s)  # raises unless it holds the exposure
+        flow = moved if by_flow else None
+        at = Conditions(camera, exposure, temperature, white_e, middle, illuminant, size, paths)
+        return replace(at, objects=objects, flow_px=flow, variation_px=variation)
+
     @property
     def dark_e(self) -> Number:
         """Mean electrons of the dark current."""
@@ -59,51 +92,46 @@ class OperatingPoint(Generic[Number]):
         """That of the one frame."""
         return self.trajectories[0] if self.trajectories else None
 
+    def each(self: Conditions[Tensor]) -> Iterator[Conditions[float]]:
+        """Those of every frame, in the precision of the batch."""
+        displacement = torch.as_tensor(self.displacement_px)
+        varies = torch.as_tensor(self.variation_px).expand(len(displacement))
+        numbers = (self.exposure_s, self.temperature_c, self.white_e, displacement, varies)
+        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        size = self.size or self.camera.field.size
+        for item, (exposure_s, temperature_c, white_e, (x, y), variation_px) in enumerate(rows):
+            layers = cast(tuple[tuple[Layer, ...], ...], self.objects[item : item + 1])
+            yield Conditions(
+                self.camera,
+                exposure_s,
+                temperature_c,
+                white_e,
+                (x, y),
+                self.illuminant,
+                self.size,
+                self.trajectories[item : item + 1],
+                tuple(passing(layer, exposure_s, size) for own in layers for layer in own),
+                variation_px=variation_px,
+            )
 
-def operating_points(
-    image: Tensor,
-    camera: Camera,
-    *,
-    exposure_s: Numbers,
-    illuminance_lux: Numbers,
-    velocity_px_s: Tensor | Iterable[float] | Iterable[tuple[float, float]],
-    temperature_c: Numbers,
-    illuminant: str | Curve,
-    trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
-    objects: tuple[tuple[Layer, ...], ...] = (),
-) -> OperatingPoint[Tensor]:
-    """The operating points of frames of ``image``'s pictures (B, C, H, W), in its dtype and on its device.
+    def part(self: Conditions[Tensor], of: list[int] | slice) -> Conditions[Tensor]:
+        """Those of some frames."""
 
-    Every number is one for all or (B,); velocity_px_s (2,) or (B, 2), or of each pixel (2, H, W) or (B, 2, H, W);
-    trajectory: one for all or one, or None, for each. Raises ``ValueError`` naming the argument.
-    """
-    of_one_exposure(camera)
-    batch = len(image)
-    exposure = limited_per_image("exposure_s", exposure_s, batch, image)
-    lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
-    temperature = limited_per_image("temperature_c", temperature_c, batch, image)
-    white_e = lux * exposure * electrons_per_lux_s(camera, illuminant)
-    displacement, flow = _motion(velocity_px_s, exposure, image)
-    points = OperatingPoint(camera, exposure, temperature, white_e, displacement, illuminant, objects=objects)
-    if flow is not None:
-        points = replace(points, flow_px=flow, variation_px=middle_of(flow)[1])
-    paths = per_picture(trajectory, batch)
-    for at in each_of(replace(points, trajectories=paths)) if paths else ():
-        if at.trajectory is not None:  # which holds the exposure, or raises
-            at.trajectory.origin_px(at.exposure_s)
-    return replace(points, trajectories=paths) if paths else points
+        def some(of_each: tuple[Any, ...]) -> tuple[Any, ...]:
+            own = of_each[of] if isinstance(of, slice) else tuple(of_each[item] for item in of if of_each)
+            return own if any(own) else ()
 
-
-def _motion(velocity_px_s: Any, exposure_s: Tensor, image: Tensor) -> tuple[Tensor, Tensor | None]:
-    """Displacements (B, 2) of pictures (B, C, H, W); of a flow the middle, and the flow (B, 2, H, W) itself."""
-    moved = "displacement_px: velocity times exposure"
-    if getattr(velocity_px_s, "ndim", 0) < 3:
-        displacement = convolution.motions("velocity_px_s", velocity_px_s, image) * exposure_s[:, None]
-        limited_motion(moved, displacement)
-        return displacement, None
-    flow = flows("velocity_px_s", velocity_px_s, image) * exposure_s[:, None, None, None]
-    limited_motion(moved, flow)
-    return middle_of(flow)[0], flow
+        return replace(
+            self,
+            exposure_s=self.exposure_s[of],
+            temperature_c=self.temperature_c[of],
+            white_e=self.white_e[of],
+            displacement_px=torch.as_tensor(self.displacement_px)[of],
+            trajectories=some(self.trajectories),
+            objects=some(self.objects),
+            flow_px=None if self.flow_px is None else self.flow_px[of],
+            variation_px=self.variation_px[of] if isinstance(self.variation_px, Tensor) else 0.0,
+        )
 
 
 def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
@@ -111,29 +139,6 @@ def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
     seen = flow_px.detach()
     middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
     return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()
-
-
-def each_of(
-    points: OperatingPoint[Tensor], size: tuple[int, int] | None = None
-) -> Iterator[OperatingPoint[float]]:
-    """The operating point of every frame, in the precision of the batch; of one (H, W) with what objects do to it."""
-    displacement = torch.as_tensor(points.displacement_px)
-    varies = torch.as_tensor(points.variation_px).expand(len(displacement))
-    numbers = (points.exposure_s, points.temperature_c, points.white_e, displacement, varies)
-    rows = zip(*(each.tolist() for each in numbers), strict=True)
-    for item, (exposure_s, temperature_c, white_e, (x, y), variation_px) in enumerate(rows):
-        layers = cast(tuple[tuple[Layer, ...], ...], points.objects[item : item + 1]) if size else ()
-        yield OperatingPoint(
-            points.camera,
-            exposure_s,
-            temperature_c,
-            white_e,
-            (x, y),
-            points.illuminant,
-            trajectories=points.trajectories[item : item + 1],
-            variation_px=variation_px,
-            objects=tuple(passing(layer, exposure_s, size) for some in layers for layer in some if size),
-        )
 
 
 def of_one_exposure(camera: Camera) -> None:
@@ -144,23 +149,3 @@ def of_one_exposure(camera: Camera) -> None:
             f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; blurnoise.scene.hdr takes "
             "them, here there is one exposure (captures=())"
         )
-
-
-def items(points: OperatingPoint[Tensor], of: list[int] | slice) -> OperatingPoint[Tensor]:
-    """The operating points of some frames of a batch."""
-    return replace(
-        points,
-        exposure_s=points.exposure_s[of],
-        temperature_c=points.temperature_c[of],
-        white_e=points.white_e[of],
-        displacement_px=torch.as_tensor(points.displacement_px)[of],
-        trajectories=_some(points.trajectories, of),
-        objects=_some(points.objects, of),
-        flow_px=None if points.flow_px is None else points.flow_px[of],
-        variation_px=points.variation_px[of] if isinstance(points.variation_px, Tensor) else 0.0,
-    )
-
-
-def _some(of_each: tuple[Any, ...], of: list[int] | slice) -> tuple[Any, ...]:
-    some = of_each[of] if isinstance(of, slice) else tuple(of_each[item] for item in of if of_each)
-    return some if any(some) else ()

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.transfer import SHARP, Optics
@@ -41,36 +41,36 @@ class LightEffect(ABC):
     essential: bool = False
 
     @abstractmethod
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """RMS, in units of white, that leaving it out changes any picture within [0, 1] by, at most."""
 
     @abstractmethod
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """The light after it, of the same shape; ``light`` itself stays as it is."""
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it."""
         return None
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         """How it is modelled, in a few words."""
         return "light in, light out"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
-        """What of the operating point it depends on: equal keys, equal light."""
+    def key(self, at: Conditions[float]) -> Hashable:
+        """What of the conditions it depends on: equal keys, equal light."""
         return at
 
     def displaces(self, camera: Camera) -> bool:
         """Whether :meth:`move_boxes` moves any in pictures of this camera; by default, whether it is defined."""
         return type(self).move_boxes is not LightEffect.move_boxes
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were.
 
         The picture's size is ``at.size``, or where that is None the sensor's.
         """
         return boxes_xyxy
 
-    def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """What targets at ``boxes_xyxy`` (N, 4) cover during the exposure; by default :meth:`move_boxes`."""
         return self.move_boxes(boxes_xyxy, at)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import paths
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import (
     DEFOCUS,
@@ -37,7 +37,7 @@ NOTHING: frozenset[str] = frozenset()
 
 def through(
     light: Tensor,
-    at: OperatingPoint[Tensor],
+    at: Conditions[Tensor],
     *,
     border: Border = "reflect",
     without: frozenset[str] = NOTHING,
@@ -60,7 +60,7 @@ def through(
     return _blurred(light, waiting, border)
 
 
-def key(at: OperatingPoint[float], without: frozenset[str] = NOTHING) -> Hashable:
+def key(at: Conditions[float], without: frozenset[str] = NOTHING) -> Hashable:
     """Equal for exposures of one picture whose light is equal after all effects."""
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
@@ -70,14 +70,14 @@ def displace(camera: Camera) -> bool:
     return any(effect.displaces(camera) for effect in EFFECTS)
 
 
-def moved_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
     """Where boxes (N, 4) of the scene are in the picture at mid-exposure, after all effects."""
     for effect in EFFECTS:
         boxes_xyxy = effect.move_boxes(boxes_xyxy, at)
     return boxes_xyxy
 
 
-def swept_boxes(boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+def swept_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
     """What boxes (N, 4) of the scene cover of the picture in the course of the exposure, after all effects."""
     for effect in EFFECTS:
         boxes_xyxy = effect.sweep_boxes(boxes_xyxy, at)

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import convolution, over_the_field, resampling
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
@@ -32,10 +32,10 @@ class _OverTheField(LightEffect):
     def has(self, camera: Camera) -> bool:
         """Whether the camera's lens does anything of the kind."""
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         return None if self.has(at.camera) else Blur()
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         return at.camera.field if self.has(at.camera) else None
 
 
@@ -46,16 +46,16 @@ class _ByTransferFunction(LightEffect):
     def optics(self, camera: Camera) -> Optics:
         """The cause alone."""
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         return self.optics(at.camera).error
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         return Blur(self.optics(at.camera))
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return convolution.optical_blur(light, self.optics(at.camera), border=border)
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         return self.optics(at.camera)
 
 
@@ -68,13 +68,13 @@ class Distortion(_OverTheField):
     def has(self, camera: Camera) -> bool:
         return camera.lens.displaces
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         return _displaced(at.camera.field.farthest_px()) if self.has(at.camera) else 0.0
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return resampling.sampled(light, *_sources(at.camera.field, _size(light)), border)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         shape = at.camera.lens.distortion
         if shape is None:
             return "resampled"
@@ -83,7 +83,7 @@ class Distortion(_OverTheField):
     def displaces(self, camera: Camera) -> bool:
         return self.has(camera)
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         if not self.has(at.camera):
             return boxes_xyxy
         field = at.camera.field
@@ -100,17 +100,17 @@ class LateralColour(_OverTheField):
     def has(self, camera: Camera) -> bool:
         return any(_shares(camera))
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         return _displaced(max(map(abs, _shares(at.camera))) * at.camera.field.corner_px)
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         if light.shape[1] != 3:
             return light
         red, green, blue = (light[:, place : place + 1] for place in range(3))
         of_red, of_blue = _shares(at.camera)
         return torch.cat([_larger(red, of_red, at, border), green, _larger(blue, of_blue, at, border)], 1)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         red, blue = (share * at.camera.field.corner_px for share in _shares(at.camera))
         return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
 
@@ -125,25 +125,25 @@ class Defocus(LightEffect):
     name = "defocus"
     figures = ("defocus_radius_px",)
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """That of the largest disc; areas do nothing up to half a pixel."""
         if at.camera.defocus_counts_pixel:
             return 0.0 if at.camera.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         if at.camera.defocus_counts_pixel or at.camera.lens.field_curvature_px:
             return None
         return Blur(Optics(defocus_radius_px=at.camera.defocus_radius_px))
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         camera = at.camera
         if not camera.lens.field_curvature_px:
             return convolution.defocus(light, camera.defocus_radius_px, border=border)
         radii, tiles = _over_field(camera.field, camera.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border, tiles=tiles)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         if at.camera.defocus_counts_pixel:
             return f"areas of a disc, {at.camera.defocus_radius_px:g} px"
         if not at.camera.lens.field_curvature_px:
@@ -153,7 +153,7 @@ class Defocus(LightEffect):
         discs = over_the_field.discs(0.0 if through else min(centre, corner), max(centre, corner))
         return f"disc of {centre:g} px, {corner:g} px in the corner: at most {len(discs)} blurs, blended"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         camera = at.camera
         field = camera.field if camera.lens.field_curvature_px else None
         return camera.defocus_radius_px, camera.defocus_counts_pixel, field
@@ -169,7 +169,7 @@ class Diffraction(_ByTransferFunction):
     def optics(self, camera: Camera) -> Optics:
         return Optics(diffraction_lambda_n_px=camera.optics.diffraction_lambda_n_px)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         reach = at.camera.optics.diffraction_lambda_n_px
         return f"transfer function, to {1 / reach:.3g} cycles/px" if reach else "transfer function"
 
@@ -183,7 +183,7 @@ class MeasuredMtf(_ByTransferFunction):
     def optics(self, camera: Camera) -> Optics:
         return Optics(measured=camera.optics.measured)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         curve = at.camera.lens.mtf
         if curve is None:
             return "transfer function"
@@ -199,14 +199,14 @@ class Vignetting(_OverTheField):
     def has(self, camera: Camera) -> bool:
         return camera.lens.falloff_power > 0 or camera.lens.relative_illumination is not None
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """What the darkest pixel of white loses."""
         return 1 - at.camera.field.least_light() if self.has(at.camera) else 0.0
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return light * torch.from_numpy(_light(at.camera.field, _size(light))).to(light)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         if not self.has(at.camera):
             return "pixel by pixel"
         by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
@@ -226,7 +226,7 @@ def _shares(camera: Camera) -> tuple[float, float]:
     return camera.lens.lateral_red, camera.lens.lateral_blue
 
 
-def _larger(plane: Tensor, share: float, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+def _larger(plane: Tensor, share: float, at: Conditions[Tensor], border: Border) -> Tensor:
     if not share:
         return plane
     return resampling.sampled(plane, *_magnified(at.camera.field, share, _size(plane)), border)

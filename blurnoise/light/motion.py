@@ -20,14 +20,14 @@ from blurnoise._core.borders import Border
 from blurnoise.blur import layered, paths
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, Passing
-from blurnoise.light.conditions import OperatingPoint, each_of
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
 
 
-def readout_of(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
+def readout_of(at: Conditions[float], size: tuple[int, int]) -> Readout:
     """Of a picture (H, W), which stands for the largest part of the sensor that has its shape."""
     camera = at.camera
     row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)
@@ -36,22 +36,22 @@ def readout_of(at: OperatingPoint[float], size: tuple[int, int]) -> Readout:
     )
 
 
-def displacement(at: OperatingPoint[float]) -> Displacement:
+def displacement(at: Conditions[float]) -> Displacement:
     """The one motion of a frame, its flow left out."""
     even = torch.tensor(at.displacement_px, dtype=torch.float64)
     lasting = even.new_tensor(at.exposure_s)
     return Displacement(even, lasting, readout_of(at, at.size or at.camera.field.size), at.trajectory)
 
 
-def displacements(at: OperatingPoint[Tensor], size: tuple[int, int]) -> Iterator[Displacement]:
+def displacements(at: Conditions[Tensor], size: tuple[int, int]) -> Iterator[Displacement]:
     """The motion of every frame, of pictures (H, W)."""
     moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
-    for by, lasting, one in zip(moved, at.exposure_s, each_of(at), strict=True):
+    for by, lasting, one in zip(moved, at.exposure_s, at.each(), strict=True):
         yield Displacement(by, lasting, readout_of(one, size), one.trajectory)
 
 
 def exposed(
-    light: Tensor, at: OperatingPoint[Tensor], layers: tuple[tuple[Layer, ...], ...], border: Border
+    light: Tensor, at: Conditions[Tensor], layers: tuple[tuple[Layer, ...], ...], border: Border
 ) -> Tensor:
     """Pictures (B, C, H, W) with their layers as exposures see them, rows as bright as they are exposed long."""
     size = (light.shape[-2], light.shape[-1])
@@ -67,7 +67,7 @@ def exposed(
 class _Moving(LightEffect):
     """What is no transfer function, each picture by its own displacement."""
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """Every picture by its displacement, those that have been blurred by their transfer function as they are."""
         return exposed(light, at, ((),) * len(light), border)
 
@@ -78,7 +78,7 @@ class Motion(LightEffect):
 
     name = "motion"
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         if (along := _path(at)) is not None:
             return along.error
@@ -86,24 +86,24 @@ class Motion(LightEffect):
             return 0.0
         return transfer.motion_error(*at.displacement_px)
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur:
+    def blur(self, at: Conditions[Tensor]) -> Blur:
         """Shared with the lens; nothing where there are objects or a flow, nor of pictures that go another way."""
         if at.objects or at.flow_px is not None:
             return Blur()
         moved = torch.as_tensor(at.displacement_px)
         if not at.trajectories and not at.camera.row_time_s:
             return Blur(displacement_px=moved)
-        each = list(displacements(at, at.camera.field.size))
+        each = list(displacements(at, at.size or at.camera.field.size))
         elsewhere = torch.tensor([one.way != "transfer" for one in each], device=moved.device)
         paths = tuple(one.polyline if one.way == "transfer" else None for one in each)
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=paths)
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
         own = self.blur(at)
         return paths.exposure_blur(light, at.displacement_px, own.paths, own.optics, border=border)
 
-    def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers."""
         if (along := _path(at)) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
@@ -112,7 +112,7 @@ class Motion(LightEffect):
         half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
         return boxes_xyxy + torch.cat([-half, half])
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         """The length, or the path's extent and segments."""
         if at.objects:
             return f"with the objects, {math.hypot(*at.displacement_px):.3g} px"
@@ -129,7 +129,7 @@ class Motion(LightEffect):
             return f"{length} in the middle; by transfer function where its variation is not modelled"
         return f"transfer function, {length}{together}"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         """The displacement and the trajectory."""
         return at.displacement_px, at.trajectories
 
@@ -140,19 +140,19 @@ class MotionVariation(_Moving):
 
     name = "motion variation"
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """:func:`blurnoise.optics.transfer.motion_variation_error` of what is farthest from the one motion."""
         return transfer.motion_variation_error(float(at.variation_px))
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """Nothing to share, unless there is a flow that neither objects have met nor rows will meet."""
         return Blur() if at.flow_px is None or at.objects or at.camera.row_time_s else None
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         """How far displacements differ."""
         return f"sub-exposures along each pixel's path, up to {at.variation_px:.3g} px from the middle one"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         """Of its own: exposures that share their light have one motion for the picture."""
         return at.variation_px
 
@@ -164,7 +164,7 @@ class RollingShutter(_Moving):
     name = "rolling shutter"
     figures = ("row_time_s",)
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """Of the largest displacement, pi d / sqrt(2) RMS as of a lens's, and of the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
@@ -183,11 +183,11 @@ class RollingShutter(_Moving):
             farthest += float(np.hypot(knots[0] - x, knots[1] - y).max())
         return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """None that is shared, unless rows are exposed together, or objects have been with them."""
         return None if at.camera.row_time_s and not at.objects else Blur()
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         """Which of the ways, and how long the rows take of a picture of the point's size."""
         if at.objects:
             return "with the objects, each thing by its own motion"
@@ -200,7 +200,7 @@ class RollingShutter(_Moving):
             return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
         return f"{took}: every row in its own window"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         """The readout and the motion, where rows are exposed one after another."""
         camera = at.camera
         if not camera.row_time_s:
@@ -219,15 +219,15 @@ class RollingShutter(_Moving):
         """Where the camera's rows are exposed one after another."""
         return camera.row_time_s > 0
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Upper and lower edge where rows have them on average, sideways by where the box's middle row has it."""
         return self._moved(boxes_xyxy, at, swept=False)
 
-    def sweep_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """The same, and what the middle row's window of a path covers; what is grown already is only moved."""
         return self._moved(boxes_xyxy, at, swept=_row_by_row(at))
 
-    def _moved(self, boxes_xyxy: Tensor, at: OperatingPoint[float], *, swept: bool) -> Tensor:
+    def _moved(self, boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool) -> Tensor:
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
@@ -244,12 +244,12 @@ class RollingShutter(_Moving):
         return torch.from_numpy(moved + 0.5).to(boxes_xyxy)
 
 
-def _row_by_row(at: OperatingPoint[float]) -> bool:
+def _row_by_row(at: Conditions[float]) -> bool:
     """Whether each row sees another part of the motion."""
     return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
 
 
-def _path(at: OperatingPoint[float]) -> Polyline | None:
+def _path(at: Conditions[float]) -> Polyline | None:
     """What a frame sees of its trajectory and its uniform motion where that is a transfer function."""
     return None if at.trajectory is None or _row_by_row(at) else displacement(at).polyline
 

@@ -19,7 +19,7 @@ from torch import Tensor
 from blurnoise._core.borders import Border
 from blurnoise.blur import layered
 from blurnoise.blur.layers import Layer, Passing, on_canvas
-from blurnoise.light.conditions import OperatingPoint, items
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DISTORTION
 from blurnoise.light.motion import exposed
@@ -32,7 +32,7 @@ class Objects(LightEffect):
     name = "objects"
     essential = True
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         """What one motion for all, the background's, would change.
 
         The mean over the exposure of a product of waves f (of the matte or its light) and g (of what is behind)
@@ -45,21 +45,21 @@ class Objects(LightEffect):
             squares += min(1.0, 1.3703 / math.sqrt(2) * apart) ** 2 * each.share
         return min(1.0, math.sqrt(squares))
 
-    def blur(self, at: OperatingPoint[Tensor]) -> Blur | None:
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """Nothing to share, unless there are objects."""
         return None if at.objects else Blur()
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """Every picture with its own layers."""
         every = cast(tuple[tuple[Layer, ...], ...], at.objects)
         if at.camera.lens.displaces:
             every = tuple(
-                tuple(_distorted(layer, light, items(at, [place]), border) for layer in own)
+                tuple(_distorted(layer, light, at.part([place]), border) for layer in own)
                 for place, own in enumerate(every)
             )
         return exposed(light, at, every, border)
 
-    def how(self, at: OperatingPoint[float]) -> str:
+    def how(self, at: Conditions[float]) -> str:
         """How many, and the longest motion."""
         found = cast(tuple[Passing, ...], at.objects)
         if not found:
@@ -69,7 +69,7 @@ class Objects(LightEffect):
         way = f"parts of {layered.STEP_PX:g} px" if apart or len(found) > 1 else "matte formula"
         return f"{len(found)} in layers, up to {longest:.3g} px: {way}, in their windows"
 
-    def key(self, at: OperatingPoint[float]) -> Hashable:
+    def key(self, at: Conditions[float]) -> Hashable:
         """Their displacements."""
         return at.objects
 
@@ -91,7 +91,7 @@ _MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
 _FAINT = 1e-3  # share of a pixel below which there is no colour
 
 
-def _distorted(layer: Layer, like: Tensor, at: OperatingPoint[Tensor], border: Border) -> Layer:
+def _distorted(layer: Layer, like: Tensor, at: Conditions[Tensor], border: Border) -> Layer:
     """The layer as the lens shows it, in a window as large as the picture."""
     height, width = like.shape[-2:]
     plane = on_canvas(layer, (height, width), like)

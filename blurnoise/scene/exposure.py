@@ -15,7 +15,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, integer, one_of, shown
 from blurnoise._core.limits import limited
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint, of_one_exposure
+from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Amplified, Camera
@@ -23,7 +23,7 @@ from blurnoise.optics.radiometry import electrons_per_lux_s
 
 MOVES = ("all", "targets", "background")
 """What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
-_OfBoxes = Callable[[Tensor, OperatingPoint[float]], Tensor]
+_OfBoxes = Callable[[Tensor, Conditions[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
@@ -137,12 +137,12 @@ class Exposure:
         each = torch.cat(seen).view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)
 
-    def _point(self, size: tuple[int, int] | None) -> OperatingPoint[float]:
+    def _point(self, size: tuple[int, int] | None) -> Conditions[float]:
         if self.moves != "all":
             return self.of_targets()._point(size)
         x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
         white_e = self.illuminance_lux * self.exposure_s * electrons_per_lux_s(self.camera)
-        return OperatingPoint(
+        return Conditions(
             self.camera,
             self.exposure_s,
             self.temperature_c,

@@ -28,7 +28,7 @@ from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
 from blurnoise.blur.layers import Passing
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION
 from blurnoise.motion.trajectory import Trajectory
@@ -111,7 +111,7 @@ def plan(
     x, y = (limited("displacement_px", along) for along in moved.tolist())
     white_e *= mosaic.peak(camera, illuminant)
     varies = limited("variation_px", variation_px)
-    at = OperatingPoint(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
+    at = Conditions(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
     at = replace(at, variation_px=varies, size=size)
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
@@ -119,14 +119,14 @@ def plan(
     return plan_at(at, tolerance_dn)
 
 
-def plan_at(at: OperatingPoint[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
-    """:func:`plan` at an operating point."""
+def plan_at(at: Conditions[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
+    """:func:`plan` under conditions."""
     return _plan(at, tolerance_dn, effects.EFFECTS, stages.STAGES)
 
 
 @lru_cache(maxsize=1024)
 def _plan(
-    at: OperatingPoint[float],
+    at: Conditions[float],
     tolerance_dn: float,
     of_light: tuple[LightEffect, ...],
     of_sensor: tuple[SensorStage, ...],
@@ -162,7 +162,7 @@ def _plan(
 
 
 def _left_out(
-    at: OperatingPoint[float],
+    at: Conditions[float],
     bounds: Mapping[str, float],
     stay: set[str],
     budget_dn2: float,

@@ -24,7 +24,7 @@ from blurnoise._core.limits import limited
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur.layers import Layer, Layers, of_each
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint, each_of, items, operating_points
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
@@ -41,7 +41,7 @@ from blurnoise.sensor.readout import Fidelity, FixedPattern, ReadoutOptions, Reu
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E
 from blurnoise.sensor.stages import nearly_full_e
 
-Point = TypeVar("Point", OperatingPoint[float], OperatingPoint[Tensor])
+Point = TypeVar("Point", Conditions[float], Conditions[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
 
 
@@ -117,7 +117,7 @@ class ExposedScene:
 
         Arguments as :func:`blurnoise.simulate` takes them.
         """
-        points = operating_points(
+        points = Conditions.of(
             self.light,
             camera,
             exposure_s=exposure_s,
@@ -138,7 +138,7 @@ class ExposedScene:
 
         def frames(of: list[int], needs: Plan | None) -> Tensor:
             every = len(of) == batch
-            some = points if every else items(points, of)
+            some = points if every else points.part(of)
             light = self.light if every else self.light[of]
             return self._read(light, some, needs, [seeds[item] for item in of], noise, quantised)
 
@@ -146,7 +146,7 @@ class ExposedScene:
             return frames(list(range(batch)), None)
         groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
         peak = mosaic.peak(camera, self._illuminant)
-        for item, at in enumerate(each_of(points, self._size)):
+        for item, at in enumerate(points.each()):
             needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
             _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
             of.append(item)
@@ -192,7 +192,7 @@ class ExposedScene:
         own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
             shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
         )  # else drawn for what little of the picture may need it
-        at = OperatingPoint(
+        at = Conditions(
             shared.camera,
             torch.cat([each.points.exposure_s for each in alike]),
             torch.cat([each.points.temperature_c for each in alike]),
@@ -228,7 +228,7 @@ class ExposedScene:
         ):  # one flow at a time
             some = list(of_camera)
             motion = [self._velocity(each) for each in some]
-            points = operating_points(
+            points = Conditions.of(
                 self.light.expand(len(some), -1, -1, -1),
                 camera,
                 exposure_s=[each.exposure_s for each in some],
@@ -239,7 +239,7 @@ class ExposedScene:
                 trajectory=[each.trajectory for each in some],
                 objects=tuple(map(self._objects, some)) if self._layers else (),
             )
-            for place, (exposure, at) in enumerate(zip(some, each_of(points, self._size), strict=True)):
+            for place, (exposure, at) in enumerate(zip(some, points.each(), strict=True)):
                 digital_db = exposure.amplified.digital_db
                 gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
                 gain *= magnification(camera, self._illuminant)
@@ -258,7 +258,7 @@ class ExposedScene:
                         drives and (drives.vehicle, drives.ego_speed_m_s),
                     ),
                 )
-                yield _Planned(alike, items(points, slice(place, place + 1)), needs)
+                yield _Planned(alike, points.part(slice(place, place + 1)), needs)
 
     def _velocity(self, exposure: Exposure) -> tuple[float, float]:
         if exposure.moves != "all":
@@ -276,7 +276,7 @@ class ExposedScene:
     def _read(
         self,
         light: Tensor,
-        points: OperatingPoint[Tensor],
+        points: Conditions[Tensor],
         needs: Plan | None,
         seeds: list[int],
         noise: bool,
@@ -341,17 +341,17 @@ class _Alike(NamedTuple):
 
 class _Planned(NamedTuple):
     alike: _Alike
-    points: OperatingPoint[Tensor]
+    points: Conditions[Tensor]
     needs: Plan | None
 
 
-def _brighter(at: OperatingPoint[float], brightest: float) -> OperatingPoint[float]:
+def _brighter(at: Conditions[float], brightest: float) -> Conditions[float]:
     """Where the brightest of a picture stands: bounds are for light up to 1."""
     return at if brightest == 1.0 else replace(at, white_e=at.white_e * brightest)
 
 
 def _reduced(at: Point, needs: Plan | None) -> Point:
-    """The operating points with what is left out set to 0."""
+    """The conditions with what is left out set to 0."""
     if needs is None:
         return at
     one_motion = MOTION_VARIATION.name in needs.without

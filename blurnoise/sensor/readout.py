@@ -19,7 +19,7 @@ from blurnoise._core.checks import Numbers, image_batch, one_of
 from blurnoise._core.limits import limited_per_image
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, mean_quantum_efficiency
 from blurnoise.optics.spectra import Curve
@@ -122,7 +122,7 @@ def read_out(
     :class:`ReadoutOptions` and :class:`Reuse` have it. Means below 0 (ringing of a blur) count as 0.
     """
     batch = len(image_batch("scene", scene))
-    at = OperatingPoint(
+    at = Conditions(
         camera,
         limited_per_image("exposure_s", exposure_s, batch, scene),
         limited_per_image("temperature_c", temperature_c, batch, scene),
@@ -136,7 +136,7 @@ def read_out(
 
 
 def digitised(
-    scene: Tensor, at: OperatingPoint[Tensor], options: ReadoutOptions, reuse: Reuse = _NOTHING
+    scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions, reuse: Reuse = _NOTHING
 ) -> Tensor:
     """:func:`read_out` of what is checked already: finite light (B, C, H, W), the camera and numbers of ``at``.
 

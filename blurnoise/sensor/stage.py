@@ -13,7 +13,7 @@ from typing import Literal
 
 from torch import Tensor
 
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 
 MERGE_READ_NOISE_E = 1.0
@@ -91,11 +91,11 @@ class SensorStage(ABC):
         """Whether a pixel's value depends on nothing but that value and the fields of ``at`` there."""
         return False
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float | None:
+    def bound_dn(self, at: Conditions[float]) -> float | None:
         """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""
         return None
 
-    def dither_dn(self, at: OperatingPoint[float]) -> float:
+    def dither_dn(self, at: Conditions[float]) -> float:
         """DN RMS of normal noise that it adds to every pixel whatever its light, at least: what rounding rests on."""
         return 0.0
 
@@ -104,7 +104,7 @@ class SensorStage(ABC):
         return self.modelled
 
 
-def signal_bound_e(at: OperatingPoint[float]) -> float:
+def signal_bound_e(at: Conditions[float]) -> float:
     """Electrons of white, but not beyond twice saturation: noise past the clip does not show."""
     return min(at.white_e, 2 * at.camera.saturation_e)
 

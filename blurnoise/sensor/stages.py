@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s
@@ -44,7 +44,7 @@ class SpectralIntegration(PointwiseStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return (signal * at.white_e).clamp(min=0.0)
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         """Of a sensor whose curve were flat, at its mean over wavelengths."""
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
@@ -64,7 +64,7 @@ class Prnu(PointwiseStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
 
 
@@ -79,7 +79,7 @@ class DarkCurrent(PointwiseStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + at.dark_e
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
@@ -115,7 +115,7 @@ class ShotNoise(SensorStage):
             return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
         return rng.poisson_of_normal(signal, at.normal)
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at)))
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -150,10 +150,10 @@ class ReadNoise(PointwiseStage):
             return signal
         return signal + at.camera.read_noise_e * at.read
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, at.camera.read_noise_e)
 
-    def dither_dn(self, at: OperatingPoint[float]) -> float:
+    def dither_dn(self, at: Conditions[float]) -> float:
         return at.camera.system_gain_dn_per_e * at.camera.read_noise_e
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -172,7 +172,7 @@ class Dsnu(PointwiseStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, at.camera.dsnu_e)
 
 
@@ -197,7 +197,7 @@ class Quantisation(PointwiseStage):
         """Rounded; beside a derivative that adds a constant, since its own would be 0 throughout."""
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return 1 / math.sqrt(12)
 
 

@@ -12,7 +12,7 @@ from stage_moments import Moments
 
 from blurnoise import Camera
 from blurnoise._core import rng
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames, SensorStage
@@ -145,7 +145,7 @@ def test_every_stage_does_what_its_moments_say(mean_photo_e: float, law: str) ->
         name: rng.standard_normal([seed], like, name)
         for seed, name in enumerate(("normal", "read", "prnu", "dsnu"))
     }
-    point = OperatingPoint(camera, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
+    point = Conditions(camera, one * 0.1, one * 36.0, white_e=one * mean_photo_e)
     at = Frames(
         camera, law, one * mean_photo_e, point.dark_e, [7],  # type: ignore[arg-type]
         gain=1 + camera.prnu * fields["prnu"], offset_e=camera.dsnu_e * fields["dsnu"],
@@ -170,7 +170,7 @@ def test_a_stage_with_a_tenth_more_variance_would_be_noticed(
 ) -> None:
     own = stage_moments._AFTER[stage.name]
 
-    def more(before: Moments, at: OperatingPoint[torch.Tensor]) -> Moments:
+    def more(before: Moments, at: Conditions[torch.Tensor]) -> Moments:
         told = own(before, at)
         return told._replace(variance=1.1 * told.variance, pattern_variance=1.1 * told.pattern_variance)
 

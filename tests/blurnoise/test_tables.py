@@ -14,7 +14,7 @@ from made_up import ColumnNoise, Pedestal, Shift, Veil
 from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
 from blurnoise.blur import convolution
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
@@ -235,7 +235,7 @@ def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(convolution, "exposure_blur", watched)
     light = picture().double()
-    at = OperatingPoint(CAMERA, *[torch.zeros(1)] * 3, torch.tensor([[6.0, 2.0]]))
+    at = Conditions(CAMERA, *[torch.zeros(1)] * 3, torch.tensor([[6.0, 2.0]]))
     together = effects.through(light, at)
     assert len(calls) == 1
     assert calls[0] == Optics(1.2, 0.0, 0.55 * CAMERA.f_number / CAMERA.pixel_pitch_um)

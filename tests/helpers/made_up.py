@@ -10,7 +10,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import LightEffect
 from blurnoise.sensor.stage import Frames, SensorStage
 
@@ -22,10 +22,10 @@ class Veil(LightEffect):
     name = "veil"
     share: float = 0.1
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         return self.share
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return light + self.share
 
 
@@ -36,13 +36,13 @@ class Shift(LightEffect):
     name = "shift"
     by_px: tuple[int, int] = (20, 10)
 
-    def bound(self, at: OperatingPoint[float]) -> float:
+    def bound(self, at: Conditions[float]) -> float:
         return 0.5
 
-    def apply(self, light: Tensor, at: OperatingPoint[Tensor], border: Border) -> Tensor:
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return torch.roll(light, (self.by_px[1], self.by_px[0]), (-2, -1))
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: OperatingPoint[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         return boxes_xyxy + boxes_xyxy.new_tensor([*self.by_px, *self.by_px])
 
 
@@ -57,7 +57,7 @@ class Pedestal(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + self.electrons
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
 
 
@@ -73,5 +73,5 @@ class ColumnNoise(SensorStage):
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal + self.electrons * rng.standard_normal(at.seeds, signal[..., :1, :], self.name)
 
-    def bound_dn(self, at: OperatingPoint[float]) -> float:
+    def bound_dn(self, at: Conditions[float]) -> float:
         return self.electrons * at.camera.system_gain_dn_per_e

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from blurnoise import Camera, Layer, Trajectory
 from blurnoise.light import effects
-from blurnoise.light.conditions import operating_points
+from blurnoise.light.conditions import Conditions
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
 VELOCITY_PX_S = (700.0, -400.0)
@@ -152,7 +152,7 @@ def exposed(of: Combination, light: torch.Tensor, flow: torch.Tensor | None = No
         row_s = of.row_s * camera.field.per_sensor_px((HEIGHT, WIDTH))
         camera = replace(camera, row_time_s=row_s, shutter="global-reset" if of.reset else "rolling")
     by_pixel = of.flow() if flow is None else flow
-    at = operating_points(
+    at = Conditions.of(
         light,
         camera,
         exposure_s=EXPOSURE_S,

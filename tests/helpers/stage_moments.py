@@ -15,11 +15,11 @@ from torch import Tensor
 
 from blurnoise import Camera
 from blurnoise._core.limits import LIMITS
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage
 
-Point = OperatingPoint[Tensor]
+Point = Conditions[Tensor]
 
 
 class Cut(NamedTuple):
@@ -66,7 +66,7 @@ def steps(
 ) -> dict[str, Moments]:
     """Moments after every stage, by its name, of pixels with these mean photo-electrons."""
     nothing = torch.zeros_like(mean_photo_e)
-    at = OperatingPoint(camera, exposure_s, temperature_c, white_e=torch.ones_like(mean_photo_e))
+    at = Conditions(camera, exposure_s, temperature_c, white_e=torch.ones_like(mean_photo_e))
     told, moments = {}, Moments(mean_photo_e, nothing, nothing)
     for stage in stages.STAGES:
         moments = told[stage.name] = after(stage, moments, at)

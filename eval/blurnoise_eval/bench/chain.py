@@ -19,7 +19,7 @@ from kornia import augmentation
 from torch import Tensor
 
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.lens import Distortion, Lens
@@ -221,7 +221,7 @@ def _calls(case: Case) -> dict[str, tuple[Kind, Callable[[], object]]]:
     light = scene_reflectance(image, case.encoding)
     white_e = photoelectrons(camera, case.illuminance_lux, case.exposure_s)
     none = light.new_zeros(len(light))
-    at = OperatingPoint(camera, none, none, none, motion)
+    at = Conditions(camera, none, none, none, motion)
     blur = partial(effects.through, light, at)
     apart = [effect for effect in effects.EFFECTS if effect.blur(at) is None]
     moved = blur()

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.plan import Contribution, plan_at
@@ -53,7 +53,7 @@ def _of_time_alone(
     """DN RMS of what the budget keeps at the longest exposure, and would not be the same at the shortest."""
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
-        at = OperatingPoint(of, exposure_s, temperature_c, white_e, (1.0, 0.0))
+        at = Conditions(of, exposure_s, temperature_c, white_e, (1.0, 0.0))
         return plan_at(at).stages
 
     in_the_dark = budget(camera, longest_s, 0.0)

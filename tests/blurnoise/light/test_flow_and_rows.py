@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, simulate
-from blurnoise.light.conditions import operating_points
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effects import through
 from blurnoise.motion.ego import Mount, View
 
@@ -32,7 +32,7 @@ def road(time_s: np.ndarray) -> np.ndarray:
 
 
 def exposed(camera: Camera, light: torch.Tensor, flow: Any) -> torch.Tensor:
-    at = operating_points(
+    at = Conditions.of(
         light,
         camera,
         exposure_s=EXPOSURE_S,

@@ -14,7 +14,7 @@ from blurnoise import Camera, RandomExposure, plan, simulate
 from blurnoise.blur import convolution
 from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.lens import (
     DEFOCUS,
     DIFFRACTION,
@@ -50,8 +50,8 @@ def picture(kind: torch.dtype = torch.float64, planes: int = 3, size: tuple[int,
     return (made > 0.5).to(kind)
 
 
-def at(camera: Camera, displacement_px: tuple[float, float] = (0.0, 0.0)) -> OperatingPoint[Tensor]:
-    return OperatingPoint(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
+def at(camera: Camera, displacement_px: tuple[float, float] = (0.0, 0.0)) -> Conditions[Tensor]:
+    return Conditions(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
 
 
 def of(lens: Lens, **others: Any) -> Camera:
@@ -111,7 +111,7 @@ def test_bounds_hold_for_the_worst_picture(effect: Any, strength: float) -> None
         "vignetting": Lens(falloff_power=4.0 * s),
     }[effect.name]
     camera = replace(of(lens), width_px=W, height_px=H)
-    point = OperatingPoint(camera, 0.01, 25.0, 1000.0, (0.0, 0.0))
+    point = Conditions(camera, 0.01, 25.0, 1000.0, (0.0, 0.0))
     for light in (picture(), torch.ones(1, 3, H, W, dtype=torch.float64)):
         off = effects.through(light, at(camera)) - light
         found = float(off.square().mean((0, 2, 3)).sqrt().max())
@@ -161,7 +161,7 @@ def test_vignetting_is_the_field_s() -> None:
     assert torch.equal(effects.through(light, at(camera)), expected)
     own = replace(camera, width_px=W, height_px=H)
     lost = 1 - float(effects.through(torch.ones(1, 1, H, W), at(own)).min())
-    assert VIGNETTING.bound(OperatingPoint(own, 0.01, 25.0, 1000.0)) == pytest.approx(lost, rel=1e-5)
+    assert VIGNETTING.bound(Conditions(own, 0.01, 25.0, 1000.0)) == pytest.approx(lost, rel=1e-5)
 
 
 def test_a_measured_mtf_blurs_as_the_law_that_it_samples() -> None:

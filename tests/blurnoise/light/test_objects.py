@@ -9,7 +9,7 @@ import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, Layer, expose_layers, plan, simulate
 from blurnoise.blur.layers import passing
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 from blurnoise.light.effects import through
 from blurnoise.light.objects import OBJECTS, displaced
 from blurnoise.optics.gains import staggered
@@ -96,7 +96,7 @@ def test_the_bound_holds_for_black_and_white(moved: float, background: float) ->
     apart, along = (Layer(light[0], alpha, (speed, 0.0)) for speed in (moved, background))
     taken = {"exposure_s": 1.0, "velocity_px_s": (background, 0.0)}
     one, other = (expose_layers(scene, [layer], **taken) for layer in (apart, along))
-    at = OperatingPoint(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(passing(apart, 1.0, (64, 80)),))
+    at = Conditions(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(passing(apart, 1.0, (64, 80)),))
     assert float((one - other).square().mean().sqrt()) <= OBJECTS.bound(at)
 
 
@@ -121,7 +121,7 @@ def test_nothing_changes_where_there_are_none() -> None:
         simulate(BACKGROUND, CAMERA, **given, encoding="linear"),
         simulate(BACKGROUND, CAMERA, **given, encoding="linear", layers=[[]]),
     )
-    at = OperatingPoint(CAMERA, *[torch.zeros(1)] * 3, torch.zeros(1, 2))
+    at = Conditions(CAMERA, *[torch.zeros(1)] * 3, torch.zeros(1, 2))
     assert through(BACKGROUND, at, without=frozenset({"vignetting"})) is BACKGROUND
 
 

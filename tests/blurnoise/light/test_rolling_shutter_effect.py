@@ -13,7 +13,7 @@ from brute_force import photograph, rms_dn, rolled
 from blurnoise import Camera, Exposure, RandomExposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution
 from blurnoise.light import effects
-from blurnoise.light.conditions import operating_points
+from blurnoise.light.conditions import Conditions
 from blurnoise.optics.lens import Distortion, Lens
 
 SIZE = (40, 64)
@@ -31,7 +31,7 @@ def seen(
 ) -> np.ndarray:
     """A picture's light after all effects."""
     light = torch.from_numpy(photograph(*SIZE))
-    at = operating_points(
+    at = Conditions.of(
         light,
         camera,
         exposure_s=exposure_s,
@@ -272,7 +272,7 @@ def test_rows_read_within_a_pixel_see_what_was_beyond_a_black_border(velocity: t
         across, down = x - x_px_s * at - 31.5, y - y_px_s * at - 19.5
         return np.exp(-(across**2 + down**2) / 18)
 
-    at = operating_points(
+    at = Conditions.of(
         light := torch.from_numpy(spot(0.0))[None, None],
         replace(ROLLING, row_time_s=row_s),
         exposure_s=exposure_s,

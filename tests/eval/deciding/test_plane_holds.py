@@ -11,7 +11,7 @@ from made_up import Veil
 
 from blurnoise import Camera
 from blurnoise.light import effects
-from blurnoise.light.conditions import OperatingPoint
+from blurnoise.light.conditions import Conditions
 
 CAMERA = Camera.preset("imx250")
 EXPOSURES_S = 0.001, 0.09
@@ -58,7 +58,7 @@ def test_directions_break_it_and_there_and_back_do_not() -> None:
 
 def test_an_effect_of_time_alone_breaks_it(monkeypatch: pytest.MonkeyPatch) -> None:
     class Creeping(Veil):
-        def bound(self, at: OperatingPoint[float]) -> float:
+        def bound(self, at: Conditions[float]) -> float:
             return at.exposure_s
 
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Creeping()))

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from blurnoise import Camera, Layer, Trajectory
-from blurnoise.light.conditions import each_of, items, middle_of, operating_points
+from blurnoise.light.conditions import Conditions, middle_of
 
 CAMERA = Camera.preset("imx250")
 LIGHT = torch.full((4, 1, 7, 9), 0.5)
@@ -23,33 +23,29 @@ GIVEN |= {"exposure_s": [0.01, 0.02, 0.03, 0.04], "illuminance_lux": [1.0, 2.0, 
 @pytest.mark.parametrize("of", [[2], [3, 0], [1, 1], slice(1, 3), slice(2, 3)])
 def test_layers_and_trajectories_go_with_their_pictures(of: list[int] | slice) -> None:
     velocities = [(float(k), -float(k)) for k in range(4)]
-    every = operating_points(
-        LIGHT, CAMERA, velocity_px_s=velocities, trajectory=PATHS, objects=LAYERS, **GIVEN
-    )
-    some = items(every, of)
+    every = Conditions.of(LIGHT, CAMERA, velocity_px_s=velocities, trajectory=PATHS, objects=LAYERS, **GIVEN)
+    some = every.part(of)
     chosen = list(range(4))[of] if isinstance(of, slice) else of
     assert some.exposure_s.tolist() == pytest.approx([0.01 * (k + 1) for k in chosen])
     assert (some.trajectories or (None,) * len(chosen)) == tuple(PATHS[k] for k in chosen)
     assert some.objects == tuple(LAYERS[k] for k in chosen)
-    for k, at in zip(chosen, each_of(some, (7, 9)), strict=True):
+    for k, at in zip(chosen, some.each(), strict=True):
         assert at.displacement_px == pytest.approx((0.01 * (k + 1) * k, -0.01 * (k + 1) * k))
         assert at.trajectory is PATHS[k]
         assert [each.displacement_px[0] for each in at.objects] == pytest.approx([k * (k + 1)] if k else [])  # type: ignore[union-attr]
 
 
 def test_nothing_is_left_where_those_taken_out_have_none() -> None:
-    every = operating_points(
-        LIGHT, CAMERA, velocity_px_s=(0.0, 0.0), trajectory=PATHS, objects=LAYERS, **GIVEN
-    )
-    assert items(every, [2]).trajectories == ()
-    assert items(every, [0]).objects == ()
+    every = Conditions.of(LIGHT, CAMERA, velocity_px_s=(0.0, 0.0), trajectory=PATHS, objects=LAYERS, **GIVEN)
+    assert every.part([2]).trajectories == ()
+    assert every.part([0]).objects == ()
 
 
 @pytest.mark.parametrize("of", [[2], [3, 0], slice(1, 3)])
 def test_flows_go_with_their_pictures(of: list[int] | slice) -> None:
     flow = torch.rand(4, 2, 7, 9, generator=torch.Generator().manual_seed(1)) * 100
-    every = operating_points(LIGHT, CAMERA, velocity_px_s=flow, **GIVEN)
-    some = items(every, of)
+    every = Conditions.of(LIGHT, CAMERA, velocity_px_s=flow, **GIVEN)
+    some = every.part(of)
     exposures = torch.tensor(GIVEN["exposure_s"])[of]
     expected = flow[of] * exposures[:, None, None, None]
     assert some.flow_px is not None
@@ -57,10 +53,10 @@ def test_flows_go_with_their_pictures(of: list[int] | slice) -> None:
     middle, farthest = middle_of(expected)
     torch.testing.assert_close(some.displacement_px, middle)
     torch.testing.assert_close(some.variation_px, farthest)
-    assert [at.variation_px for at in each_of(some)] == pytest.approx(farthest.tolist())
-    none = operating_points(LIGHT, CAMERA, velocity_px_s=(1.0, 2.0), **GIVEN)
-    assert items(none, of).flow_px is None
-    assert [at.variation_px for at in each_of(items(none, of))] == [0.0] * len(exposures)
+    assert [at.variation_px for at in some.each()] == pytest.approx(farthest.tolist())
+    none = Conditions.of(LIGHT, CAMERA, velocity_px_s=(1.0, 2.0), **GIVEN)
+    assert none.part(of).flow_px is None
+    assert [at.variation_px for at in none.part(of).each()] == [0.0] * len(exposures)
 
 
 def test_the_middle_of_a_flow() -> None:
