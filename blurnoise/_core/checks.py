@@ -1,26 +1,130 @@
-"""Guards for user input: every message names the parameter, the value it got and what is allowed."""
+"""Checks of user input: every message names the parameter, the value it got and what is allowed.
+
+Physical limits are one table: beyond them an argument is an error, whoever takes it. Fields of dataclasses are
+checked by pydantic against their annotations.
+"""
 
 from __future__ import annotations
 
 import math
 import reprlib
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import fields
 from difflib import get_close_matches
-from typing import Any
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 import torch
+from annotated_types import Interval
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from torch import Tensor
 
 Numbers = float | Tensor | Iterable[float]
 """A number, or one number per image of a batch."""
 
 
+class Limit(NamedTuple):
+    """From low to high, both included; above: low itself is not."""
+
+    low: float
+    high: float
+    above: bool = False
+
+
+ABSOLUTE_ZERO_C = -273.15
+LIMITS: Mapping[str, Limit] = {
+    # conditions
+    "exposure_s": Limit(0.0, 3600.0),
+    "illuminance_lux": Limit(0.0, 1e9),  # 10 000 suns
+    "velocity_px_s": Limit(-1e7, 1e7),
+    "speed_px_s": Limit(0.0, 1e7),
+    "displacement_px": Limit(-1e5, 1e5),  # transforms of such lengths are still fast
+    "shake_px": Limit(0.0, 1e4),
+    "variation_px": Limit(0.0, 1e6),
+    "direction_deg": Limit(-1e6, 1e6),  # to a tenth of a degree in single precision
+    "temperature_c": Limit(ABSOLUTE_ZERO_C, 300.0),
+    "gain_db": Limit(-120.0, 120.0),
+    "tolerance_dn": Limit(0.0, 65536.0, above=True),
+    "white_e": Limit(0.0, 1e32),  # electrons of white, or per photon
+    # cameras
+    "pixel_pitch_um": Limit(0.1, 1000.0),
+    "f_number": Limit(0.5, 256.0),  # in air no lens is below 0.5
+    "full_well_e": Limit(1.0, 1e12),
+    "system_gain_dn_per_e": Limit(1e-9, 1e9),
+    "read_noise_e": Limit(0.0, 1e6),
+    "analogue_gain_max_db": Limit(0.0, 120.0),
+    "gain_max_db": Limit(0.0, 120.0),
+    "from_db": Limit(0.0, 120.0),
+    "dark_current_e_s": Limit(0.0, 1e9),
+    "dark_reference_c": Limit(ABSOLUTE_ZERO_C, 300.0),
+    "dark_doubling_c": Limit(1.0, 1000.0),
+    "prnu": Limit(0.0, 1.0),
+    "dsnu_e": Limit(0.0, 1e6),
+    "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
+    # lenses
+    "field_curvature_px": Limit(-50.0, 50.0),
+    "lateral_red": Limit(-0.1, 0.1),  # of the magnification
+    "lateral_blue": Limit(-0.1, 0.1),
+    "falloff_power": Limit(0.0, 16.0),  # of the field angle's cosine
+    "focal_px": Limit(0.0, 1e9, above=True),
+    "coefficient": Limit(-1e6, 1e6),
+    # blurs
+    "radius_px": Limit(0.0, 1000.0),
+    "defocus_radius_px": Limit(0.0, 1000.0),
+    "gaussian_sigma_px": Limit(0.0, 1000.0),
+    "diffraction_lambda_n_px": Limit(0.0, 1000.0),
+    # roads
+    "speed_m_s": Limit(0.0, 3e8),
+    "ego_kmh": Limit(0.0, 360.0),  # as of sweeps
+    "distance_m": Limit(1e-6, 1e9),
+    "target_width_m": Limit(1e-6, 1e9),
+    "width_px": Limit(1.0, 1 << 20),
+    "hfov_deg": Limit(1e-3, 360.0),
+    "velocity_m_s": Limit(-3e8, 3e8),
+    "rotation_deg_s": Limit(-1e5, 1e5),
+    "camera_height_m": Limit(0.0, 1e6, above=True),
+    "pitch_deg": Limit(-90.0, 90.0),
+    "heading_deg": Limit(-360.0, 360.0),
+    "depth_m": Limit(1e-6, 1e9),
+    "blur_px": Limit(0.0, 1e5, above=True),
+    # charts and their measurement
+    "size_px": Limit(0.01, 1 << 14),
+    "height_px": Limit(1, 1 << 14),
+    "cycles": Limit(1, 1 << 14),
+    "supersample": Limit(1, 64),
+    "contrast": Limit(0.0, 1e6, above=True),
+    "data_range": Limit(0.0, 1e30, above=True),
+    "target_px": Limit(1, 128),
+    "bootstrap": Limit(0, 100_000),
+    "angle_deg": Limit(-1e6, 1e6),
+    "centre_px": Limit(-1e6, 1e6),
+    # captures and lamps
+    "exposure_ratio": Limit(1e-6, 1e6),
+    "sensitivity": Limit(1e-6, 1e6),
+    "start_s": Limit(0.0, 3600.0),
+    "frequency_hz": Limit(1e-3, 1e9),
+    "row_time_s": Limit(0.0, 1.0),
+    "phase_rad": Limit(-1e6, 1e6),
+    "acceleration_px_s2": Limit(-1e13, 1e13),  # 1e5 px from rest within 0.14 ms
+    # spectra
+    "kelvin": Limit(300.0, 1e6),
+    "wavelength_nm": Limit(1.0, 1e6),
+    "value": Limit(0.0, 1e30),  # of a curve, either sign
+}
+"""By the argument's name, in its unit: beyond anything that is built or seen, and within what single precision and
+bounded time and memory can do. The axes of sweeps have theirs in ``blurnoise_eval``; a test compares the two."""
+LARGEST_PICTURE = 1 << 28
+"""Pixels of a picture that is made."""
+DRAWN_FROM: Mapping[str, float] = {"exposure_s": 1e-9, "illuminance_lux": 1e-6, "white_e": 1e-3}
+"""The least that is drawn log-uniformly: from there to the limit single precision holds the ratio."""
+
+
 class OutOfRange(ValueError):
     """A number that is not within [low, high] or, where that is ``above`` it, (low, high]."""
 
     def __init__(self, name: str, value: object, low: float, high: float, above: bool = False) -> None:
-        super().__init__(name, value, low, high, above)  # as pickle gives them back
+        super().__init__(name, value, low, high, above)  # for pickle
         self.name, self.value, self.low, self.high, self.above = name, value, low, high, above
 
     def __str__(self) -> str:
@@ -28,23 +132,38 @@ class OutOfRange(ValueError):
         return f"{self.name} = {shown(self.value)}: must be finite{_bounds(self.low, self.high, self.above)}"
 
 
-def positive(name: str, value: float) -> float:
-    """Return ``value`` as a float. Raises ``ValueError`` unless it is finite and > 0."""
-    return _number(name, value, low=0.0, strict=True)
+def limited(name: str, value: float, entry: str | None = None) -> float:
+    """``value`` as a float. Raises ``TypeError`` or ``ValueError`` outside the limit of its name, or of ``entry``."""
+    low, high, above = LIMITS[entry or name]
+    return in_range(name, value, low, high, above=above)
 
 
-def non_negative(name: str, value: float) -> float:
-    """Return ``value`` as a float. Raises ``ValueError`` unless it is finite and >= 0."""
-    return _number(name, value, low=0.0)
+def in_range(
+    name: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False
+) -> float:
+    """``value``, finite, as a float. Raises ``TypeError``, or ``ValueError`` unless ``low <= value <= high``; above:
+    unless ``low < value``."""
+    try:
+        if isinstance(value, (str, bytes, bool, np.bool_)):
+            raise TypeError
+        number = float(value)
+    except OverflowError:  # an integer beyond 1e308
+        number = math.inf
+    except (TypeError, ValueError, RuntimeError):
+        raise TypeError(f"{name} = {shown(value)}: must be a number") from None
+    if not math.isfinite(number) or number < low or number > high or (above and number == low):
+        raise OutOfRange(name, value, low, high, above)
+    return number
 
 
-def in_range(name: str, value: float, low: float, high: float, *, above: bool = False) -> float:
-    """Return ``value`` as a float. Raises ``ValueError`` unless ``low <= value <= high``; above: low is not."""
-    return _number(name, value, low=low, high=high, strict=above)
+def counted(name: str, value: int, entry: str | None = None) -> int:
+    """``value``, an integer within the limit of its name, or of ``entry``. Raises as :func:`integer` does."""
+    low, high, _ = LIMITS[entry or name]
+    return integer(name, value, int(low), int(high))
 
 
 def integer(name: str, value: int, low: int, high: int) -> int:
-    """Return ``value`` as an int; NumPy's count. Raises ``TypeError`` for no integer, ``ValueError`` outside."""
+    """``value`` as an int, NumPy's too. Raises ``TypeError`` for no integer, ``ValueError`` outside [low, high]."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} = {shown(value)}: must be an integer")
     if not low <= value <= high:
@@ -53,14 +172,11 @@ def integer(name: str, value: int, low: int, high: int) -> int:
 
 
 def rectangle(name: str, value: object) -> tuple[int, int, int, int]:
-    """Return ``value``, four integers (left, top, width, height), px. Raises ``TypeError``."""
-    if (
-        not isinstance(value, (tuple, list))
-        or len(value) != 4
-        or not all(type(side) is int for side in value)
-    ):
+    """``value``, four integers (left, top, width, height), px. Raises ``TypeError``."""
+    sides = value if isinstance(value, (tuple, list)) else ()
+    if len(sides) != 4 or not all(type(side) is int for side in sides):
         raise TypeError(f"{name} = {shown(value)}: must be four integers (x, y, width, height)")
-    left, top, width, height = value
+    left, top, width, height = sides
     return left, top, width, height
 
 
@@ -72,7 +188,7 @@ def an_instance(name: str, value: object, kind: type) -> None:
 
 
 def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
-    """Return ``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
+    """``value``. Raises ``ValueError`` unless it is one of ``allowed``."""
     choices = list(allowed)
     if not isinstance(value, str) or value not in choices:
         raise ValueError(f"{name} = {shown(value)}: must be one of {', '.join(map(repr, choices))}")
@@ -88,7 +204,7 @@ def known(what: str, name: object, names: Collection[str]) -> None:
 
 
 def image_batch(name: str, value: Tensor) -> Tensor:
-    """Return ``value``, a float32 or float64 tensor of shape (B, C, H, W) without NaN or Inf.
+    """``value``, a float32 or float64 tensor of shape (B, C, H, W) without NaN or infinity.
 
     Raises ``TypeError`` for anything else, ``ValueError`` for a wrong shape or value.
     """
@@ -110,9 +226,9 @@ def batch_shaped(name: str, value: Tensor) -> Tensor:
 
 
 def finite(name: str, value: Tensor) -> Tensor:
-    """Return ``value``, a float32 or float64 tensor. Raises ``ValueError`` where it holds NaN or Inf."""
-    # A sum is finite where all its values are: one pass without a mask. A sum may also overflow, hence the
-    # second look. NumPy's sum wakes no threads, which would then spin beside the work that follows.
+    """``value``, a float32 or float64 tensor. Raises ``ValueError`` where it holds NaN or infinity."""
+    # A sum is finite where all its values are, in one pass without a mask; it may also overflow, hence the second
+    # test. NumPy's sum wakes no threads.
     seen = value.detach()
     with np.errstate(all="ignore"):
         total = seen.sum() if seen.device.type != "cpu" else seen.numpy().sum()
@@ -121,32 +237,33 @@ def finite(name: str, value: Tensor) -> Tensor:
     return value
 
 
-def per_image(
-    name: str,
-    value: Numbers,
-    batch: int,
-    like: Tensor,
-    *,
-    low: float = -math.inf,
-    high: float = math.inf,
-) -> Tensor:
-    """Return ``value``, a number or one number per image, as a tensor of shape (batch,).
+def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Tensor:
+    """``value``, a number or one number per image, as a tensor of shape (batch,), within the limit of its name.
 
-    dtype and device are those of ``like``; gradients pass. Raises ``ValueError`` for NaN, Inf, a value
-    outside [low, high] or a length that is neither 1 nor ``batch``.
+    dtype and device are those of ``like``; gradients pass. Raises ``TypeError``, and ``ValueError`` for a value
+    outside the limit or a length that is neither 1 nor ``batch``.
     """
+    low, high, _ = LIMITS[name]
     if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
-        number = _number(name, value, low=low, high=high)
+        number = in_range(name, value, low, high)
         return torch.full((batch,), number, dtype=like.dtype, device=like.device)
     tensor = real_tensor(name, value)
     if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):
         raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
     seen: Any = tensor.detach()
     if seen.device.type == "cpu" and seen.dtype in (torch.float32, torch.float64):
-        seen = seen.numpy()  # which takes a part of the time for a few numbers
+        seen = seen.numpy()  # faster for a few numbers
     if not bool(((seen >= low) & (seen <= high) & (abs(seen) < math.inf)).all()):
-        raise ValueError(f"{name} = {shown(value)}: must be finite{_bounds(low, high)}")
+        raise OutOfRange(name, value, low, high)
     return tensor.to(device=like.device, dtype=like.dtype).expand(batch)
+
+
+def limited_motion(name: str, motion_px: Tensor) -> None:
+    """Raise ``ValueError`` unless every displacement is within the limit, or a rounding beyond it."""
+    most, moved = LIMITS["displacement_px"].high, motion_px.detach()
+    if not bool((moved.abs() <= most * (1 + 1e-6)).all()):
+        longest = moved if moved.numel() <= 2 else moved.flatten()[moved.abs().argmax()]
+        raise OutOfRange(name, longest, -most, most)
 
 
 def real_tensor(name: str, value: object) -> Tensor:
@@ -162,37 +279,23 @@ def real_tensor(name: str, value: object) -> Tensor:
     return tensor
 
 
-def _number(name: str, value: float, *, low: float, high: float = math.inf, strict: bool = False) -> float:
-    try:
-        if isinstance(value, (str, bytes, bool, np.bool_)):
-            raise TypeError
-        number = float(value)
-    except OverflowError:  # an integer beyond 1e308
-        number = math.inf
-    except (TypeError, ValueError, RuntimeError):
-        raise TypeError(f"{name} = {shown(value)}: must be a number") from None
-    if not math.isfinite(number) or number < low or number > high or (strict and number == low):
-        raise OutOfRange(name, value, low, high, strict)
-    return number
-
-
-def _bounds(low: float, high: float, strict: bool = False) -> str:
+def _bounds(low: float, high: float, above: bool = False) -> str:
     parts = []
     if low > -math.inf:
-        parts.append(f"{'>' if strict else '>='} {low:g}")
+        parts.append(f"{'>' if above else '>='} {low:g}")
     if high < math.inf:
         parts.append(f"<= {high:g}")
     return f" and {' and '.join(parts)}" if parts else ""
 
 
 def shown(value: object) -> str:
-    """The value as a message shows it: on one line of at most 120 characters, however large it is inside."""
+    """The value in a message: on one line of at most 120 characters, however large it is inside."""
     text = " ".join(_SHORT.repr(value.tolist() if isinstance(value, Tensor) else value).split())
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+    return text if len(text) <= 120 else f"{text[:117]}..."
 
 
 class _Short(reprlib.Repr):
-    """What is large is cut before it is written: aliases make a short file hold a billion entries."""
+    """Cuts what is large before it is written: with YAML's aliases a short file holds a billion entries."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -202,4 +305,96 @@ class _Short(reprlib.Repr):
         return repr(value) if value.bit_length() <= 128 else f"<integer of {value.bit_length()} bits>"
 
 
-_SHORT, _SHOWN = _Short(), 120
+_SHORT = _Short()
+
+# Fields of dataclasses. An annotation has limits by annotated_types (``Ge(0)``) and, where a message is of the whole
+# field, its words: ``Annotated[..., "must be three numbers"]``.
+
+Characters = Annotated[str, Field(pattern="")]
+"""Text of any kind; the pattern rejects lone surrogates, which no file can hold."""
+Text = Annotated[str, Field(pattern=r"\S")]
+"""Text that is not blank."""
+Figure = Annotated[float, float]
+"""A number that messages show as a float, as it is kept."""
+_ENDS = ("gt", "ge", "le")
+_MUST = {
+    "float_type": "must be a number",
+    "int_type": "must be an integer",
+    "string_type": "must be text",
+    "string_unicode": "must be text, without halves of characters",
+    "string_pattern_mismatch": "must not be empty",
+    "too_short": "must not be empty",
+    "bool_type": "must be true or false",
+    "dict_type": "must map names to text",
+    "tuple_type": "must be a list",
+}
+
+
+def within(name: str) -> Interval:
+    """The limit of a field, for its annotation."""
+    low, high, above = LIMITS[name]
+    return Interval(gt=low, le=high) if above else Interval(ge=low, le=high)
+
+
+def check_fields(record: Any) -> None:
+    """Check a dataclass's fields against their annotations, and make NumPy's numbers and lists plain ones.
+
+    Types are strict, numbers finite. Raises ``TypeError`` or ``ValueError`` of one line.
+    """
+    given = {entry.name: getattr(record, entry.name) for entry in fields(record)}
+    kind: Any = type(record)
+    try:
+        found = _model(kind).model_validate({name: _plain(value) for name, value in given.items()})
+    except ValidationError as error:
+        raise _first_fault(error, given, _model(kind)) from None
+    for name in given:
+        object.__setattr__(record, name, getattr(found, name))
+
+
+@lru_cache
+def _model(kind: Any) -> type[BaseModel]:
+    hints = get_type_hints(kind, include_extras=True)
+    config = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    entries: dict[str, Any] = {entry.name: (hints[entry.name], ...) for entry in fields(kind)}
+    return create_model(kind.__name__, __config__=config, **entries)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, (list, tuple)):
+        return tuple(item.item() if isinstance(item, np.generic) else item for item in value)
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _first_fault(error: ValidationError, given: Mapping[str, object], model: type[BaseModel]) -> Exception:
+    fault = error.errors(include_url=False)[0]
+    name, *below = map(str, fault["loc"])
+    value, rule = fault["input"] if below else given[name], fault["type"]
+    about = model.model_fields[name].metadata
+    if rule == "value_error":  # of a validator of ours, whose message is complete
+        return ValueError(str(fault["ctx"]["error"]))
+    if rule == "float_type" and type(value) is int:
+        return ValueError(f"{name}: must be finite, got an integer beyond 1e308")
+    if float in about and type(value) is int:
+        value = float(value)
+    own = [text for text in about if isinstance(text, str) and rule != "string_unicode"]
+    if rule == "literal_error":
+        must = f"must be one of {fault['ctx']['expected'].replace(' or ', ', ')}"
+    elif own:
+        value, must, below = given[name], own[0], []
+    elif rule == "float_type" and isinstance(value, str):
+        must = "must be a number, not text (YAML takes 1e4 for text; write 1.0e+4)"
+    elif rule in _MUST:
+        must = _MUST[rule]
+    else:
+        ends = {
+            key: end for limit in about for key in _ENDS if (end := getattr(limit, key, None)) is not None
+        }
+        low, high = ends.get("gt", ends.get("ge", -math.inf)), ends.get("le", math.inf)
+        if not below and isinstance(value, float):
+            return OutOfRange(name, value, low, high, "gt" in ends)
+        must = f"must be finite{_bounds(low, high, 'gt' in ends)}"
+    if isinstance(given[name], Mapping):
+        name = ".".join([name, *(shown(part)[1:-1] for part in below if part != "[key]")])
+    return (TypeError if rule.endswith("_type") else ValueError)(f"{name} = {shown(value)}: {must}")

@@ -110,7 +110,7 @@ def normal_quantile(level: float) -> float:
 def _region(image: Tensor, roi: tuple[int, int, int, int] | float) -> Tensor:
     height, width = image.shape[-2:]
     if isinstance(roi, (int, float)):
-        share = checks.in_range("roi", checks.positive("roi", roi), 0.0, 1.0)
+        share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
         w, h = max(1, round(width * share)), max(1, round(height * share))
         x, y = (width - w) // 2, (height - h) // 2
     elif not isinstance(roi, (tuple, list)):

@@ -45,7 +45,11 @@ def read(image: Tensor, *, full_scale: float | None, black_level: float, roi: Ro
     than 8 x 8 px, values beyond ``full_scale`` and a ``black_level`` that is not below it.
     """
     pixels = _cut(_batch(image), roi)
-    top = _FULL_SCALE[image.dtype] if full_scale is None else checks.positive("full_scale", full_scale)
+    top = (
+        _FULL_SCALE[image.dtype]
+        if full_scale is None
+        else checks.in_range("full_scale", full_scale, 0.0, above=True)
+    )
     black = checks.in_range("black_level", black_level, 0.0, top)
     if black == top:
         raise ValueError(f"black_level = {black:g}: must be below full_scale = {top:g}")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core import rng
-from blurnoise._core.checks import in_range, integer, positive, shown
+from blurnoise._core.checks import in_range, integer, shown
 from blurnoise._core.files import read_text
 from blurnoise._core.limits import limited
 from blurnoise.motion.trajectory import Trajectory
@@ -49,7 +49,7 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     """
     integer("seed", seed, 0, rng.LAST_SEED)
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
-    exposure = positive("exposure_s", exposure_s)
+    exposure = in_range("exposure_s", exposure_s, 0.0, above=True)
     duration = in_range("duration_s", exposure if duration_s is None else duration_s, exposure, 3600.0)
     if duration > LONGEST_SHAKE * exposure:
         raise ValueError(f"duration_s = {duration:g}: must be at most {LONGEST_SHAKE} times exposure_s")

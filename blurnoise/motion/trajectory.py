@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, one_of, positive, shown
+from blurnoise._core.checks import in_range, one_of, shown
 from blurnoise._core.limits import LIMITS, limited
 
 Floats = NDArray[np.float64]
@@ -121,7 +121,7 @@ class Trajectory:
     @classmethod
     def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
         """Uniform motion, for exposures up to ``duration_s``."""
-        half = positive("duration_s", duration_s) / 2
+        half = in_range("duration_s", duration_s, 0.0, above=True) / 2
         x, y = _vector("velocity_px_s", velocity_px_s)
         return cls((-half, half), (-x * half, x * half), (-y * half, y * half))
 
@@ -142,7 +142,7 @@ class Trajectory:
         """
         amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
         omega = 2 * math.pi * limited("frequency_hz", frequency_hz)
-        half = positive("duration_s", duration_s) / 2
+        half = in_range("duration_s", duration_s, 0.0, above=True) / 2
         step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
         time = _steps(half, step)
         angle = math.radians(limited("direction_deg", direction_deg))
@@ -158,7 +158,7 @@ class Trajectory:
 
         Its transfer function: :func:`blurnoise.blur.transfer_of_paths.accelerated`.
         """
-        half = positive("duration_s", duration_s) / 2
+        half = in_range("duration_s", duration_s, 0.0, above=True) / 2
         velocity = _vector("velocity_px_s", velocity_px_s)
         acceleration = _vector("acceleration_px_s2", acceleration_px_s2)
         rate = float(np.hypot(*acceleration))

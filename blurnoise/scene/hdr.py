@@ -19,7 +19,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
-from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, positive, shown
+from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, shown
 from blurnoise._core.limits import LIMITS, limited
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layers, of_each
@@ -182,7 +182,7 @@ def developed(
     image_batch("electrons", electrons)
     an_instance("camera", camera, Camera)
     one_of("encoding", encoding, ("srgb", "linear"))
-    picture = electrons / positive("white_e", white_e)
+    picture = electrons / in_range("white_e", white_e, 0.0, above=True)
     at = Development(replace(camera, full_well_e=LIMITS["full_well_e"].high), 0.0, encoding, illuminant)
     for step in steps.active(camera):
         if step is not steps.BLACK_LEVEL:
@@ -224,7 +224,7 @@ def snr_db(
 ) -> float:
     """20 log10 of so many electrons over :func:`noise_e`: it falls by 10 log10 R and read noise at each switch."""
     return 20 * math.log10(
-        positive("electrons", electrons) / noise_e(camera, captures, electrons, blend=blend)
+        in_range("electrons", electrons, 0.0, above=True) / noise_e(camera, captures, electrons, blend=blend)
     )
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from blurnoise._core.checks import positive
+from blurnoise._core.checks import in_range
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.calibration.as_camera import on_base
 from blurnoise_eval.system.files import check_regular
@@ -113,7 +113,9 @@ def _stated(path: Path, directories: list[Mapping[int, Any]], base: str) -> Stat
     pattern = tag(_CFA_PATTERN)
     return Stated(
         camera=on_base(values, sources, base),
-        exposure_s=None if exposure is None else positive("ExposureTime", _numbers(exposure)[0]),
+        exposure_s=None
+        if exposure is None
+        else in_range("ExposureTime", _numbers(exposure)[0], 0.0, above=True),
         iso=None if iso is None else _numbers(iso)[0],
         cfa=None if pattern is None else _PATTERN.get(bytes(pattern), "a pattern other than Bayer's"),
     )

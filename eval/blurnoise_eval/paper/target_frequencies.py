@@ -52,8 +52,8 @@ def target_frequencies(
     edges closer than three pixels merge. Raises ``TypeError`` or ``ValueError`` naming the argument.
     """
     checks.one_of("across", across, ("x", "y"))
-    checks.in_range("threshold", checks.positive("threshold", threshold), 0.0, 1.0)
-    noise = checks.non_negative("noise_std", noise_std)
+    checks.in_range("threshold", threshold, 0.0, 1.0, above=True)
+    noise = checks.in_range("noise_std", noise_std, 0.0)
     picture = values.real("image", image, dims=2).detach()
     if picture.ndim > 3:
         raise ValueError(f"image: must be (H, W) or (C, H, W), got {tuple(picture.shape)}")
