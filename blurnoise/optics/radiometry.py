@@ -125,15 +125,6 @@ def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float
 
 
 @lru_cache(maxsize=64)
-def mean_quantum_efficiency(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Electrons per photon of ``illuminant`` within 400-700 nm; behind the strongest filter of a mosaic."""
-    if isinstance(camera.quantum_efficiency, (float, int)):
-        return float(camera.quantum_efficiency)
-    of_light = replace(behind_one_filter(camera), quantum_efficiency=1.0)
-    return electrons_per_lux_s(camera, illuminant) / electrons_per_lux_s(of_light, illuminant)
-
-
-@lru_cache(maxsize=64)
 def behind_one_filter(camera: Camera) -> Camera:
     """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
     curves, electrons = camera.quantum_efficiency, filter_electrons(camera)

@@ -1,4 +1,4 @@
-"""The read-out: light on the pixels, or photons, to digital numbers, through all stages of the sensor.
+"""The read-out: light on the pixels to digital numbers, through all stages of the sensor.
 
 Domain: electrons and digital numbers (DN) as floating tensors (B, C, H, W). Electrons may be negative in the
 dark, where read noise says so; only the converter's limits clip them from below.
@@ -21,46 +21,13 @@ from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import dark_electrons, mean_quantum_efficiency
-from blurnoise.optics.spectra import Curve
+from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor import fast, stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
 _PIECE = 1 << 16  # values that stay in a core's cache
-
-
-def expose(
-    photons: Tensor,
-    camera: Camera,
-    *,
-    exposure_s: Numbers,
-    temperature_c: Numbers = 25.0,
-    fixed_pattern: FixedPattern | None = None,
-    generator: rng.Randomness = None,
-    illuminant: str | Curve = "D55",
-    fidelity: Fidelity = "auto",
-) -> Tensor:
-    """Digital numbers of a frame that receives mean ``photons`` per pixel, (B, C, H, W), each >= 0.
-
-    For photon transfer measurements: the photons meet the camera's quantum efficiency (a curve counts by its
-    mean over the photons of ``illuminant``) and then the chain of :func:`read_out`. Raises ``ValueError`` for
-    negative photons.
-    """
-    image_batch("photons", photons)
-    if float(photons.detach().min()) < 0:
-        raise ValueError(f"photons: smallest value is {float(photons.min()):g}; must be >= 0")
-    return read_out(
-        photons,
-        camera,
-        white_e=mean_quantum_efficiency(camera, illuminant),
-        exposure_s=exposure_s,
-        temperature_c=temperature_c,
-        generator=generator,
-        fixed_pattern=fixed_pattern,
-        fidelity=fidelity,
-    )
 
 
 @dataclass(frozen=True)
@@ -107,8 +74,8 @@ def read_out(
     *,
     white_e: Numbers = 1.0,
     exposure_s: Numbers,
-    temperature_c: Numbers,
-    generator: rng.Randomness,
+    temperature_c: Numbers = 25.0,
+    generator: rng.Randomness = None,
     fixed_pattern: FixedPattern | None = None,
     fidelity: Fidelity = "auto",
     noise: bool = True,

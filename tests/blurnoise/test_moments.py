@@ -8,12 +8,12 @@ from dataclasses import replace
 import pytest
 import stage_moments
 import torch
+from made_frames import from_photons
 from stage_moments import Moments
 
 from blurnoise import Camera
 from blurnoise._core import rng
 from blurnoise.light.conditions import Conditions
-from blurnoise.sensor import readout as sensor
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames, SensorStage
 
@@ -35,7 +35,7 @@ PIXELS = 200_000
 
 def frames(camera: Camera, mean_photons: float, **options: object) -> torch.Tensor:
     photons = torch.full((1, 1, 1, PIXELS), mean_photons, dtype=torch.float64)
-    return sensor.expose(photons, camera, exposure_s=0.1, temperature_c=36.0, generator=[5], **options)  # type: ignore[arg-type]
+    return from_photons(photons, camera, exposure_s=0.1, temperature_c=36.0, generator=[5], **options)  # type: ignore[arg-type]
 
 
 def expected(camera: Camera, mean_photons: float) -> Moments:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise import Camera
-from blurnoise.sensor.readout import expose
+from blurnoise.sensor.readout import read_out
 
 LONGEST_S = 0.1
 
@@ -42,6 +43,11 @@ def drawn_camera(seed: int) -> Camera:
     )
 
 
+def from_photons(photons: torch.Tensor, camera: Camera, **taken: Any) -> torch.Tensor:
+    """Digital numbers of mean photons per pixel, (B, C, H, W)."""
+    return read_out(photons, camera, white_e=camera.quantum_efficiency, **taken)  # type: ignore[arg-type]
+
+
 def exposed(
     camera: Camera, seed: int, *, size: tuple[int, int], levels: int = 8, frames: int = 2, top: float = 0.9
 ) -> dict[tuple[str, float], list[np.ndarray]]:
@@ -52,7 +58,7 @@ def exposed(
     for exposure_s in np.linspace(LONGEST_S / levels, LONGEST_S, levels):
         for kind in ("dark", "flat"):
             photons = photons_s(camera, top) * exposure_s * (kind == "flat")
-            dn = expose(
+            dn = from_photons(
                 torch.full((frames, 1, *size), photons),
                 camera,
                 exposure_s=float(exposure_s),

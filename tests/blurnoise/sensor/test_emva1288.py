@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from made_frames import from_photons
 from scipy.stats import norm
 
 from blurnoise import Camera
@@ -158,7 +159,7 @@ class Bench:
         generator = torch.Generator().manual_seed(seed)
 
         def frames(photons: float, exposure_s: float, count: int) -> dict[str, object]:
-            dn = sensor.expose(
+            dn = from_photons(
                 torch.full((count, 1, ROWS, COLUMNS), photons),
                 camera,
                 exposure_s=exposure_s,
