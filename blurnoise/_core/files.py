@@ -1,6 +1,6 @@
 """Files: those read are regular files of limited size; those written are complete and on disk, or not there.
 
-Documents (JSON and YAML, from anywhere) and tables of samples (CSV): what is none is one line.
+Documents (JSON and YAML, from anywhere) and tables of samples (CSV): any fault is one line.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import yaml
 
 LARGEST_TEXT_BYTES = 64 << 20
 """Of a table as CSV: a day of readings at 20 Hz, or an hour at 500 Hz."""
+_LARGEST_BYTES = 1 << 20  # of a document: YAML is read at 50 kB a second
+_MOST_ALIASES = 16  # each may hold two of another, and so on
 
 
 def check_regular(path: Path) -> None:
@@ -34,16 +36,14 @@ def read_bytes(path: Path, largest: int = LARGEST_TEXT_BYTES) -> bytes:
     check_regular(path)
     with path.open("rb") as file:
         held = os.fstat(file.fileno()).st_size
-        most = min(largest, max(held, LARGEST_TEXT_BYTES)) + 1
-        data = b"" if held > largest else file.read(most)
+        data = b"" if held > largest else file.read(min(largest, max(held, LARGEST_TEXT_BYTES)) + 1)
     if max(held, len(data)) > largest:
         raise ValueError(f"larger than {largest} bytes")
     return data
 
 
 def read_text(path: Path) -> str:
-    """:func:`text_of` a file. Raises ``OSError``, and ``ValueError`` that names it, also above
-    ``LARGEST_TEXT_BYTES``."""
+    """:func:`text_of` a file. Raises ``OSError``, and ``ValueError`` that names it."""
     try:
         return text_of(read_bytes(path))
     except ValueError as error:
@@ -51,7 +51,7 @@ def read_text(path: Path) -> str:
 
 
 def text_of(data: bytes) -> str:
-    """A text in UTF-8, with or without a byte-order mark; line ends are ``\\n``. Raises ``ValueError``."""
+    """Text in UTF-8, with or without a byte-order mark; line ends become ``\\n``. Raises ``ValueError``."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -60,38 +60,39 @@ def text_of(data: bytes) -> str:
 
 
 def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece, to ``path``, as :func:`written_whole`. Raises ``OSError`` that names
-    ``path`` where it cannot be written."""
-    with written_whole(path) as unfinished:
-        try:
-            with unfinished.open("xb") as file:
-                file.writelines([data] if isinstance(data, bytes) else data)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path)) from None
+    """Write ``data``, at once or piece by piece, as :func:`written_whole`. Raises ``OSError`` that names ``path``."""
+    with written_whole(path) as unfinished, _naming(path), unfinished.open("xb") as file:
+        file.writelines([data] if isinstance(data, bytes) else data)
 
 
 @contextmanager
 def written_whole(path: Path, *, over: bool = True) -> Iterator[Path]:
-    """A path beside ``path`` that a file or folder is to be written to, which takes its place once it is on disk.
+    """A path beside ``path`` to write a file or folder to, which takes its place once it is on disk.
 
-    What stood there stays until then, and where anything fails; then nothing is left behind. Several writers of one
-    path do not disturb each other: the last one's content stands. over: replace a folder that holds anything, too.
-    Raises ``OSError`` that names ``path`` where its place cannot be taken.
+    A former one stays until then; where anything fails nothing is left behind. Several writers of one path do not
+    disturb each other: the last one's content stays. over: replace a folder that is not empty, too. Raises
+    ``OSError`` that names ``path``.
     """
     unfinished = _beside(path)
     try:
         yield unfinished
-        try:
+        with _naming(path):
             for place in (*unfinished.rglob("*"), unfinished):
                 _sync(place)
             _take_place(unfinished, path, over)
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(path)) from None
         with suppress(OSError):
             _sync(path.parent)
     finally:
         with suppress(OSError):
             shutil.rmtree(unfinished) if unfinished.is_dir() else unfinished.unlink()
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def _beside(path: Path) -> Path:
@@ -125,12 +126,8 @@ def _sync(place: Path) -> None:
         os.close(handle)
 
 
-_LARGEST_BYTES = 1 << 20  # of what a person writes: YAML is read at 50 kB a second
-_MOST_ALIASES = 16  # each may hold two of another: more would be a bomb
-
-
 def read_document(path: Path) -> Any:
-    """What a file holds, JSON by its suffix .json, else YAML, of at most 1 MiB.
+    """The content of a file of at most 1 MiB, JSON by its suffix .json, else YAML.
 
     Raises ``OSError``, and ``ValueError`` of one line.
     """

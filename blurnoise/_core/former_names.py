@@ -1,4 +1,4 @@
-"""Former names of modules, which work for one release: to import one warns, and gives the new one's names."""
+"""Former names of modules that users import; they work for one release. To import one warns."""
 
 from __future__ import annotations
 
@@ -10,51 +10,30 @@ import warnings
 from collections.abc import Sequence
 from types import ModuleType
 
-FORMER = {
-    "blurnoise.augment": "blurnoise.training.augmentation",
-    "blurnoise.augment_torchvision": "blurnoise.training.torchvision",
-    "blurnoise.auto_exposure": "blurnoise.scene.metering",
-    "blurnoise.binning": "blurnoise.optics.camera",
-    "blurnoise.camera": "blurnoise.optics.camera",
-    "blurnoise.camera_files": "blurnoise.optics.camera_files",
-    "blurnoise.camera_shake": "blurnoise.motion.causes",
-    "blurnoise.capture": "blurnoise.optics.gains",
-    "blurnoise.colour": "blurnoise.optics.colour",
-    "blurnoise.cut_scene": "blurnoise.scene.cut_scene",
-    "blurnoise.distortion": "blurnoise.optics.distortion",
-    "blurnoise.driving": "blurnoise.motion.ego",
-    "blurnoise.ego_motion": "blurnoise.motion.ego",
-    "blurnoise.encoding": "blurnoise.optics.colour",
-    "blurnoise.error_budget": "blurnoise.scene.plan",
-    "blurnoise.exposed_with": "blurnoise.scene.exposure",
-    "blurnoise.exposure": "blurnoise.scene.scene",
-    "blurnoise.exposure_ranges": "blurnoise.training.ranges",
-    "blurnoise.exposure_table": "blurnoise.training.table",
-    "blurnoise.field": "blurnoise.optics.lens",
-    "blurnoise.field_blur": "blurnoise.blur.over_the_field",
-    "blurnoise.flow_blur": "blurnoise.blur.sub_exposures",
-    "blurnoise.fourier": "blurnoise.blur.fourier",
-    "blurnoise.gain": "blurnoise.optics.gains",
-    "blurnoise.grey_anchor": "blurnoise.scene.metering",
-    "blurnoise.hdr": "blurnoise.scene.hdr",
-    "blurnoise.layered": "blurnoise.blur.layered",
-    "blurnoise.layers": "blurnoise.blur.layers",
-    "blurnoise.lens": "blurnoise.optics.lens",
-    "blurnoise.mattes": "blurnoise.scene.cutting",
-    "blurnoise.moving_masks": "blurnoise.scene.cutting",
-    "blurnoise.operating_point": "blurnoise.light.conditions",
-    "blurnoise.path_blur": "blurnoise.blur.paths",
-    "blurnoise.psf": "blurnoise.blur.psf",
-    "blurnoise.radiometry": "blurnoise.optics.radiometry",
-    "blurnoise.resampling": "blurnoise.blur.resampling",
-    "blurnoise.simulation": "blurnoise.scene.scene",
-    "blurnoise.spectra": "blurnoise.optics.spectra",
-    "blurnoise.stated_trajectory": "blurnoise.motion.causes",
-    "blurnoise.tone": "blurnoise.optics.colour",
-    "blurnoise.trajectory": "blurnoise.motion.trajectory",
-    "blurnoise.transfer": "blurnoise.optics.transfer",
-    "blurnoise.transfer_of_paths": "blurnoise.blur.transfer_of_paths",
+_FORMER = {
+    "blur.layers": "layers",
+    "blur.paths": "path_blur",
+    "motion.causes": "camera_shake",
+    "motion.ego": "driving ego_motion",
+    "motion.trajectory": "trajectory",
+    "optics.camera": "camera",
+    "optics.colour": "colour encoding",
+    "optics.distortion": "distortion",
+    "optics.gains": "capture",
+    "optics.lens": "lens",
+    "optics.radiometry": "radiometry",
+    "optics.spectra": "spectra",
+    "optics.transfer": "transfer",
+    "scene.cutting": "mattes",
+    "scene.hdr": "hdr",
+    "scene.metering": "auto_exposure",
+    "scene.scene": "exposure simulation",
+    "training.augmentation": "augment",
+    "training.ranges": "exposure_ranges",
+    "training.table": "exposure_table",
+    "training.torchvision": "augment_torchvision",
 }
+FORMER = {f"blurnoise.{old}": f"blurnoise.{new}" for new, names in _FORMER.items() for old in names.split()}
 
 
 class _FormerNames(importlib.abc.MetaPathFinder, importlib.abc.Loader):

@@ -1,29 +1,41 @@
-"""Independent jobs side by side on threads that are kept: new threads start with memory of their own to fetch."""
+"""Routes on the CPU: whether they apply, jobs on threads that are kept, and working memory that is kept.
+
+New threads begin with memory of their own to fetch, and fresh pages cost more than the arithmetic done in them.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 import threading
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
 import torch
+from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 Job = TypeVar("Job")
+P = ParamSpec("P")
+R = TypeVar("R")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
 _PIECE = 1 << 17  # values: they stay in a core's cache, and threads seldom wait for each other's Python
+_KEEP_BYTES = 1 << 26
 _pools: dict[int, ThreadPoolExecutor] = {}
-_pools_lock = threading.Lock()
+_free: list[NDArray[np.uint8]] = []
+_lock = threading.Lock()
 _state = threading.local()
 
 
 def _forget_pools() -> None:
     """In a forked process, which has the pools, but not their threads."""
-    global _pools_lock
-    _pools_lock = threading.Lock()
+    global _lock
+    _lock = threading.Lock()
     _pools.clear()
 
 
@@ -46,6 +58,19 @@ def threads_for(picture: Tensor) -> int:
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
+def uncompiled(function: Callable[P, R]) -> Callable[P, R]:
+    """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python."""
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        if torch.compiler.is_compiling():  # the compiler is slow to import, hence not before
+            disabled: Callable[P, R] = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
+            return disabled(*args, **kwargs)
+        return function(*args, **kwargs)
+
+    return run
+
+
 def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: int) -> None:
     """``work(job)`` for every job, on up to ``threads`` threads; in turn within a job, or where one is enough.
 
@@ -61,20 +86,43 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
         _state.working = True
         work(job)
 
-    with _pools_lock:
+    with _lock:
         if threads not in _pools:
             _pools[threads] = ThreadPoolExecutor(threads)
         pool = _pools[threads]
     futures = [pool.submit(marked, job) for job in todo]
-    errors = [future.exception() for future in futures]
-    for error in errors:
-        if error is not None:
-            raise error
+    wait(futures)
+    for future in futures:
+        future.result()
 
 
 def in_pieces(work: Callable[[slice], object], values: int, threads: int) -> None:
     """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache."""
-    starts = range(0, values, _PIECE)
-    side_by_side(
-        work, [slice(start, start + _PIECE) for start in starts], threads if values >= WORTH_IT else 1
-    )
+    pieces = [slice(start, start + _PIECE) for start in range(0, values, _PIECE)]
+    side_by_side(work, pieces, threads if values >= WORTH_IT else 1)
+
+
+@contextmanager
+def borrowed(shapes: Sequence[tuple[int, ...]], dtype: DTypeLike) -> Iterator[list[NDArray[Any]]]:
+    """Arrays of ``shapes`` with arbitrary contents, for use within the context only. Safe among threads."""
+    kind = np.dtype(dtype)
+    sizes = [math.prod(shape) * kind.itemsize for shape in shapes]
+    taken = [_taken(size) for size in sizes]
+    try:
+        yield [
+            memory[:size].view(kind).reshape(shape)
+            for memory, size, shape in zip(taken, sizes, shapes, strict=True)
+        ]
+    finally:
+        with _lock:
+            _free.extend(taken)
+            while sum(kept.size for kept in _free) > _KEEP_BYTES:
+                _free.pop(0)
+
+
+def _taken(size: int) -> NDArray[np.uint8]:
+    with _lock:
+        for place in reversed(range(len(_free))):
+            if size <= _free[place].size <= 4 * size + 4096:
+                return _free.pop(place)
+    return np.empty(size, np.uint8)
