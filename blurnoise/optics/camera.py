@@ -1,4 +1,4 @@
-"""None"""
+"""The camera: its figures, what follows from them, presets and files."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, known, shown
 from blurnoise._core.limits import LIMITS, within
 from blurnoise._core.validation import Figure, Text, check_fields
-from blurnoise.optics import camera_files, colour, gains
+from blurnoise.optics import camera_files, colour
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
+from blurnoise.optics.gains import Capture, ConversionGain
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens
 from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
@@ -30,30 +31,25 @@ _Side = Annotated[int, Ge(1), Le(1 << 20)]
 class Camera:
     """A camera: lens, pixel, converter (EMVA 1288 release 4, linear model).
 
-    pixel_pitch_um: square pixel. f_number: working f-number N. transmission: lens and atmosphere, 0-1.
-    quantum_efficiency: electrons per photon, a number over 400-700 nm or a :class:`Curve`, IR-cut included; with a
-    mosaic of colour filters one for each filter, :class:`blurnoise.optics.colour.FilterCurves`.
-    full_well_e: saturation capacity. system_gain_dn_per_e: K. read_noise_e: rms, temporal, in the dark, at gain
-    0 dB; read_noise_post_share: of its variance, what arises behind the amplifier and falls with gain, 0-1.
-    analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds together.
-    conversion_gains: what the pixel becomes from a gain on, see :class:`blurnoise.optics.gains.ConversionGain`.
-    captures: of which it makes one HDR picture, for :mod:`blurnoise.scene.hdr`; what takes one frame refuses them.
+    pixel_pitch_um: square pixel. f_number: working. transmission: lens and atmosphere, 0-1. quantum_efficiency:
+    electrons per photon, IR-cut included, over 400-700 nm or a :class:`Curve`; of a mosaic
+    :class:`blurnoise.optics.colour.FilterCurves`. full_well_e: saturation capacity. system_gain_dn_per_e: K.
+    read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: of its variance, what arises behind the
+    amplifier and falls with gain. analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of
+    both kinds. conversion_gains, captures (of one HDR picture): see :mod:`blurnoise.optics.gains`.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
     black_level_dn: offset before rounding. bit_depth: of the converter.
     defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
-    ``fspecial('disk', r)`` does, which counts the pixel's own aperture twice; for comparisons only.
+    ``fspecial('disk', r)``, which counts the pixel's own aperture twice; for comparisons only.
     diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none.
-    cfa: the mosaic, see :mod:`blurnoise.optics.colour`. "none": each colour of a picture has a sensor of its own, and
-    all share the quantum efficiency. "mono": one plane of light, which comes out grey.
-    white_balance, demosaic, ccm, tone, jpeg_quality: how frames become pictures, see :mod:`blurnoise.picture.steps`.
-    white_balance: "auto" follows the light; or the gains of red, green (or clear) and blue, whose ratios count.
-    ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same.
-    width_px, height_px, hfov_deg: the picture's size and the horizontal field of view.
-    shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" as ``scan``
-    says; "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
-    lens: what changes over the field, see :class:`blurnoise.optics.lens.Lens`; a picture of another size stands for
-    the largest part of the sensor that has its shape.
-    sources: field name -> where its figure comes from.
+    cfa: the mosaic, see :mod:`blurnoise.optics.colour`. "none": a sensor for each colour of a picture, all with the
+    same quantum efficiency; "mono": one plane of light, which comes out grey. white_balance ("auto" follows the
+    light; or gains of red, green or clear, and blue), demosaic, ccm (camera colours after white balance to linear
+    sRGB, rows sum to 1; None: they are the same), tone, jpeg_quality: see :mod:`blurnoise.picture.steps`.
+    width_px, height_px, hfov_deg: of the sensor; a picture of another size is the sensor's largest part of its shape.
+    shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" (scan);
+    "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
+    lens: what changes over the field. sources: field name -> where its figure comes from.
 
     Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
     (:data:`blurnoise._core.limits.LIMITS`).
@@ -70,8 +66,8 @@ class Camera:
     read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
     analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
     gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
-    conversion_gains: tuple[gains.ConversionGain, ...] = ()
-    captures: tuple[gains.Capture, ...] = ()
+    conversion_gains: tuple[ConversionGain, ...] = ()
+    captures: tuple[Capture, ...] = ()
     dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
     dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
     dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
@@ -160,30 +156,19 @@ class Camera:
 
     @property
     def clip_dn(self) -> float:
-        """The digital number at which light stops to show: full scale, or the full well's if that is lower.
-
-        Read noise comes after the well, so that a saturated pixel may lie on either side of that.
-        """
-        return min(
-            self.full_scale_dn,
-            round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn),
-        )
+        """The mean digital number of saturated pixels, before read noise: full scale, or the full well's if lower."""
+        well_dn = round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn)
+        return min(self.full_scale_dn, well_dn)
 
     @property
     def well_limit_e(self) -> float:
-        """Electrons that the pixel holds, where that ends below the converter's range; else infinite.
-
-        A well that fills the range to its last step is the converter's limit: so are saturation capacities, which
-        EMVA 1288 measures behind the converter.
-        """
+        """Electrons that the pixel holds, where that is less than the converter's range; else infinite."""
         return self.full_well_e if self.clip_dn < self.full_scale_dn else math.inf
 
     @property
     def saturated_dn(self) -> float:
-        """From here on a pixel counts as saturated: full scale, or what noise leaves of a well below it.
-
-        Three deviations of read noise and DSNU below the well, above which all but 0.14 % of full pixels lie,
-        but at least half of it.
+        """From here on a pixel counts as saturated: full scale; or a well below it less three deviations of read
+        noise and DSNU (0.14 % of full pixels lie lower), at least half of it.
         """
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
@@ -206,10 +191,10 @@ class Camera:
         )
 
     def at_gain(self, gain_db: float) -> Amplified:
-        """The camera as it stands at a gain, and what of the gain is left to do after the converter.
+        """The camera at an analogue gain up to ``analogue_gain_max_db``, and the rest, which is digital.
 
-        Analogue up to ``analogue_gain_max_db``: K g, read noise and well of the row of ``conversion_gains`` that
-        holds there; the rest, and what attenuates, is digital. Raises ``ValueError`` beyond ``gain_max_db``.
+        K g, read noise and well are those of its row of ``conversion_gains``. Raises ``ValueError`` beyond
+        ``gain_max_db``.
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
         return _at_gain(self, float(gain_db))
@@ -222,9 +207,8 @@ class Camera:
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
 
-        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). The same
-        camera, shape and seed give the same pattern in every frame. Raises ``TypeError`` or ``ValueError`` for a
-        seed that is no integer in [0, 2**63), or a shape of anything but three sides of 1 or more.
+        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). Raises ``TypeError`` or
+        ``ValueError`` for a seed that is no integer in [0, 2**63), or a shape of other than three sides.
         """
         if len(shape) != 3:
             raise ValueError(f"shape = {shown(shape)}: must be (C, H, W)")
@@ -252,10 +236,7 @@ class Camera:
 
     @classmethod
     def preset(cls, name: str) -> Camera:
-        """A camera by name; see ``PRESETS`` for the names and ``camera.sources`` for where figures are from.
-
-        Raises ``ValueError`` that lists the names for an unknown one.
-        """
+        """A camera of ``PRESETS`` by name. Raises ``ValueError`` that lists the names for an unknown one."""
         if name not in PRESETS:
             raise ValueError(f"camera = {name!r}: unknown; presets are {', '.join(sorted(PRESETS))}")
         return PRESETS[name]
@@ -264,11 +245,10 @@ class Camera:
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str = "given", folder: str | Path = "."
     ) -> Camera:
-        """The camera that ``values`` states as :meth:`to_dict` does; ``base`` names a preset for the rest.
+        """The camera of ``values`` as :meth:`to_dict` gives them; ``base`` names a preset for the rest.
 
-        ``source`` is noted for every figure without one in ``values["sources"]``; ``folder`` is where a
-        relative ``quantum_efficiency: {csv: path}`` starts. Raises ``TypeError`` or ``ValueError`` naming
-        the field, its value and what is allowed.
+        source: of figures without one in ``values["sources"]``. folder: where relative paths of tables start. Raises
+        ``TypeError`` or ``ValueError`` naming the field, its value and what is allowed.
         """
         return cls(**camera_files.completed(values, fields(cls), PRESETS, source, Path(folder)))
 
@@ -287,10 +267,9 @@ class Camera:
             raise camera_files.within(str(path), error) from None
 
     def save(self, path: str | Path) -> None:
-        """Write a .json, .yaml or .yml file that :meth:`load` reads back, sources included.
+        """Write a .json, .yaml or .yml file that :meth:`load` reads back, whole or not at all.
 
-        The file appears whole or not at all. Raises ``ValueError`` for another suffix, ``OSError`` where it
-        cannot be written.
+        Raises ``ValueError`` for another suffix, ``OSError`` where it cannot be written.
         """
         camera_files.write(Path(path), self.to_dict())
 
@@ -312,18 +291,24 @@ def _at_gain(camera: Camera, gain_db: float) -> Amplified:
     analogue_db = min(max(gain_db, 0.0), camera.analogue_gain_max_db)
     if analogue_db == 0:
         return Amplified(camera, gain_db)
-    own = gains.ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
-    row = gains.row_at((own, *camera.conversion_gains), analogue_db)
+    own = ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
+    rows = (own, *camera.conversion_gains)
+    row = next(row for row in reversed(rows) if row.from_db <= analogue_db)
+    share, over_row = row.read_noise_post_share, _factor(analogue_db - row.from_db)
     amplified = replace(
         camera,
-        system_gain_dn_per_e=camera.system_gain_dn_per_e * gains.factor(analogue_db),
+        system_gain_dn_per_e=camera.system_gain_dn_per_e * _factor(analogue_db),
         full_well_e=row.full_well_e,
-        read_noise_e=gains.read_noise_e(row, analogue_db),
+        read_noise_e=row.read_noise_e * math.sqrt(1 - share + share / over_row**2),
         read_noise_post_share=0.0,
         analogue_gain_max_db=0.0,
         conversion_gains=(),
     )
     return Amplified(amplified, gain_db - analogue_db)
+
+
+def _factor(gain_db: float) -> float:
+    return float(10 ** (gain_db / 20))
 
 
 @lru_cache(maxsize=4)
@@ -341,32 +326,32 @@ for _name in camera_files.PRESETS:
     PRESETS[_name] = Camera.from_dict(camera_files.preset(_name))
 
 
+_BINNED = {
+    "pixel_pitch_um": 1,
+    "full_well_e": 2,
+    "system_gain_dn_per_e": -2,
+    "read_noise_e": 1,
+    "dark_current_e_s": 2,
+    "prnu": -1,
+    "dsnu_e": 1,
+    "defocus_radius_px": -1,
+    "row_time_s": 1,
+}
+"""Figures that change with binning, and by which power of n."""
+
+
 def binned(camera: Camera, n: int) -> Camera:
     """The camera of n x n averaged pixels. Raises ``ValueError`` for n < 1, or for figures beyond a camera's
     limits."""
-    integer("n", n, 1, 1 << 10)
-    if n == 1:
+    if integer("n", n, 1, 1 << 10) == 1:
         return camera
-    area = n * n
-    return replace(
-        camera,
-        pixel_pitch_um=camera.pixel_pitch_um * n,
-        full_well_e=camera.full_well_e * area,
-        system_gain_dn_per_e=camera.system_gain_dn_per_e / area,
-        read_noise_e=camera.read_noise_e * n,
-        dark_current_e_s=camera.dark_current_e_s * area,
-        prnu=camera.prnu / n,
-        dsnu_e=camera.dsnu_e * n,
-        conversion_gains=tuple(
-            replace(each, full_well_e=each.full_well_e * area, read_noise_e=each.read_noise_e * n)
-            for each in camera.conversion_gains
-        ),
-        defocus_radius_px=camera.defocus_radius_px / n,
-        row_time_s=camera.row_time_s * n,
-        width_px=max(1, round(camera.width_px / n)),
-        height_px=max(1, round(camera.height_px / n)),
-        lens=_binned_lens(camera.lens, n),
+    figures = {name: getattr(camera, name) * float(n) ** power for name, power in _BINNED.items()}
+    rows = tuple(
+        replace(each, full_well_e=each.full_well_e * n**2, read_noise_e=each.read_noise_e * n)
+        for each in camera.conversion_gains
     )
+    size = {name: max(1, round(getattr(camera, name) / n)) for name in ("width_px", "height_px")}
+    return replace(camera, **figures, **size, conversion_gains=rows, lens=_binned_lens(camera.lens, n))
 
 
 def _binned_lens(lens: Lens, n: int) -> Lens:

@@ -9,10 +9,10 @@ points (light, value), with straight lines between them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 import torch
@@ -35,7 +35,6 @@ _LARGEST_INVERSE = 100.0
 LUMINANCE: Row = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue (ITU-R BT.709)."""
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-NO_GAINS: Row = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -121,12 +120,9 @@ def checked_matrix(value: object, cfa: str) -> Matrix | None:
     """
     if value is None:
         return None
-    try:
-        rows = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"ccm = {shown(value)}: must be three rows of three numbers") from None
+    rows = _numbers("ccm", value, must := "must be three rows of three finite numbers")
     if rows.shape != (3, 3) or not np.isfinite(rows).all():
-        raise ValueError(f"ccm = {shown(value)}: must be three rows of three finite numbers")
+        raise ValueError(f"ccm = {shown(value)}: {must}")
     for place, total in enumerate(rows.sum(1), start=1):
         if abs(total - 1) > _ROW_TOLERANCE:
             raise ValueError(
@@ -136,72 +132,65 @@ def checked_matrix(value: object, cfa: str) -> Matrix | None:
         raise ValueError(f"ccm: cfa = {cfa!r} has no colours of its own to correct; must be None")
     if abs(np.linalg.det(rows)) < 1e-6 or np.abs(np.linalg.inv(rows)).max() > _LARGEST_INVERSE:
         raise ValueError(f"ccm = {shown(value)}: must have an inverse")
-    first, second, third = (_row(row) for row in rows)
-    return first, second, third
+    return _matrix(rows)
 
 
 def checked_gains(value: object, cfa: str) -> Literal["auto"] | Row:
     """White-balance gains of red, green (or clear) and blue, or "auto". Raises ``TypeError`` or ``ValueError``."""
-    if isinstance(value, str):
-        if value != "auto":
-            raise ValueError(f"white_balance = {shown(value)}: must be 'auto' or three gains")
+    must = "must be 'auto' or three gains from 0.01 to 100"
+    if isinstance(value, str) and value == "auto":
         return "auto"
-    try:
-        gains = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"white_balance = {shown(value)}: must be 'auto' or three gains") from None
+    gains = _numbers("white_balance", value, must)
     if gains.shape != (3,) or not ((gains >= 0.01) & (gains <= 100)).all():
-        raise ValueError(f"white_balance = {shown(value)}: must be 'auto' or three gains from 0.01 to 100")
+        raise ValueError(f"white_balance = {shown(value)}: {must}")
     if cfa in PLANES:
         raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
-    return _row(gains)
+    red, green, blue = gains.tolist()
+    return red, green, blue
 
 
 @lru_cache(maxsize=64)
 def normalised(matrix: Matrix | None) -> Matrix:
     """The matrix with rows that sum to 1 but for the last digit; None: the identity."""
-    if matrix is None:
-        return IDENTITY
-    rows = np.array(matrix)
-    first, second, third = (_row(row / row.sum()) for row in rows)
-    return first, second, third
+    return IDENTITY if matrix is None else _matrix([row / row.sum() for row in np.array(matrix)])
 
 
 @lru_cache(maxsize=64)
 def inverse(matrix: Matrix | None) -> Matrix:
     """Linear sRGB to camera colours."""
-    first, second, third = (_row(row) for row in np.linalg.inv(np.array(normalised(matrix))))
-    return first, second, third
+    return _matrix(np.linalg.inv(np.array(normalised(matrix))))
 
 
 def product(left: Matrix, right: Matrix) -> Matrix:
     """The matrix product."""
-    first, second, third = (_row(row) for row in np.array(left) @ np.array(right))
-    return first, second, third
+    return _matrix(np.array(left) @ np.array(right))
 
 
-def _row(values: object) -> Row:
-    red, green, blue = (float(value) for value in values)  # type: ignore[attr-defined]
-    return red, green, blue
+def _matrix(rows: Iterable[NDArray[np.float64]]) -> Matrix:
+    return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))
+
+
+def _numbers(name: str, value: object, must: str) -> NDArray[np.float64]:
+    if isinstance(value, str):
+        raise ValueError(f"{name} = {shown(value)}: {must}")
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name} = {shown(value)}: {must}") from None
 
 
 Points = tuple[tuple[float, float], ...]
 ToneCurve = Literal["srgb", "filmic"] | Points
-_MUST = "must be 'srgb', 'filmic' or points (light, value)"
 
 
 def checked_tone(value: object) -> ToneCurve:
     """A tone curve. Raises ``TypeError`` or ``ValueError`` for no curve from light 0 to 1 that never falls."""
-    if isinstance(value, str):
-        if value not in ("srgb", "filmic"):
-            raise ValueError(f"tone = {shown(value)}: {_MUST}")
-        return value  # type: ignore[return-value]
-    try:
-        points = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"tone = {shown(value)}: {_MUST}") from None
+    if isinstance(value, str) and value in ("srgb", "filmic"):
+        return cast(ToneCurve, value)
+    must = "must be 'srgb', 'filmic' or points (light, value), at least two"
+    points = _numbers("tone", value, must)
     if points.ndim != 2 or points.shape[1] != 2 or not 2 <= len(points) <= 1 << 16:
-        raise ValueError(f"tone = {shown(value)}: {_MUST}, at least two")
+        raise ValueError(f"tone = {shown(value)}: {must}")
     light, values = points.T
     inside = bool(((points >= 0) & (points <= 1)).all())
     rises = bool((np.diff(light) > 0).all() and (np.diff(values) >= 0).all())
@@ -209,7 +198,7 @@ def checked_tone(value: object) -> ToneCurve:
         raise ValueError(
             f"tone = {shown(value)}: light must increase from 0 to 1, values lie in [0, 1] and never fall"
         )
-    return tuple((float(at), float(coded)) for at, coded in points)
+    return cast(Points, tuple(map(tuple, points.tolist())))
 
 
 def toned(light: Tensor, curve: ToneCurve) -> Tensor:

@@ -11,7 +11,6 @@ ratios are those of the first to the other: R_k = T_1 s_1 / (T_k s_k) electrons 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
@@ -39,22 +38,6 @@ class ConversionGain:
 
     def __post_init__(self) -> None:
         check_fields(self)
-
-
-def factor(gain_db: float) -> float:
-    """10^(gain_db / 20)."""
-    return float(10 ** (gain_db / 20))
-
-
-def read_noise_e(row: ConversionGain, gain_db: float) -> float:
-    """Of a row at an analogue gain from its own on, rms, referred to the input; g is counted from the row's gain."""
-    share = row.read_noise_post_share
-    return row.read_noise_e * math.sqrt(1 - share + share / factor(gain_db - row.from_db) ** 2)
-
-
-def row_at(rows: Sequence[ConversionGain], gain_db: float) -> ConversionGain:
-    """The last of ``rows``, which rise in ``from_db``, that begins at or below the gain; else the first."""
-    return next((row for row in reversed(rows) if row.from_db <= gain_db), rows[0])
 
 
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap

@@ -11,17 +11,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import in_range, shown
+from blurnoise._core.checks import shown
 from blurnoise._core.limits import limited, within
 from blurnoise._core.validation import Figure, check_fields
 from blurnoise.optics import distortion
 from blurnoise.optics.distortion import Floats
+from blurnoise.optics.spectra import check_samples
 from blurnoise.optics.transfer import Measured
 
 _Share = Annotated[Figure, Ge(0), Le(1)]
@@ -42,7 +42,7 @@ class Mtf:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        _check_positions("frequencies", self.frequencies, self.values)
+        check_samples("frequencies", self.frequencies, self.values)
         if self.frequencies[0] == 0 and abs(self.values[0] - 1) > 1e-3:
             raise ValueError(f"values: must be 1 at frequency 0, got {self.values[0]:g}")
 
@@ -72,7 +72,7 @@ class RelativeIllumination:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        _check_positions("heights", self.heights, self.values)
+        check_samples("heights", self.heights, self.values)
 
     def at(self, height: Floats, corner_mm: float) -> Floats:
         """The light at relative field heights of a sensor whose corner is ``corner_mm`` from its centre."""
@@ -154,16 +154,6 @@ class Lens:
 
 SAME_EVERYWHERE = Lens()
 """A lens that adds nothing to the camera's figures."""
-
-
-def _check_positions(name: str, positions: tuple[float, ...], values: tuple[float, ...]) -> None:
-    if len(positions) != len(values) or len(positions) < 2:
-        raise ValueError(
-            f"{name}, values: must be as many, at least 2, got {len(positions)} and {len(values)}"
-        )
-    if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
-        raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
-    in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
 
 
 Size = tuple[int, int]

@@ -12,14 +12,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import shown
+from blurnoise._core.checks import in_range, shown
 from blurnoise._core.files import read_samples
 from blurnoise._core.limits import limited
+from blurnoise._core.validation import check_fields
 
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0
@@ -36,31 +38,20 @@ Floats = NDArray[np.float64]
 class Curve:
     """A spectral curve: ``values`` at ``wavelengths_nm`` (increasing), linear between, zero outside.
 
-    Raises ``ValueError`` unless both have the same length of at least 2, all finite, wavelengths increasing.
+    Raises ``TypeError`` or ``ValueError`` naming the field.
     """
 
     wavelengths_nm: tuple[float, ...]
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        try:
-            nm, values = np.asarray(self.wavelengths_nm, float), np.asarray(self.values, float)
-        except (TypeError, ValueError, OverflowError):
-            raise TypeError("curve: wavelengths and values must be numbers") from None
-        if nm.ndim != 1 or nm.shape != values.shape or len(nm) < 2:
-            raise ValueError(
-                f"curve: {nm.shape} wavelengths, {values.shape} values; must be equal, at least 2"
-            )
-        if not (np.isfinite(nm).all() and np.isfinite(values).all() and (np.diff(nm) > 0).all()):
-            raise ValueError("curve: wavelengths and values must be finite, wavelengths increasing")
-        for name, value in (
-            ("wavelength_nm", nm[0]),
-            ("wavelength_nm", nm[-1]),
-            ("value", np.abs(values).max()),
-        ):
-            limited(f"curve: {name}", float(value), name)
-        object.__setattr__(self, "wavelengths_nm", tuple(map(float, nm)))
-        object.__setattr__(self, "values", tuple(map(float, values)))
+        for name in ("wavelengths_nm", "values"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, given.tolist() if isinstance(given, np.ndarray) else given)
+        check_fields(self)
+        check_samples("wavelengths_nm", self.wavelengths_nm, self.values)
+        limited("wavelengths_nm: the first", self.wavelengths_nm[0], "wavelength_nm")
+        limited("values: the largest", max(map(abs, self.values)), "value")
 
     @classmethod
     def from_csv(cls, path: str | Path, column: int = 1) -> Curve:
@@ -80,6 +71,17 @@ class Curve:
     def at(self, nm: Floats) -> Floats:
         """Values at ``nm``, zero outside the curve."""
         return np.interp(nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
+
+
+def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
+    """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
+    if len(positions) != len(values) or len(positions) < 2:
+        raise ValueError(
+            f"{name}, values: must be as many, at least 2, got {len(positions)} and {len(values)}"
+        )
+    if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
+        raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
+    in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
 
 
 Spectrum = float | Curve

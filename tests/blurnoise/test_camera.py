@@ -155,7 +155,7 @@ def test_quantum_efficiency_from_csv(tmp_path: Path, column: int | None, values:
         ({"quantum_efficiency": {"csv": "percent.csv"}}, ValueError, "quantum_efficiency = 60.0"),
         (
             {"quantum_efficiency": {"wavelengths_nm": [500, 400], "values": [0.1, 0.2]}},
-            ValueError, "quantum_efficiency: curve: wavelengths and values must be finite, wavelengths increasing",
+            ValueError, "quantum_efficiency: wavelengths_nm = (500.0, 400.0): must be >= 0 and increase",
         ),
         (
             {"quantum_efficiency": {"wavelengths_nm": [400, 500], "values": [0.1, "a"]}},

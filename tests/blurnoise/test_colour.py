@@ -152,7 +152,7 @@ def test_curves_of_filters_come_from_tables(tmp_path: Path) -> None:
         ({"quantum_efficiency": 0.5}, ValueError, "cfa = 'RGGB' needs red, green, blue of its own; missing red"),
         ({"ccm": [[1, 0, 0], [0.1, 1, 0.1], [0, 0, 1]]}, ValueError, "ccm: row 2 sums to 1.2; each must sum to 1"),
         ({"ccm": [[1, 0], [0, 1]]}, ValueError, "ccm = [[1, 0], [0, 1]]: must be three rows"),
-        ({"ccm": [["a", 0, 0]]}, TypeError, "ccm = [['a', 0, 0]]: must be three rows of three numbers"),
+        ({"ccm": [["a", 0, 0]]}, TypeError, "ccm = [['a', 0, 0]]: must be three rows of three finite numbers"),
         ({"ccm": [[1, 0, 0]] * 3}, ValueError, "must have an inverse"),
         ({"ccm": [[float("nan"), 0, 0]] * 3}, ValueError, "must be three rows of three finite numbers"),
         ({"white_balance": "grey"}, ValueError, "white_balance = 'grey': must be 'auto' or three gains"),

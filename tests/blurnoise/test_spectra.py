@@ -119,5 +119,5 @@ def test_unknown_illuminant(name: str) -> None:
 
 def test_bad_curves() -> None:
     for nm, values in (((1.0,), (1.0,)), ((2.0, 1.0), (1.0, 1.0)), ((1.0, 2.0), (1.0, float("nan")))):
-        with pytest.raises(ValueError, match="curve"):
+        with pytest.raises(ValueError, match=r"^wavelengths_nm|^values"):
             Curve(nm, values)
