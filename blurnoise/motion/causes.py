@@ -23,13 +23,13 @@ from blurnoise.optics.camera import Camera
 Floats = NDArray[np.float64]
 _STEPS = 2000  # of a shake during its exposure
 _ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
-_LENGTH_PX = 64.0  # of a path during an exposure, in whose unit their terms are stated
+_LENGTH_PX = 64.0  # of a path during an exposure, the unit of their terms
 LONGEST_SHAKE = 500
-"""Of a whole shake over the exposure that its extent is of."""
+"""Duration of a whole shake over the exposure that its extent is of, at most."""
 _FINE = 8  # places between two readings of a rate
 BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
-"""A quarter car, as assumed: of its body the frequency on its springs and their damping, of its wheel the frequency
-between springs and tyre, body over wheel, and how far the axles are apart."""
+"""A quarter car, as assumed: frequency of its body on its springs and their damping, frequency of its wheel between
+springs and tyre, mass of body over wheel, and how far the axles are apart."""
 _AXES = np.eye(3)
 
 
@@ -43,9 +43,9 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
 
     The velocity gets Gaussian steps, a pull towards the middle and, rarely, a jerk, strengths drawn once, and keeps
-    its speed, so that time fixes the length of the path and not how far it goes. extent_px, the longer side of the
-    box about what ``exposure_s`` around mid-exposure sees, is therefore stated. duration_s >= exposure_s: of the
-    whole; exposures up to it are parts of one path. The same seed and duration over exposure give the same shape.
+    its speed. extent_px: the longer side of the box about what ``exposure_s`` around mid-exposure sees. duration_s >=
+    exposure_s: of the whole, of which exposures see parts. The same seed and duration over exposure give the same
+    shape.
     """
     integer("seed", seed, 0, rng.LAST_SEED)
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
@@ -61,20 +61,16 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     steps = (drawn.standard_normal((count, 2)) @ (1, 1j)) * noise
     jerked = drawn.uniform(size=count) < jerks * _ANXIETY
     turns = np.exp(1j * (math.pi + drawn.uniform(size=count) - 0.5))
-    places = np.zeros(count + 1, np.complex128)
-    place = 0j
-    for step, (random, jerk, turn) in enumerate(
-        zip(steps.tolist(), jerked.tolist(), turns.tolist(), strict=True)
-    ):
+    path, place = [0j], 0j
+    for random, jerk, turn in zip(steps.tolist(), jerked.tolist(), turns.tolist(), strict=True):
         velocity += _ANXIETY * (random - pull * place) * speed + (2 * velocity * turn if jerk else 0)
         velocity *= speed / abs(velocity)
         place += velocity
-        places[step + 1] = place
+        path.append(place)
+    places = np.stack([np.real(path), np.imag(path)])
     time = np.linspace(-duration / 2, duration / 2, count + 1)
-    path = Trajectory.of(time, np.stack([places.real, places.imag]))
-    knots, _ = path.window(-exposure / 2, exposure / 2)
-    scale = extent / float(np.ptp(knots, axis=1).max())
-    return Trajectory.of(time, scale * np.stack([places.real, places.imag]))
+    knots, _ = Trajectory.of(time, places).window(-exposure / 2, exposure / 2)
+    return Trajectory.of(time, extent / float(np.ptp(knots, axis=1).max()) * places)
 
 
 def speed_bump(
@@ -82,8 +78,7 @@ def speed_bump(
 ) -> Trajectory:
     """A car over a half-sine bump: what its pitch does to the picture, time 0 where it pitches fastest.
 
-    By two quarter cars of the figures above, the rear axle later by the wheelbase; heave, .05 px at 20 m, is no part.
-    10 cm over 3.7 m at 30 km/h: 26.5 deg/s, 7.7 px in 10 ms at f = 1663 px; 7.5 cm over 0.9 m at 20 km/h: 11 deg/s.
+    Two quarter cars of the figures above, the rear axle later by the wheelbase; heave (0.05 px at 20 m) is left out.
     """
     time, rate = pitch_rate(height_m, length_m, speed_m_s)
     middle = float(time[np.abs(rate).argmax()])
@@ -135,9 +130,9 @@ def pitch_rate(height_m: float, length_m: float, speed_m_s: float) -> tuple[Floa
 def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
     """A trajectory of a CSV file: time_s with x_px and y_px, or with wx and wy (and wz) of ``_rad_s`` or ``_deg_s``.
 
-    Mid-exposure is the middle of its times. focal_px: of the camera, which rates need. axes: 3x3, the camera's axes
-    in rows, in the unit's. Rates are linear between readings; what is faster than half their rate is not in them.
-    Raises ``OSError``, or ``ValueError`` naming the file and what is wrong in it.
+    Mid-exposure is the middle of its times. focal_px: of the camera, for rates, which are linear between readings.
+    axes: 3x3, the camera's axes in rows, in the inertial sensor's. Raises ``OSError``, or ``ValueError`` naming the
+    file and what is wrong in it.
     """
     return from_text(read_text(Path(path)), str(path), focal_px=focal_px, axes=axes)
 
@@ -219,10 +214,7 @@ _KINDS = {"shake": (1,), "sine": (2, 3)}
 
 @dataclass(frozen=True)
 class StatedTrajectory:
-    """What was stated, and of a file its content, so that it is the same wherever it is used.
-
-    Raises ``ValueError`` for another text; :meth:`parse`, which reads the file, ``OSError`` too.
-    """
+    """A trajectory as an option names it, with the content of a file. Raises ``ValueError`` for another text."""
 
     text: str
     content: str | None = None
@@ -240,7 +232,7 @@ class StatedTrajectory:
 
     @classmethod
     def parse(cls, text: str) -> StatedTrajectory:
-        """Of an option's text; a file is read now."""
+        """Of an option's text; a file is read now. Raises ``ValueError`` or ``OSError``."""
         kind, colon, _ = text.partition(":")
         if colon and kind in _KINDS:
             return cls(text)
@@ -262,14 +254,14 @@ class StatedTrajectory:
 
     @property
     def identity(self) -> str:
-        """Equal for equal trajectories: of a file its name without folders, and a digest of what it says."""
+        """Equal for equal trajectories: of a file its name without folders, and a digest of its content."""
         if self.content is None:
             return self.text
         digest = hashlib.blake2b(self.content.encode("utf-8", "backslashreplace"), digest_size=8).hexdigest()
         return f"{Path(self.text).name} {digest}"
 
     def of(self, camera: Camera, size: tuple[int, int], exposure_s: float, seed: int) -> Trajectory:
-        """That of pictures (H, W), for exposures up to ``exposure_s``, of which a shake's extent is, and a seed's."""
+        """For pictures (H, W), a seed, and exposures up to ``exposure_s``, to which the extent of a shake refers."""
         if self.content is not None:
             focal_px = camera.field.focal_px[0] * camera.field.per_sensor_px(size)
             return from_text(self.content, self.text, focal_px=focal_px)

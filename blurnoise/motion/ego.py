@@ -1,14 +1,13 @@
 """Ego-motion: where a camera on a vehicle sees the road, things ahead and the sky move in its picture, px/s.
 
-Convention: camera axes X right, Y down, Z along the optical axis, which meets the picture's middle. Pixels x right, y
-down, (0, 0) the centre of the first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its
-share along Z. Arrays are (2, ...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens.
+Convention: camera axes X right, Y down, Z along the optical axis. Pixels x right, y down, (0, 0) the centre of the
+first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its share along Z. Arrays are
+(2, ...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens, where flow is 0.
 Flow is that of mid-exposure; times the exposure it is the blur, as long as what is seen goes straight and evenly.
 
-A lens is "f-theta", a constant number of pixels per degree, as in Lin et al., Sensors 2024, 24, 5135, eq. 14;
-"rectilinear", a pinhole, focal length in pixels on the axis; or a camera's own, distortion included. What a picture
-of a vehicle's camera shows is taken for road up to the horizon and for sky above it, or for a frontal plane before
-both: what stands on the road moves with it unless a plane says how far it is. Rays beyond the lens are at rest.
+A lens is "f-theta", a constant number of pixels per degree (Lin et al., Sensors 2024, 24, 5135, eq. 14);
+"rectilinear", a pinhole; or a camera's own, distortion included. A vehicle's camera sees road up to the horizon and
+sky above it, or a frontal plane before both: what stands on the road moves with it unless a plane says how far it is.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 import torch
@@ -57,9 +56,7 @@ def velocity_px_s(
     if lens == "f-theta":
         size_px = math.degrees(2 * math.atan(target / (2 * distance))) * width / hfov
     else:
-        if hfov >= 180:
-            raise ValueError(f"hfov_deg = {hfov_deg!r}: must be < 180 for a rectilinear lens")
-        size_px = width / 2 / math.tan(math.radians(hfov) / 2) * target / distance
+        size_px = _pinhole_px(width, hfov) * target / distance
     return size_px * speed / target
 
 
@@ -74,15 +71,15 @@ def blur_pixels(
     lens: Lens = "f-theta",
 ) -> float:
     """Length of the motion blur in px: ``velocity_px_s`` times the exposure in s (>= 0)."""
-    exposure = limited("exposure_s", exposure_s)
-    return exposure * velocity_px_s(
-        speed_m_s,
-        distance_m,
-        target_width_m=target_width_m,
-        width_px=width_px,
-        hfov_deg=hfov_deg,
-        lens=lens,
-    )
+    seen = {"target_width_m": target_width_m, "width_px": width_px, "hfov_deg": hfov_deg}
+    return limited("exposure_s", exposure_s) * velocity_px_s(speed_m_s, distance_m, **seen, lens=lens)
+
+
+def _pinhole_px(width_px: float, hfov_deg: float) -> float:
+    """Focal length of a pinhole, px. Raises ``ValueError`` from 180 degrees on."""
+    if hfov_deg >= 180:
+        raise ValueError(f"hfov_deg = {hfov_deg!r}: must be < 180 for a rectilinear lens")
+    return width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 
 Floats = NDArray[np.float64]
@@ -136,10 +133,11 @@ class Mount:
         level = math.cos(heading)
         return np.array([-math.sin(heading), -math.sin(pitch) * level, math.cos(pitch) * level])
 
-    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0) -> EgoMotion:
-        """The camera's motion where the vehicle drives at speed_m_s and turns to the right at yaw_deg_s."""
+    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0, pitch_deg_s: float = 0.0) -> EgoMotion:
+        """The camera's motion where the vehicle drives at speed_m_s and turns to the right and up, degrees/s."""
         speed, yaw = limited("speed_m_s", speed_m_s), limited("yaw_deg_s", yaw_deg_s, "rotation_deg_s")
-        return EgoMotion(_vector(speed * self.ahead), _vector(yaw * self.down))
+        x, y, z = (yaw * self.down).tolist()
+        return EgoMotion(cast(Vector, tuple((speed * self.ahead).tolist())), (x + pitch_deg_s, y, z))
 
     def road_m(self, rays: Floats) -> Floats:
         """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
@@ -168,26 +166,27 @@ class View:
         counted("width_px", self.width_px)
         counted("height_px", self.height_px, "width_px")
         limited("hfov_deg", self.hfov_deg)
-        if one_of("lens", self.lens, ("f-theta", "rectilinear")) == "rectilinear" and self.hfov_deg >= 180:
-            raise ValueError(f"hfov_deg = {self.hfov_deg!r}: must be < 180 for a rectilinear lens")
+        if one_of("lens", self.lens, ("f-theta", "rectilinear")) == "rectilinear":
+            _pinhole_px(self.width_px, self.hfov_deg)
 
     @property
     def focal_px(self) -> float:
         """Pixels per radian on the axis."""
-        half = math.radians(self.hfov_deg) / 2
-        return self.width_px / 2 / (half if self.lens == "f-theta" else math.tan(half))
+        if self.lens == "rectilinear":
+            return _pinhole_px(self.width_px, self.hfov_deg)
+        return self.width_px / math.radians(self.hfov_deg)
 
     def pixels(self, most: int | None = None) -> Floats:
         """The pixels' centres (2, H, W); with ``most``, at most so many along each side, the outermost among them.
 
         Raises ``ValueError`` for more than 2^28.
         """
-        counts = [size if most is None else min(size, most) for size in (self.width_px, self.height_px)]
+        sizes = (self.width_px, self.height_px)
+        counts = [size if most is None else min(size, most) for size in sizes]
         if math.prod(counts) > LARGEST_PICTURE:
             raise ValueError(
                 f"width_px, height_px: {counts[0]} x {counts[1]} pixels; at most {LARGEST_PICTURE} are computed"
             )
-        sizes = (self.width_px, self.height_px)
         x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(sizes, counts, strict=True))
         return np.stack(np.meshgrid(x, y))
 
@@ -201,29 +200,13 @@ class View:
         bent = np.sinc(theta / np.pi)  # sin(theta) / theta
         return np.asarray(np.where(theta <= np.pi, np.stack([x * bent, y * bent, np.cos(theta)]), np.nan))
 
-    def project(self, points_m: Floats) -> Floats:
-        """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
-        x, y, z = points_m
-        if self._straight:
-            with np.errstate(divide="ignore"):
-                scale = np.where(z > 0, 1 / z, np.nan)
-            if self.calibrated is not None:
-                return np.stack(self.calibrated.imaged(x * scale, y * scale, self._size))
-        else:
-            across = np.hypot(x, y)
-            scale = np.where(
-                across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1), 1 / np.abs(z)
-            )
-        middle = np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
-        return np.asarray(self.focal_px * scale * points_m[:2] + middle.reshape(2, *[1] * x.ndim))
-
     def flow_px_s(self, pixels: Floats, range_m: Floats, motion: EgoMotion) -> Floats:
         """Velocity (2, ...) of what pixels (2, ...) see at ranges (...), by the camera's motion, px/s.
 
         A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
-        wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x. F-theta: a ray s at range R
-        turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from the axis and around it. A
-        calibrated lens images the pinhole's motion. Raises ``ValueError`` for a range <= 0.
+        wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x, which a calibrated lens
+        images. F-theta: a ray s at range R turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from
+        the axis and around it. Raises ``ValueError`` for a range <= 0.
         """
         _ahead("range_m", range_m)
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
@@ -233,9 +216,13 @@ class View:
             (vx, vy, vz), (wx, wy, wz) = velocity, turn
             u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
             v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
-            if self.calibrated is not None:
-                return self._imaged_motion(self.calibrated, x, y, u, v)
-            return self.focal_px * np.stack([u, v])
+            if self.calibrated is None:
+                return self.focal_px * np.stack([u, v])
+            fastest, size = np.hypot(u, v), (self.height_px, self.width_px)
+            step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
+            after = self.calibrated.imaged(x + u * step_s, y + v * step_s, size)
+            before = self.calibrated.imaged(x - u * step_s, y - v * step_s, size)
+            return (np.stack(after) - np.stack(before)) / (2 * step_s)
         rays = self.rays(pixels)
         along = np.tensordot(velocity, rays, 1)
         column = (3, *[1] * (rays.ndim - 1))
@@ -255,23 +242,11 @@ class View:
         """Whether directions are given by X/Z and Y/Z."""
         return self.calibrated is not None or self.lens == "rectilinear"
 
-    @property
-    def _size(self) -> tuple[int, int]:
-        return self.height_px, self.width_px
-
-    def _imaged_motion(self, field: Field, x: Floats, y: Floats, u: Floats, v: Floats) -> Floats:
-        """The motion (u, v) of directions (x, y), per second, as a lens images it, px/s."""
-        fastest = np.hypot(u, v)
-        step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
-        after = field.imaged(x + u * step_s, y + v * step_s, self._size)
-        before = field.imaged(x - u * step_s, y - v * step_s, self._size)
-        return np.stack([(late - early) / (2 * step_s) for late, early in zip(after, before, strict=True)])
-
     def _from_axis(self, pixels: Floats) -> tuple[Floats, Floats]:
         """Directions of pixels: from the axis in focal lengths, of a calibrated lens (X/Z, Y/Z)."""
         x, y = pixels
         if self.calibrated is not None:
-            return self.calibrated.directions(x, y, self._size)
+            return self.calibrated.directions(x, y, (self.height_px, self.width_px))
         return (x - (self.width_px - 1) / 2) / self.focal_px, (y - (self.height_px - 1) / 2) / self.focal_px
 
 
@@ -294,11 +269,6 @@ def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
         return np.asarray(blur_px / np.hypot(*flow_px_s))
 
 
-def _vector(axes: Floats) -> Vector:
-    x, y, z = axes.tolist()
-    return x, y, z
-
-
 def _ahead(name: str, away_m: float | Floats) -> None:
     """Raise ``ValueError`` unless all is before the camera, or unknown."""
     nearest = float(np.nanmin(away_m)) if not np.isnan(away_m).all() else math.inf
@@ -308,12 +278,9 @@ def _ahead(name: str, away_m: float | Floats) -> None:
         )
 
 
-_KEPT = 8  # flows, of a vehicle and a picture's size each
-
-
 @dataclass(frozen=True)
-class Vehicle:
-    """height_m above the road, looking pitch_deg down and heading_deg to the right; plane_m: of a wall ahead.
+class Vehicle(Mount):
+    """A vehicle on the road, and its camera. plane_m: depth of a wall ahead.
 
     hfov_deg: of the picture; None: the camera's, of whose sensor the picture is the largest part of its shape. lens:
     "f-theta" or "rectilinear"; None: the camera's own where it has a distortion and hfov_deg is not given, else
@@ -321,8 +288,6 @@ class Vehicle:
     """
 
     height_m: float = 1.5
-    pitch_deg: float = 0.0
-    heading_deg: float = 0.0
     hfov_deg: float | None = None
     lens: Lens | None = None
     plane_m: float | None = None
@@ -330,7 +295,7 @@ class Vehicle:
     pitch_deg_s: float = 0.0
 
     def __post_init__(self) -> None:
-        Mount(self.height_m, self.pitch_deg, self.heading_deg)
+        super().__post_init__()
         View(1, 1, 60.0 if self.hfov_deg is None else self.hfov_deg, self.lens or "f-theta")
         for name in ("yaw_deg_s", "pitch_deg_s"):
             limited(name, getattr(self, name), "rotation_deg_s")
@@ -356,7 +321,7 @@ class Vehicle:
 
     def flow_at(self, pixels: Floats, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Floats:
         """Velocities (2, ...), px/s, of what pixels (2, ...) of a picture (H, W) see at a speed ahead."""
-        return _flow_at(pixels, self, self.view(camera, size), speed_m_s)
+        return self._flow(pixels, self.view(camera, size), speed_m_s)
 
     def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Tensor:
         """That of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
@@ -369,27 +334,23 @@ class Vehicle:
         flows = speed_m_s[:, None, None, None] * ahead.to(speed_m_s)
         return flows if turning is None else flows + turning.to(speed_m_s)
 
-
-def _flow_at(pixels: Floats, vehicle: Vehicle, view: View, speed_m_s: float) -> Floats:
-    mount = Mount(vehicle.height_m, vehicle.pitch_deg, vehicle.heading_deg)
-    moving = mount.driving(speed_m_s, vehicle.yaw_deg_s)
-    x, y, z = moving.rotation_deg_s
-    moving = replace(moving, rotation_deg_s=(x + vehicle.pitch_deg_s, y, z))
-    rays = view.rays(pixels)
-    ranges = mount.road_m(rays)
-    if vehicle.plane_m is not None:
-        ranges = np.minimum(ranges, range_of_depth_m(rays, vehicle.plane_m))
-    return np.nan_to_num(view.flow_px_s(pixels, ranges, moving))
+    def _flow(self, pixels: Floats, view: View, speed_m_s: float) -> Floats:
+        rays = view.rays(pixels)
+        ranges = self.road_m(rays)
+        if self.plane_m is not None:
+            ranges = np.minimum(ranges, range_of_depth_m(rays, self.plane_m))
+        motion = self.driving(speed_m_s, self.yaw_deg_s, self.pitch_deg_s)
+        return np.nan_to_num(view.flow_px_s(pixels, ranges, motion))
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=8)
 def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
     """What 1 m/s ahead does, and what turning does, if it turns; their sum is the flow. Neither is to be changed."""
-    pixels = view.pixels()
     straight = replace(vehicle, yaw_deg_s=0.0, pitch_deg_s=0.0)
-    turning = _flow_at(pixels, vehicle, view, 0.0).astype(np.float32) if vehicle.turns else None
-    ahead = _flow_at(pixels, straight, view, 1.0).astype(np.float32)
-    return torch.from_numpy(ahead), None if turning is None else torch.from_numpy(turning)
+    ahead = torch.from_numpy(straight._flow(view.pixels(), view, 1.0).astype(np.float32))
+    if not vehicle.turns:
+        return ahead, None
+    return ahead, torch.from_numpy(vehicle._flow(view.pixels(), view, 0.0).astype(np.float32))
 
 
 USUAL_VEHICLE = Vehicle()

@@ -1,9 +1,8 @@
-"""Trajectories: where what is seen goes in the picture over time, and the part of it that an exposure sees.
+"""Trajectories: where the scene goes in the picture over time, and the part of it that an exposure sees.
 
 Convention: s and px, x right, y down; between its knots a trajectory is straight. Time 0 is mid-exposure (of the
-middle row, where rows are read one after another), so that a shorter exposure sees a part of what a longer one does.
-A picture shows each place where it is on average (``reference`` "centroid": labels stay) or where it is at time 0
-("middle").
+middle row, where rows are read one after another). A picture shows each place where it is on average (``reference``
+"centroid": labels stay) or where it is at time 0 ("middle").
 """
 
 from __future__ import annotations
@@ -24,13 +23,11 @@ from blurnoise._core.limits import LIMITS, limited
 Floats = NDArray[np.float64]
 Reference = Literal["centroid", "middle"]
 SIMPLIFIED_PX = 0.02
-"""How far, at any time, what an exposure sees of a path may be from the path: at most 2 pi f of it is the error of a
-transfer function, and RMS a tenth of that."""
+"""How far a simplified path may be from the path at any time: the error of its transfer function is at most 2 pi f
+times that."""
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20
-_SPAN = (
-    4096  # knots simplified together: of many periods, whose ends are equal, each would be cut off by itself
-)
+_SPAN = 4096  # knots simplified together
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,8 @@ class Polyline:
     def error(self) -> float:
         """RMS error, in units of white, of leaving it out: a bound for any picture within [0, 1].
 
-        |1 - H(f)| is at most 2 pi f . c of the centroid c and 2 pi^2 f . S f of the second moments S about it. As for
-        straight motion, the worst picture is a checkerboard, f = (1/2, 1/2) or (1/2, -1/2); |1 - H| is at most 2.
+        |1 - H(f)| is at most 2, and 2 pi f . c of the centroid c plus 2 pi^2 f . S f of the second moments S about
+        it; the worst picture is a checkerboard, f = (1/2, 1/2) or (1/2, -1/2).
         """
         shares = np.array(self.shares)
         starts, ends = self.knots[:, :-1], self.knots[:, 1:]
@@ -137,33 +134,22 @@ class Trajectory:
     ) -> Trajectory:
         """Vibration a sin(2 pi f t + phase) along a direction, counter-clockwise as displayed.
 
-        Its transfer functions: :func:`.transfer_of_paths.vibration`. Knots lie so close that it is within
-        1e-3 px of them.
+        Knots lie so close that it is within 1e-3 px of them.
         """
         amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
         omega = 2 * math.pi * limited("frequency_hz", frequency_hz)
         half = in_range("duration_s", duration_s, 0.0, above=True) / 2
         step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
-        time = _steps(half, step)
+        count = math.ceil(2 * half / step) + 1
+        if count > _MOST_KNOTS:
+            raise ValueError(
+                f"duration_s = {2 * half:g}: needs {count} knots; at most {_MOST_KNOTS} are allowed"
+            )
+        time = np.linspace(-half, half, max(2, count))
         angle = math.radians(limited("direction_deg", direction_deg))
         phase = limited("phase_rad", phase_rad)
         along = amplitude * np.sin(omega * time + phase)
         return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
-
-    @classmethod
-    def accelerated(
-        cls, velocity_px_s: tuple[float, float], acceleration_px_s2: tuple[float, float], duration_s: float
-    ) -> Trajectory:
-        """Constant acceleration; the velocity is that at mid-exposure.
-
-        Its transfer function: :func:`blurnoise.blur.transfer_of_paths.accelerated`.
-        """
-        half = in_range("duration_s", duration_s, 0.0, above=True) / 2
-        velocity = _vector("velocity_px_s", velocity_px_s)
-        acceleration = _vector("acceleration_px_s2", acceleration_px_s2)
-        rate = float(np.hypot(*acceleration))
-        time = _steps(half, math.sqrt(8 * _SAG_PX / rate) if rate else 2 * half)
-        return cls.of(time, np.outer(velocity, time) + np.outer(acceleration, time**2 / 2))
 
     def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
         """Knots (2, K), px, and durations (K - 1,), s, of what lies between two times; of one moment one knot.
@@ -192,7 +178,7 @@ class Trajectory:
     def origin_px(
         self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[float, float]:
-        """The place that a picture shows where it was: the mean of an exposure's, or that at time 0."""
+        """The place that stays in the picture: the mean of an exposure's, or that at time 0."""
         if self.reference == "middle":
             time, x, y = self._arrays
             return float(np.interp(0.0, time, x)), float(np.interp(0.0, time, y))
@@ -253,16 +239,6 @@ def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:
         return float(knots[0, 0]), float(knots[1, 0])
     x, y = ((knots[:, :-1] + knots[:, 1:]) / 2 * durations).sum(-1) / durations.sum()
     return float(x), float(y)
-
-
-def _steps(half_s: float, step_s: float) -> Floats:
-    """Times from -half_s to half_s, at most ``step_s`` apart."""
-    count = math.ceil(2 * half_s / step_s) + 1
-    if count > _MOST_KNOTS:
-        raise ValueError(
-            f"duration_s = {2 * half_s:g}: needs {count} knots; at most {_MOST_KNOTS} are allowed"
-        )
-    return np.linspace(-half_s, half_s, max(2, count))
 
 
 def _numbers(name: str, values: Iterable[float]) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from projection import projected
 
 from blurnoise import Camera
 from blurnoise.motion.ego import Vehicle
@@ -67,7 +68,7 @@ def test_a_calibrated_view_projects_where_its_pixels_look(points_m: tuple[float,
     lens = Lens(distortion=Distortion("fisheye", (0.02, -0.01, 0.0, 0.0), (1500.0, 1500.0)))
     view = Vehicle().view(replace(CAMERA, lens=lens), SIZE)
     point = np.array(points_m)
-    np.testing.assert_allclose(view.rays(view.project(point)), point / np.linalg.norm(point), atol=1e-9)
+    np.testing.assert_allclose(view.rays(projected(view, point)), point / np.linalg.norm(point), atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from projection import projected
 
 from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, longest_exposure_s, range_of_depth_m
 
@@ -48,7 +49,7 @@ def test_flow_is_the_slope_of_the_projection(lens: Lens, hfov_deg: float) -> Non
     range_m[::5] = np.inf
     points = rays * np.where(np.isfinite(range_m), range_m, 1e12)
     step = 1e-5
-    later, before = (view.project(moved(points, EVERY_WAY, sign * step)) for sign in (1, -1))
+    later, before = (projected(view, moved(points, EVERY_WAY, sign * step)) for sign in (1, -1))
     slope = (later - before) / (2 * step)
     flow = view.flow_px_s(pixels, range_m, EVERY_WAY)
     assert np.abs(flow - slope).max() < 1e-5 * np.abs(flow).max()
@@ -59,7 +60,7 @@ def test_flow_is_the_slope_of_the_projection(lens: Lens, hfov_deg: float) -> Non
 def test_rays_and_projection_are_inverse(lens: Lens) -> None:
     view = View(33, 21, 100.0, lens)
     pixels = view.pixels()
-    assert view.project(7.0 * view.rays(pixels)) == pytest.approx(pixels, abs=1e-9)
+    assert projected(view, 7.0 * view.rays(pixels)) == pytest.approx(pixels, abs=1e-9)
     assert np.linalg.norm(view.rays(pixels), axis=0) == pytest.approx(1.0)
 
 
@@ -157,7 +158,7 @@ def test_mounts() -> None:
     """What is far ahead of the vehicle does not move, wherever the camera looks; a yaw moves the horizon level."""
     for heading_deg, pitch_deg in ((0, 0), (0, 10), (25, 5), (-20, -8)):
         mount = Mount(1.5, pitch_deg, heading_deg)
-        focus = HD.project(100 * mount.ahead[:, None])
+        focus = projected(HD, 100 * mount.ahead[:, None])
         assert HD.flow_px_s(focus, np.array([30.0]), mount.driving(20)) == pytest.approx(0, abs=1e-9)
         assert mount.ahead @ mount.down == pytest.approx(0, abs=1e-15)
     right = Mount(1.5, heading_deg=90).driving(10)
@@ -180,7 +181,7 @@ def test_the_longest_exposure_makes_that_blur(lens: Lens) -> None:
     longest_s = longest_exposure_s(view.flow_px_s(pixels, range_m, motion))
     made_px = []
     for time_s, away, ray in zip(longest_s, range_m, rays.T, strict=True):
-        ends = [view.project(moved(away * ray[:, None], motion, sign * time_s / 2)) for sign in (1, -1)]
+        ends = [projected(view, moved(away * ray[:, None], motion, sign * time_s / 2)) for sign in (1, -1)]
         made_px.append(float(np.hypot(*(ends[0] - ends[1]))[0]))
     short = longest_s < 0.03
     assert short.mean() > 0.9

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from projection import projected
 from torch import Tensor
 
 from blurnoise import motion_blur
@@ -53,7 +54,9 @@ def test_a_road_by_exact_sub_exposures() -> None:
     points = rays * np.where(np.isfinite(range_m), range_m, 1e9)
     for place in range(128):
         time_s = ((place + 0.5) / 128 - 0.5) * exposure_s
-        x, y = VIEW.project(points + velocity * time_s)  # what stands there now, where it is at mid-exposure
+        x, y = projected(
+            VIEW, points + velocity * time_s
+        )  # what stands there now, where it is at mid-exposure
         truth += resampling.sampled(image, x, y, "reflect") / 128
     blurred = flow_blur(image, torch.from_numpy(flow))
     middle = torch.from_numpy((flow.max((1, 2)) + flow.min((1, 2))) / 2)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from brute_force import exposed, photograph, rms_dn
+from brute_force import accelerated_path, exposed, photograph, rms_dn
 
 from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier
@@ -20,7 +20,7 @@ from blurnoise.optics.transfer import Optics
 
 CAMERA = Camera.preset("imx250")
 VIBRATION = Trajectory.sinusoid(4.0, 80.0, 0.05, direction_deg=30.0, phase_rad=0.5)
-START = Trajectory.accelerated((300.0, 100.0), (4e4, 1e4), 0.05)
+START = accelerated_path((300.0, 100.0), (4e4, 1e4), 0.05)
 SHAKE = shake(3, 12.0, 0.01, duration_s=0.05)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise import Trajectory
+
 Floats = NDArray[np.float64]
 Path = Callable[[Floats], tuple[Floats, Floats]]
 """Places (x, y), px, at times, s."""
@@ -56,3 +58,11 @@ def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments
 def rms_dn(first: Floats, second: Floats) -> float:
     """RMS difference in 8-bit numbers of linear light."""
     return float(255 * np.sqrt(((first - second) ** 2).mean()))
+
+
+def accelerated_path(
+    velocity_px_s: tuple[float, float], acceleration_px_s2: tuple[float, float], duration_s: float
+) -> Trajectory:
+    """Constant acceleration about mid-exposure; between 2001 knots it sags by a (T / 2000)^2 / 8."""
+    time = np.linspace(-duration_s / 2, duration_s / 2, 2001)
+    return Trajectory.of(time, np.outer(velocity_px_s, time) + np.outer(acceleration_px_s2, time**2 / 2))
