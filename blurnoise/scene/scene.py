@@ -37,9 +37,7 @@ from blurnoise.scene.exposure import Exposure as Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.sensor import mosaic
-from blurnoise.sensor.readout import Fidelity, FixedPattern, ReadoutOptions, Reuse, digitised
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E
-from blurnoise.sensor.stages import nearly_full_e
+from blurnoise.sensor.readout import Fidelity, FixedPattern, ReadoutOptions, digitised
 
 Point = TypeVar("Point", Conditions[float], Conditions[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
@@ -188,10 +186,6 @@ class ExposedScene:
         count, (_, colours, height, width) = len(alike), self.light.shape
         sensed = mosaic.on_sensor(light, shared.camera, self._illuminant)
         planes = sensed.shape[1]
-        read_noise_e = shared.camera.read_noise_e
-        own_read = 0 < read_noise_e < MERGE_READ_NOISE_E or (
-            shared.noisy and max(float(each.points.white_e) for each in alike) >= nearly_full_e(shared.camera)
-        )  # else drawn for what little of the picture may need it
         at = Conditions(
             shared.camera,
             torch.cat([each.points.exposure_s for each in alike]),
@@ -204,21 +198,18 @@ class ExposedScene:
             self.fidelity,
             noise=shared.noisy,
             without=shared.without,
-        )
-        drawn = Reuse(
-            self._normal(shared.seed, "frame", planes).expand(count, -1, -1, -1),
-            self._normal(shared.seed, "read", planes).expand(count, -1, -1, -1) if own_read else None,
+            draw=self._normal,
         )
         expanded = sensed.expand(count, -1, -1, -1)
         if tabulated(shared.delivering):
             seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
             tones = tones_8bit(shared.delivering, shared.digital_db, self._illuminant)
-            digitised(expanded, at, options, drawn._replace(tones=tones, out=seen.permute(0, 3, 1, 2)))
+            digitised(expanded, at, replace(options, tones=tones, out=seen.permute(0, 3, 1, 2)))
             if planes == colours:
                 return list(seen.numpy())
             developed = seen.permute(0, 3, 1, 2)
         else:
-            dn = digitised(expanded, at, options, drawn)
+            dn = digitised(expanded, at, options)
             developed = develop_8bit(dn, shared.delivering, shared.digital_db, self._illuminant)
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
@@ -288,9 +279,9 @@ class ExposedScene:
         sensed = mosaic.on_sensor(moved, reduced.camera, self._illuminant)
         noisy = noise and (needs is None or needs.noisy)
         pattern = self._pattern(reduced.camera)
-        options = ReadoutOptions(seeds, pattern, self.fidelity, noisy, quantised, without)
-        own = sensed is not light and sensed.is_contiguous()
-        return digitised(sensed, reduced, options, Reuse(out=sensed if own else None))
+        own = sensed if sensed is not light and sensed.is_contiguous() else None
+        options = ReadoutOptions(seeds, pattern, self.fidelity, noisy, quantised, without, out=own)
+        return digitised(sensed, reduced, options)
 
     @property
     def _size(self) -> tuple[int, int]:
@@ -302,15 +293,15 @@ class ExposedScene:
         _, colours, *size = self.light.shape
         return camera.fixed_pattern((mosaic.planes(camera, colours), *size), self._pattern_seed)
 
-    def _normal(self, seed: int, stream: str, planes: int) -> Tensor:
-        """The N(0, 1) field of a seed and stream, of one picture's planes; the last ``_FIELDS`` are kept."""
-        key = (seed, stream, planes)
+    def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
+        """``rng.standard_normal`` of one seed for all items; the last ``_FIELDS`` are kept."""
+        key = (seeds[0], stream, like.shape[1])
         with self._lock:
             if key not in self._fields:
-                self._fields[key] = rng.standard_normal([seed], self.light[:, :planes], stream)
+                self._fields[key] = rng.standard_normal(seeds[:1], like[:1], stream)
                 while len(self._fields) > _FIELDS:
                     self._fields.popitem(last=False)
-            return self._fields[key]
+            return self._fields[key].expand(like.shape)
 
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:

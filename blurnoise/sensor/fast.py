@@ -3,14 +3,14 @@
 Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache through
 all its steps, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch; frames of one picture
 under several lights share what does not depend on the light. The physics stands in
-:mod:`blurnoise.sensor.stages`, whose reference gives the same frame to a rounding step; :func:`supports` says which
-stages are in here.
+:mod:`blurnoise.sensor.stages`, whose reference gives the same frame to a rounding step.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import cv2
@@ -42,29 +42,13 @@ _STAGES = (
     stages.QUANTISATION,
     stages.LIMITS,
 )
-"""What is done here, in this order."""
+"""What is done here, in this order, whatever else the table holds."""
 _PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 _FAINT_E = 1e-9  # of white: less is no unit to reckon in
 _BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
 
 
-class Planes(NamedTuple):
-    """What varies over a picture; None where the law or the camera does not ask for it.
-
-    light: the scene, always there. normal: N(0, 1), of shot noise. read: N(0, 1), of read noise apart from it; under
-    the law "merged" for pixels whose well may be full.
-    counts: photo-electrons drawn already. gain, offset_e: the fixed pattern.
-    """
-
-    light: Plane
-    normal: Plane | None
-    read: Plane | None
-    counts: Plane | None
-    gain: Plane | None
-    offset_e: Plane | None
-
-
-class Target(NamedTuple):
+class _Target(NamedTuple):
     """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
 
     white_e: float
@@ -78,62 +62,68 @@ def supports(active: Sequence[SensorStage]) -> bool:
     return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
 
 
-def planes_of(scene: Tensor, at: Frames) -> Planes:
-    """The planes of a frame (1, C, H, W); Poisson counts are drawn here, by the stages that lead to them."""
-    counts = None
-    if at.law == "exact":
-        counts = scene
-        for stage in (stages.SPECTRAL_INTEGRATION, stages.PRNU, stages.DARK_CURRENT, stages.SHOT_NOISE):
-            counts = stage.apply(counts, at)
-    fields = (at.normal, at.read, counts, at.gain, at.offset_e)
-    flat = [None if field is None else field.reshape(scene.shape[1], -1).numpy() for field in fields]
-    return Planes(scene.reshape(scene.shape[1], -1).numpy(), *flat)
+def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
+    """Write the digital numbers (L, C, H, W) of light (1, C, H, W) under L lights, or what ``tones`` has for them.
 
-
-def write_frames(
-    planes: Planes,
-    targets: Sequence[Target],
-    camera: Camera,
-    law: Law,
-    tones: Plane | None,
-    threads: int,
-) -> None:
-    """Write the digital numbers of each target, or what ``tones`` has for them (one value for each number).
-
-    law: how noise is drawn, see :data:`blurnoise.sensor.stage.Law`; all but "none" and "merged" take one
-    target. ``threads`` share the pieces, which changes no bit.
+    at: means of each light, and the fields of one frame, which all share. out: contiguous or channels last, else
+    ``ValueError``. Several lights go with the laws "none" and "merged". Threads share the pieces: no bit changes.
     """
-    colours, pixels = planes.light.shape
+    if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
+        for stage in _STAGES[:4]:
+            scene = stage.apply(scene, at)
+        at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
+    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, at.offset_e)]
+    light = _flat(scene)
+    interleaved = not out.is_contiguous()
+    if interleaved and not out.is_contiguous(memory_format=torch.channels_last):
+        raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
+    colours = out.shape[1]
+    frames = (
+        out.permute(0, 2, 3, 1).view(len(out), -1, colours)
+        if interleaved
+        else out.view(len(out), colours, -1)
+    )
+    means = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
+    targets = [_Target(*each, interleaved) for each in zip(*means, frames.numpy(), strict=True)]
+    table = None if tones is None else _every_code(tones.numpy(), at.camera.full_scale_dn)
+    pixels = light.shape[1]
     count = threads * math.ceil(colours * pixels / _PIECE / threads)
     step = math.ceil(pixels / count)
-    table = None if tones is None else _every_code(tones, camera.full_scale_dn)
 
     def write_from(start: int) -> None:
         of = slice(start, start + step)
-        light, *rest = planes
-        parts = Planes(light[:, of], *(None if plane is None else plane[:, of] for plane in rest))
-        _write_piece(parts, of, targets, camera, law, table)
+        parts = [None if field is None else field[:, of] for field in fields]
+        _write_piece(light[:, of], parts, of, targets, at.camera, at.law, table)
 
     side_by_side(write_from, range(0, pixels, step), threads)
 
 
+def _flat(field: Tensor) -> Plane:
+    flat: Plane = field.reshape(field.shape[1], -1).numpy()
+    return flat
+
+
 def _write_piece(
-    planes: Planes,
+    light: Plane,
+    fields: Sequence[Plane | None],
     of: slice,
-    targets: Sequence[Target],
+    targets: Sequence[_Target],
     camera: Camera,
     law: Law,
     table: Plane | None,
 ) -> None:
-    """Write pixels ``of`` of each target. table: a value for every code of 16 bits, in place of the code."""
-    light, normal, read, counts, gain, offset_e = planes
+    """Write pixels ``of`` of each target; light and fields, as in :class:`.Frames`, are of these.
+
+    table: a value for every code of 16 bits, in place of the code.
+    """
+    normal, read, gain, offset_e = fields
     gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
     with (
         borrowed([(5, *light.shape)], light.dtype) as (work,),
         borrowed([light.shape], np.uint16) as (codes,),
     ):
         lit, signal, noise, skew, bend = work
-        most = _most_light(targets, gain_dn)
+        most = _BEYOND_DN / gain_dn / max(min(target.white_e for target in targets), _FAINT_E)
         given = light if gain is None else np.multiply(light, gain, out=lit)
         # NumPy would take three times as long.
         torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
@@ -155,8 +145,6 @@ def _write_piece(
             else:
                 if law == "counts" and normal is not None:
                     mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
-                elif counts is not None:
-                    mean, unit_e = counts, 1.0
                 added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
                 if read is not None:
                     added, scale_e = read, camera.read_noise_e
@@ -168,11 +156,6 @@ def _write_piece(
             if full is not None:
                 np.putmask(codes, *full)
             _write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
-
-
-def _most_light(targets: Sequence[Target], gain_dn: float) -> float:
-    """Where light is cut, once for all targets."""
-    return _BEYOND_DN / gain_dn / max(min(target.white_e for target in targets), _FAINT_E)
 
 
 def _where_full(

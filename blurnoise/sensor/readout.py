@@ -6,10 +6,11 @@ dark, where read noise says so; only the converter's limits clip them from below
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby, product
-from typing import Literal, NamedTuple
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -27,19 +28,23 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
+Draw = Callable[[Sequence[int], Tensor, str], Tensor]
 _PIECE = 1 << 16  # values that stay in a core's cache
 
 
 @dataclass(frozen=True)
 class ReadoutOptions:
-    """What of the read-out is modelled, and by which draws.
+    """What of the read-out is modelled, by which draws, and what is made of the numbers.
 
     seeds: of the noise, one for each frame. fixed_pattern: what ``camera.fixed_pattern`` returned. fidelity: "full"
     draws Poisson counts and normal read noise; "auto" makes both of one normal value per pixel from
     ``MERGE_READ_NOISE_E`` on (:func:`.stages.noisy_electrons`) and counts alone of one below it
     (:func:`blurnoise._core.rng.poisson_of_normal`), within 0.01 of the exact law in total variation distance and
     within 0.001 from 100 electrons on. noise: without it, the mean frame. quantised: without it, the frame before
-    rounding. without: names of stages that are passed over.
+    rounding. without: names of stages that are passed over, whose figures the camera has at 0.
+    draw: what gives N(0, 1) fields, for a caller who keeps them. tones: a value per digital number (such as
+    :func:`tones_8bit`), which is returned in its place. out: where to write, of the result's shape and dtype,
+    contiguous or channels last; it may be the light itself, and gradients leave it unused.
     """
 
     seeds: Sequence[int]
@@ -48,24 +53,9 @@ class ReadoutOptions:
     noise: bool = True
     quantised: bool = True
     without: frozenset[str] = frozenset()
-
-
-class Reuse(NamedTuple):
-    """What a caller who exposes one picture many times has already.
-
-    normal: the N(0, 1) field of ``rng.standard_normal`` for the frames' seeds; read: that of its stream "read", for
-    where read noise has a draw of its own. tones: a value per digital number (such as :func:`tones_8bit`), which is
-    returned in its place. out: where to write, of the result's shape and dtype, contiguous or channels last; it may
-    be the light itself, and gradients leave it unused.
-    """
-
-    normal: Tensor | None = None
-    read: Tensor | None = None
+    draw: Draw = rng.standard_normal
     tones: Tensor | None = None
     out: Tensor | None = None
-
-
-_NOTHING = Reuse()
 
 
 def read_out(
@@ -76,17 +66,12 @@ def read_out(
     exposure_s: Numbers,
     temperature_c: Numbers = 25.0,
     generator: rng.Randomness = None,
-    fixed_pattern: FixedPattern | None = None,
-    fidelity: Fidelity = "auto",
-    noise: bool = True,
-    quantised: bool = True,
-    without: frozenset[str] = frozenset(),
-    reuse: Reuse = _NOTHING,
+    **options: Any,
 ) -> Tensor:
     """Digital numbers of a frame with ``white_e`` * ``scene`` mean photo-electrons, scene (B, C, H, W).
 
-    white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. The rest as
-    :class:`ReadoutOptions` and :class:`Reuse` have it. Means below 0 (ringing of a blur) count as 0.
+    white_e (electrons, >= 0), exposure_s, temperature_c (degC): numbers or one per image. options: those of
+    :class:`ReadoutOptions`. Means below 0 (ringing of a blur) count as 0.
     """
     batch = len(image_batch("scene", scene))
     at = Conditions(
@@ -95,84 +80,63 @@ def read_out(
         limited_per_image("temperature_c", temperature_c, batch, scene),
         limited_per_image("white_e", white_e, batch, scene),
     )
-    one_of("fidelity", fidelity, ("auto", "full"))
-    seeds = rng.item_seeds(generator, batch)
-    return digitised(
-        scene, at, ReadoutOptions(seeds, fixed_pattern, fidelity, noise, quantised, without), reuse
-    )
+    one_of("fidelity", options.get("fidelity", "auto"), ("auto", "full"))
+    return digitised(scene, at, ReadoutOptions(rng.item_seeds(generator, batch), **options))
 
 
-def digitised(
-    scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions, reuse: Reuse = _NOTHING
-) -> Tensor:
+def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) -> Tensor:
     """:func:`read_out` of what is checked already: finite light (B, C, H, W), the camera and numbers of ``at``.
 
     Through ``STAGES`` in their order, but for those left out: by the fast route where it has them all, else stage by
     stage. The route may change a rounding step, not the law. Gradients reach scene, white_e, exposure and
     temperature: the noise is reparameterised as in :func:`.stages.noisy_electrons`, rounding lets them through
-    unchanged, a clipped pixel has none. A picture expanded to a batch of lights, its normal likewise, gives the same
+    unchanged, a clipped pixel has none. A picture expanded to a batch of lights with one seed gives the same
     bits in less time than light by light.
     """
-    batch, seeds, quantised = len(scene), options.seeds, options.quantised
-    normal, read, tones, out = reuse
-    camera = stages.reduced(at.camera, options.without)
+    camera, seeds, tones, out = at.camera, options.seeds, options.tones, options.out
     white, dark = at.white_e, dark_electrons(camera, at.exposure_s, at.temperature_c)
-    pattern = options.fixed_pattern
-    gain, offset_e = (plane.to(scene) for plane in pattern) if pattern else (None, None)
     with_gradients = differentiable(scene, white, dark)
-    active = stages.active(camera, options.without, noisy=options.noise)
-    law = _law(camera, options, with_gradients, active)
     if not with_gradients:  # threads below would else start with gradients on
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
+    pattern = [None if plane is None else plane.to(scene) for plane in options.fixed_pattern or (None, None)]
+    active = stages.active(camera, options.without, noisy=options.noise)
+    law = _law(camera, options, with_gradients, active)
+    known, full_e = fast.supports(active), stages.nearly_full_e(camera)
 
     def frames(of: slice, lights: slice) -> Frames:
         light, drawn = scene[of], seeds[of]
-        field = own = None
+        normal = read = None
         if law in ("merged", "apart", "counts"):
-            field = rng.standard_normal(drawn, light) if normal is None else normal[of]
-        if law == "merged":  # for pixels whose well may be full
-            needed = _may_fill_well(light, white[lights], dark[lights], gain, camera)
+            normal = options.draw(drawn, light, "frame")
+        if law == "merged":  # for pixels whose well may be full, as stages of one's own may make it
+            needed = math.isfinite(full_e) and (
+                not known or _most_electrons(light, white[lights], dark[lights], pattern[0]) >= full_e
+            )
         else:
             needed = law != "none" and camera.read_noise_e > 0
         if needed:
-            own = rng.standard_normal(drawn, light, "read") if read is None else read[of]
-        means = _over(white[of]), _over(dark[of])
-        return Frames(camera, law, *means, drawn, quantised, field, own, gain, offset_e)
+            read = options.draw(drawn, light, "read")
+        gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
+        white_e, dark_e = (each[lights, None, None, None] for each in (white, dark))
+        return Frames(camera, law, white_e, dark_e, drawn, options.quantised, normal, read, gain, offset_e)
 
-    on_cpu = scene.device.type == "cpu"
-    if with_gradients or not quantised or not on_cpu or not fast.supports(active):
-        dn = _through(
-            active, scene, frames(slice(None), slice(None)), in_pieces=on_cpu and not with_gradients
-        )
+    if not (known and options.quantised and plain(scene)) or with_gradients:
+        every = slice(None)
+        dn = _through(active, scene, frames(every, every), in_pieces=plain(scene) and not with_gradients)
         seen = dn if tones is None else look_up(tones, dn)
         return seen if with_gradients or out is None else out.copy_(seen)
     if out is None:
         out = torch.empty(scene.shape, dtype=scene.dtype if tones is None else tones.dtype)
-    targets, interleaved = _targets(out)
-    whites, darks = white.tolist(), dark.tolist()
-    threads = threads_for(out)
+    written, threads = out, threads_for(out)
 
     def expose_items(of: slice) -> None:
         first = slice(of.start, of.start + 1)
-        lights = zip(whites[of], darks[of], targets[of], strict=True)
-        fast.write_frames(
-            fast.planes_of(scene[first], frames(first, of)),
-            [fast.Target(*each, interleaved) for each in lights],
-            camera,
-            law,
-            None if tones is None else tones.numpy(),
-            threads,
-        )
+        fast.write_frames(scene[first], frames(first, of), written[of], tones, threads)
 
-    alike = [scene] if law == "none" else [scene, normal]
-    once = (
-        law in ("none", "merged")
-        and all(each is not None and each.stride(0) == 0 for each in alike)
-        and max(whites) <= fast.MOST_APART * min(whites)
-        and (law == "none" or (len(set(seeds)) == 1 if read is None else read.stride(0) == 0))
-    )
-    step = batch if once else 1
-    side_by_side(expose_items, [slice(first, first + step) for first in range(0, batch, step)], threads)
+    one_draw = law == "none" or (law == "merged" and len(set(seeds)) == 1)
+    alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= fast.MOST_APART * float(white.min())
+    step = len(scene) if alike else 1
+    side_by_side(expose_items, [slice(first, first + step) for first in range(0, len(scene), step)], threads)
     return out
 
 
@@ -199,30 +163,15 @@ def _after(some: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
     return signal
 
 
-def _may_fill_well(light: Tensor, white: Tensor, dark: Tensor, gain: Tensor | None, camera: Camera) -> bool:
-    """Whether the charge of any pixel of pictures may reach the full well, seen from its light."""
-    largest_gain = 1.0 if gain is None else _most(gain)
-    most_e = float(white.detach().max()) * _most(light) * largest_gain + float(dark.detach().max())
-    return most_e >= stages.nearly_full_e(camera)
+def _most_electrons(light: Tensor, white: Tensor, dark: Tensor, gain: Tensor | None) -> float:
+    """The largest mean charge of any pixel."""
+    of_light = _most(light) * (1.0 if gain is None else _most(gain))
+    return float(white.detach().max()) * of_light + float(dark.detach().max())
 
 
 def _most(field: Tensor) -> float:
     """The largest value; NumPy's extremes wake no threads."""
     return float(field.numpy().max() if plain(field) else field.detach().max())
-
-
-def _over(values: Tensor) -> Tensor:
-    """One value per picture, (B,), over its pixels."""
-    return values[:, None, None, None]
-
-
-def _targets(out: Tensor) -> tuple[list[fast.Plane], bool]:
-    """Each frame of a batch as (C, n), or as (n, C) where colours lie next to each other, which is also told."""
-    if out.is_contiguous():
-        return [frame.view(len(frame), -1).numpy() for frame in out], False
-    if out.is_contiguous(memory_format=torch.channels_last):
-        return [frame.permute(1, 2, 0).view(-1, len(frame)).numpy() for frame in out], True
-    raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
 
 
 def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: Sequence[SensorStage]) -> Law:

@@ -1,15 +1,11 @@
-"""The sensor stage: one step from light on the pixels to digital numbers.
-
-Domain: the signal is light (1: white) until it becomes electrons, then electrons, then digital numbers (DN), as
-floating tensors (B, C, H, W). Electrons may be negative in the dark, where read noise says so.
-"""
+"""The sensor's stage: one step of the way from light on the pixels to digital numbers."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 from torch import Tensor
 
@@ -27,7 +23,7 @@ Law = Literal["none", "merged", "apart", "counts", "exact"]
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames being read out: means per frame (B, 1, 1, 1), and the fields that were drawn for them.
+    """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
     N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
@@ -46,24 +42,17 @@ class Frames:
     offset_e: Tensor | None = None
 
     def part(self, items: slice, colours: slice, rows: slice) -> Frames:
-        """Of some of the frames and of their pixels."""
-
-        def own(field: Tensor | None) -> Tensor | None:
-            return None if field is None else field[items, colours, rows]
-
-        def pattern(field: Tensor | None) -> Tensor | None:
-            return None if field is None else field[colours, rows]
-
-        return replace(
-            self,
-            white_e=self.white_e[items],
-            dark_e=self.dark_e[items],
-            seeds=self.seeds[items],
-            normal=own(self.normal),
-            read=own(self.read),
-            gain=pattern(self.gain),
-            offset_e=pattern(self.offset_e),
-        )
+        """Some of the frames, and of their pixels."""
+        fields = {name: getattr(self, name) for name in ("normal", "read", "gain", "offset_e")}
+        cut: dict[str, Any] = {
+            name: field[items, colours, rows] for name, field in fields.items() if field is not None
+        }
+        means: dict[str, Any] = {
+            "white_e": self.white_e[items],
+            "dark_e": self.dark_e[items],
+            "seeds": self.seeds[items],
+        }
+        return replace(self, **means, **cut)
 
 
 class SensorStage(ABC):
@@ -71,9 +60,9 @@ class SensorStage(ABC):
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
     to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
-    draws: it is noise, over frames; under the law "none" it is passed over. It takes a stream of random numbers of
+    draws: it is noise, over frames, and left out where none is asked for. It takes a stream of random numbers of
     its own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene
-    differ by it; what draws does, without saying so.
+    differ by it; what draws does, without saying so. modelled: how, in a few words.
     """
 
     name: str
@@ -100,7 +89,7 @@ class SensorStage(ABC):
         return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """How it is modelled, in a few words: ``modelled``. noisy: whether shot or read noise is."""
+        """How it is modelled, in a few words. noisy: whether shot or read noise is."""
         return self.modelled
 
 

@@ -1,7 +1,6 @@
 """The sensor's stages, one table in causal order: the linear model of EMVA 1288 release 4.
 
-``STAGES`` is read wherever a frame is read out, planned or explained: a new entry is all
-that a new stage needs.
+``STAGES`` is read wherever a frame is read out, planned or explained: a new entry is all that a new stage needs.
 """
 
 from __future__ import annotations
@@ -19,13 +18,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.optics.spectra import Curve, Spectrum
-from blurnoise.sensor.stage import (
-    MERGE_READ_NOISE_E,
-    Frames,
-    SensorStage,
-    signal_bound_e,
-    within_range_dn,
-)
+from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
 
 
 class PointwiseStage(SensorStage):
@@ -93,12 +86,9 @@ class ShotNoise(SensorStage):
     draws = True
 
     def pointwise(self, at: Frames) -> bool:
-        """But for fields that it draws itself."""
-        draws = at.law == "exact" or (at.law == "merged" and at.read is None)
-        return not draws or (at.law == "merged" and math.isinf(nearly_full_e(at.camera)))
+        return at.law != "exact"
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Counts, or a normal draw corrected to their skewness; see :func:`noisy_electrons`."""
         if at.law == "exact":
             return rng.poisson(signal, at.seeds)
         if at.normal is None:
@@ -106,11 +96,10 @@ class ShotNoise(SensorStage):
         if at.law == "merged":
             drawn = noisy_electrons(signal, at.camera.read_noise_e, at.normal)
             full = signal >= nearly_full_e(at.camera)
-            if not bool(full.any()):
+            if at.read is None or not bool(full.any()):
                 return drawn
-            read = rng.standard_normal(at.seeds, signal, "read") if at.read is None else at.read
             charge = noisy_electrons(signal, 0.0, at.normal).clamp(0.0, at.camera.well_limit_e)
-            return torch.where(full, charge + at.camera.read_noise_e * read, drawn)
+            return torch.where(full, charge + at.camera.read_noise_e * at.read, drawn)
         if at.law == "apart":
             return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
         return rng.poisson_of_normal(signal, at.normal)
@@ -134,7 +123,6 @@ class FullWell(PointwiseStage):
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Clipped, where the draw of shot noise has not done it already."""
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
 
@@ -230,20 +218,12 @@ STAGES: tuple[SensorStage, ...] = (
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:
     """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``."""
-    return [
-        stage
-        for stage in STAGES
-        if stage.name not in without
-        and (noisy or not stage.draws)
-        and (not stage.figures or any(getattr(camera, figure) for figure in stage.figures))
-    ]
 
+    def does_something(stage: SensorStage) -> bool:
+        figures = [getattr(camera, figure) for figure in stage.figures]
+        return (noisy or not stage.draws) and (any(figures) or not figures)
 
-@lru_cache(maxsize=64)
-def reduced(camera: Camera, without: frozenset[str]) -> Camera:
-    """The camera whose stages named in ``without`` do nothing."""
-    figures = {figure: 0.0 for stage in STAGES if stage.name in without for figure in stage.figures}
-    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]  # all are numbers
+    return [stage for stage in STAGES if stage.name not in without and does_something(stage)]
 
 
 def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -72,9 +73,11 @@ def equal_chances(shape: tuple[int, ...]) -> Tensor:
 
 
 def _auto(mean_e: Tensor, converter: Converter, normal: Tensor | None = None) -> Tensor:
+    drawn: dict[str, Any] = (
+        {} if normal is None else {"draw": lambda seeds, like, stream: normal[list(seeds)]}
+    )
     return sensor.read_out(
-        mean_e, camera(converter), exposure_s=0.0, temperature_c=20.0, generator=range(len(mean_e)),
-        reuse=sensor.Reuse(normal),
+        mean_e, camera(converter), exposure_s=0.0, temperature_c=20.0, generator=range(len(mean_e)), **drawn
     )  # fmt: skip
 
 

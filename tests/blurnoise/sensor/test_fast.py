@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -46,23 +47,15 @@ def exposed(light: Tensor, camera: Camera, **options: Any) -> Tensor:
     batch = len(light)
     pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu else None
     given = {"exposure_s": 0.02, "temperature_c": 30.0, "generator": [5] * batch, "fixed_pattern": pattern}
-    reuse = sensor.Reuse(**{name: options.pop(name) for name in sensor.Reuse._fields if name in options})
-    return sensor.read_out(light, camera, **{"white_e": 800.0, **given, **options}, reuse=reuse)
+    return sensor.read_out(light, camera, **{"white_e": 800.0, **given, **options})
 
 
 @by_camera
 @pytest.mark.parametrize("tones", [False, True])
 def test_lights_together_are_lights_alone(camera: Camera, tones: bool) -> None:
     light, table = scene(), tones_8bit(camera) if tones else None
-    normal = rng.standard_normal([5], light)
-    shared = exposed(
-        light.expand(3, -1, -1, -1),
-        camera,
-        white_e=LIGHTS_E,
-        normal=normal.expand(3, -1, -1, -1),
-        tones=table,
-    )
-    alone = [exposed(light, camera, white_e=white_e, normal=normal, tones=table) for white_e in LIGHTS_E]
+    shared = exposed(light.expand(3, -1, -1, -1), camera, white_e=LIGHTS_E, tones=table)
+    alone = [exposed(light, camera, white_e=white_e, tones=table) for white_e in LIGHTS_E]
     assert torch.equal(shared, torch.cat(alone))
     assert not torch.equal(shared[0], shared[1])
 
@@ -70,11 +63,9 @@ def test_lights_together_are_lights_alone(camera: Camera, tones: bool) -> None:
 @pytest.mark.parametrize("lights_e", [[0.0, 700.0], [1e-12, 1e-10], [1e-3, 1e12], [1e30, 1e31], [0.0, 0.0]])
 def test_lights_far_apart_or_out_of_range(lights_e: list[float]) -> None:
     light = scene()
-    normal = rng.standard_normal([5], light)
-    given = {"white_e": lights_e, "normal": normal.expand(2, -1, -1, -1)}
-    shared = exposed(light.expand(2, -1, -1, -1), BASE, **given)
+    shared = exposed(light.expand(2, -1, -1, -1), BASE, white_e=lights_e)
     for dn, white_e in zip(shared, lights_e, strict=True):
-        assert torch.equal(dn, exposed(light, BASE, white_e=white_e, normal=normal)[0])
+        assert torch.equal(dn, exposed(light, BASE, white_e=white_e)[0])
         if white_e < 1e-6:
             assert float(dn.mean()) == pytest.approx(6.0, abs=5 * 0.98 / math.sqrt(dn.numel()) + 0.01)
         if white_e > 1e9:
@@ -116,10 +107,8 @@ def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: py
 def test_light_lies_in_memory_as_it_likes() -> None:
     """Colours side by side, as pictures are read: the frames of colours one after the other."""
     light = torch.rand(1, 3, 21, 34, generator=torch.Generator().manual_seed(5))
-    given = {"normal": rng.standard_normal([5], light)}
-    expected = exposed(light, EVERY_EFFECT, **given)
-    beside = exposed(light.contiguous(memory_format=torch.channels_last), EVERY_EFFECT, **given)
-    assert torch.equal(beside, expected)
+    beside = exposed(light.contiguous(memory_format=torch.channels_last), EVERY_EFFECT)
+    assert torch.equal(beside, exposed(light, EVERY_EFFECT))
 
 
 @by_camera
@@ -156,22 +145,21 @@ def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> N
     assert float(error.max()) < (1e-5 if kind is np.float32 else 1e-12)
 
 
-def test_lights_together_keep_the_read_noise_of_their_seeds() -> None:
-    quiet, light = CAMERAS[2], scene()
-    normal = rng.standard_normal([5], light)
-    given = {"generator": [7, 8], "normal": normal.expand(2, -1, -1, -1)}
-    shared = exposed(light.expand(2, -1, -1, -1), quiet, **given)
-    for dn, seed in zip(shared, (7, 8), strict=True):
-        assert torch.equal(dn, exposed(light, quiet, generator=[seed], normal=normal)[0])
-    assert not torch.equal(*shared)
+@by_camera
+def test_fields_of_ones_own_are_taken_as_given(camera: Camera) -> None:
+    """One seed each, of a picture expanded to two lights: as drawn, and where they are others another frame."""
+    light, signs = scene().expand(2, -1, -1, -1), {"frame": 1, "read": 1}
 
+    def draw(seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
+        return signs[stream] * rng.standard_normal(seeds, like, stream)
 
-def test_read_noise_of_ones_own_is_taken_as_given() -> None:
-    quiet, light = CAMERAS[2], scene()
-    read = rng.standard_normal([5], light, "read")
-    drawn = exposed(light, quiet)
-    assert torch.equal(exposed(light, quiet, read=read), drawn)
-    assert not torch.equal(exposed(light, quiet, read=-read), drawn)
+    given = {"generator": [7, 8], "white_e": [800.0, 9500.0]}
+    drawn = exposed(light, camera, **given)
+    assert not torch.equal(*drawn)
+    assert torch.equal(exposed(light, camera, draw=draw, **given), drawn)
+    for stream in signs:
+        signs[stream] = -1
+        assert not torch.equal(exposed(light, camera, draw=draw, **given)[1], drawn[1])
 
 
 @by_camera

@@ -80,9 +80,9 @@ def test_cell_is_what_simulate_and_the_detector_give(
     developed: list[torch.Tensor] = []
     digitised = sensor.digitised
 
-    def watched(light: torch.Tensor, at: Any, options: Any, reuse: sensor.Reuse) -> torch.Tensor:
-        developed.extend(digitised(light, at, options, reuse._replace(tones=None, out=None)))
-        return digitised(light, at, options, reuse)
+    def watched(light: torch.Tensor, at: Any, options: Any) -> torch.Tensor:
+        developed.extend(digitised(light, at, replace(options, tones=None, out=None)))
+        return digitised(light, at, options)
 
     with Store(tmp_path, create=True) as store:
         with monkeypatch.context() as patch:
