@@ -21,7 +21,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.distortion import Floats
-from blurnoise.optics.lens import Field, Size
+from blurnoise.optics.lens import Field, Size, farthest_px, least_light
 from blurnoise.optics.transfer import Optics
 
 
@@ -69,7 +69,7 @@ class Distortion(_OverTheField):
         return camera.lens.displaces
 
     def bound(self, at: Conditions[float]) -> float:
-        return _displaced(at.camera.field.farthest_px()) if self.has(at.camera) else 0.0
+        return _displaced(farthest_px(at.camera.field)) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return resampling.sampled(light, *_sources(at.camera.field, _size(light)), border)
@@ -78,7 +78,7 @@ class Distortion(_OverTheField):
         shape = at.camera.lens.distortion
         if shape is None:
             return "resampled"
-        return f"{shape.model}, up to {at.camera.field.farthest_px():.3g} px: resampled by splines"
+        return f"{shape.model}, up to {farthest_px(at.camera.field):.3g} px: resampled by splines"
 
     def displaces(self, camera: Camera) -> bool:
         return self.has(camera)
@@ -201,7 +201,7 @@ class Vignetting(_OverTheField):
 
     def bound(self, at: Conditions[float]) -> float:
         """What the darkest pixel of white loses."""
-        return 1 - at.camera.field.least_light() if self.has(at.camera) else 0.0
+        return 1 - least_light(at.camera.field) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return light * torch.from_numpy(_light(at.camera.field, _size(light))).to(light)
@@ -210,7 +210,7 @@ class Vignetting(_OverTheField):
         if not self.has(at.camera):
             return "pixel by pixel"
         by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
-        return f"{by}, {at.camera.field.least_light():.3g} of the light in the darkest corner"
+        return f"{by}, {least_light(at.camera.field):.3g} of the light in the darkest corner"
 
 
 def _displaced(by_px: float) -> float:

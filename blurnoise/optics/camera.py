@@ -20,7 +20,7 @@ from blurnoise._core.validation import Figure, Text, check_fields
 from blurnoise.optics import camera_files, colour
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
 from blurnoise.optics.gains import Capture, ConversionGain
-from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens
+from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens, farthest_px
 from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
 
@@ -117,6 +117,7 @@ class Camera:
 
     def _check_lens(self) -> None:
         lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um
+        calibrated = lens.distortion and lens.distortion.focal_px
         if lens.mtf and blurred:
             raise ValueError(
                 "lens.mtf: is measured with defocus and diffraction, at its own f-number; defocus_radius_px and "
@@ -124,13 +125,13 @@ class Camera:
             )
         if lens.field_curvature_px and self.defocus_counts_pixel:
             raise ValueError("lens.field_curvature_px: must be 0 where defocus_counts_pixel is true")
-        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not lens.focal_px)):
+        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not calibrated)):
             raise ValueError(
                 f"hfov_deg = {self.hfov_deg:g}: must be < 180 for the field angles of lens.falloff_power and "
                 "lens.distortion, or lens.distortion states its focal_px"
             )
         if lens.displaces:
-            self.field.check()
+            farthest_px(self.field)
 
     def _check_gains(self) -> None:
         if self.analogue_gain_max_db > self.gain_max_db:

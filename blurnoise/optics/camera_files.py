@@ -22,8 +22,9 @@ import yaml
 from blurnoise._core.checks import integer, known, one_of, shown
 from blurnoise._core.files import read_document, read_samples, write_whole
 from blurnoise.optics.colour import FilterCurves, marked
+from blurnoise.optics.distortion import Distortion
 from blurnoise.optics.gains import Capture, ConversionGain
-from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
+from blurnoise.optics.lens import Lens, Mtf, RelativeIllumination
 from blurnoise.optics.spectra import Curve
 
 PRESETS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")

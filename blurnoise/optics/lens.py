@@ -16,11 +16,9 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import shown
-from blurnoise._core.limits import limited, within
+from blurnoise._core.limits import within
 from blurnoise._core.validation import Figure, check_fields
-from blurnoise.optics import distortion
-from blurnoise.optics.distortion import Floats
+from blurnoise.optics.distortion import Distortion, Floats
 from blurnoise.optics.spectra import check_samples
 from blurnoise.optics.transfer import Measured
 
@@ -81,34 +79,6 @@ class RelativeIllumination:
 
 
 @dataclass(frozen=True)
-class Distortion:
-    """Distortion by one of OpenCV's models; see :mod:`blurnoise.optics.distortion`.
-
-    focal_px: (fx, fy) of the calibration, in px of the sensor, or () for the rectilinear lens of the camera's
-    hfov_deg. centre_px: (cx, cy), or () for the centre of the sensor, ((width - 1) / 2, (height - 1) / 2).
-    """
-
-    model: Literal["opencv", "fisheye"]
-    coefficients: tuple[float, ...]
-    focal_px: tuple[float, ...] = ()
-    centre_px: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        for name, entry, counts in (
-            ("coefficients", "coefficient", distortion.COUNTS[self.model]),
-            ("focal_px", None, (0, 2)),
-            ("centre_px", None, (0, 2)),
-        ):
-            values = getattr(self, name)
-            if len(values) not in counts:
-                allowed = " or ".join(map(str, counts))
-                raise ValueError(f"{name} = {shown(values)}: must be {allowed} numbers, got {len(values)}")
-            for value in values:
-                limited(name, value, entry)
-
-
-@dataclass(frozen=True)
 class Lens:
     """How a lens changes over its field.
 
@@ -140,16 +110,6 @@ class Lens:
         """Whether it moves what is in the picture; the colours' own displacements apart."""
         shape = self.distortion
         return shape is not None and (shape.model == "fisheye" or any(shape.coefficients))
-
-    @property
-    def focal_px(self) -> tuple[float, ...]:
-        """(fx, fy) that the distortion's calibration states, px of the sensor; or ()."""
-        return self.distortion.focal_px if self.distortion else ()
-
-    @property
-    def centre_px(self) -> tuple[float, ...]:
-        """(cx, cy) of the same."""
-        return self.distortion.centre_px if self.distortion else ()
 
 
 SAME_EVERYWHERE = Lens()
@@ -185,8 +145,8 @@ class Field:
     @property
     def focal_px(self) -> tuple[float, float]:
         """Focal lengths (x, y), px of the sensor."""
-        if self.lens.focal_px:
-            return self.lens.focal_px[0], self.lens.focal_px[1]
+        if self.lens.distortion and self.lens.distortion.focal_px:
+            return self.lens.distortion.focal_px[0], self.lens.distortion.focal_px[1]
         focal = self.width_px / 2 / math.tan(math.radians(self.hfov_deg) / 2)
         return focal, focal
 
@@ -197,14 +157,15 @@ class Field:
     def axis_px(self, size: Size) -> tuple[float, float]:
         """Where the optical axis meets a picture, (x, y)."""
         centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-        off = [own - half for own, half in zip(self.lens.centre_px or centre, centre, strict=True)]
+        own = (self.lens.distortion.centre_px if self.lens.distortion else ()) or centre
+        off = [x - half for x, half in zip(own, centre, strict=True)]
         scale = self.per_sensor_px(size)
         return (size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale
 
     def heights(self, size: Size) -> Floats:
         """Relative field heights (H, W): 0 on the axis, 1 at the corner of the sensor about its centre."""
-        x, y = self._from_axis(*_pixels(size), size)
-        return np.hypot(x, y) / (self.corner_px * self.per_sensor_px(size))
+        (x, y), (axis_x, axis_y) = _pixels(size), self.axis_px(size)
+        return np.hypot(x - axis_x, y - axis_y) / (self.corner_px * self.per_sensor_px(size))
 
     def light(self, size: Size) -> Floats:
         """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
@@ -230,10 +191,8 @@ class Field:
 
     def imaged(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
         """Where the lens images directions (X/Z, Y/Z), px."""
-        shape = self.lens.distortion
-        if shape is not None:
-            u, v = distortion.before_fold(shape.model, shape.coefficients, u, v)
-            u, v = distortion.distorted(shape.model, shape.coefficients, u, v)
+        if self.lens.distortion:
+            u, v = self.lens.distortion.distorted(*self.lens.distortion.before_fold(u, v))
         return self._seen_at(u, v, size)
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
@@ -250,41 +209,15 @@ class Field:
         )
         return 0.5 + np.stack([x.min(1), y.min(1), x.max(1), y.max(1)], -1)
 
-    def check(self) -> None:
-        """Raise ``ValueError`` unless the distortion is one to one over the sensor."""
-        try:
-            self._displaced()
-        except ValueError as error:
-            raise ValueError(f"lens.distortion: {error}") from None
-
-    def farthest_px(self) -> float:
-        """The largest displacement by distortion in a picture of the sensor's size."""
-        return _farthest_px(self)
-
-    def least_light(self) -> float:
-        """The least relative illumination in a picture of the sensor's size."""
-        return _least_light(self)
-
-    def _displaced(self) -> float:
-        (height, width), share = self.size, np.linspace(0.0, 1.0, _COARSE)
-        x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)  # from edge to edge
-        seen_x, seen_y = self._seen_at(*self.directions(x, y, self.size), self.size)
-        return float(np.hypot(seen_x - x, seen_y - y).max())
-
-    def _from_axis(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        axis_x, axis_y = self.axis_px(size)
-        return x - axis_x, y - axis_y
-
     def _normalised(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        (x, y), scale = self._from_axis(x, y, size), self.per_sensor_px(size)
-        return x / (self.focal_px[0] * scale), y / (self.focal_px[1] * scale)
+        (axis_x, axis_y), scale = self.axis_px(size), self.per_sensor_px(size)
+        return (x - axis_x) / (self.focal_px[0] * scale), (y - axis_y) / (self.focal_px[1] * scale)
 
     def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
         """The directions (X/Z, Y/Z) that pixels see."""
         u, v = self._normalised(x, y, size)
-        if not self.lens.displaces or self.lens.distortion is None:
-            return u, v
-        return distortion.undistorted(self.lens.distortion.model, self.lens.distortion.coefficients, u, v)
+        shape = self.lens.distortion
+        return shape.undistorted(u, v) if shape and self.lens.displaces else (u, v)
 
     def _seen_at(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
         """Where a pinhole images directions."""
@@ -293,12 +226,23 @@ class Field:
 
 
 @lru_cache(maxsize=256)
-def _farthest_px(field: Field) -> float:
-    return field._displaced()
+def farthest_px(field: Field) -> float:
+    """The largest displacement by distortion in a picture of the sensor's size, from edge to edge.
+
+    Raises ``ValueError`` unless the distortion is one to one over the sensor.
+    """
+    (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
+    x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)
+    try:
+        seen_x, seen_y = field._seen_at(*field.directions(x, y, field.size), field.size)
+    except ValueError as error:
+        raise ValueError(f"lens.distortion: {error}") from None
+    return float(np.hypot(seen_x - x, seen_y - y).max())
 
 
 @lru_cache(maxsize=256)
-def _least_light(field: Field) -> float:
+def least_light(field: Field) -> float:
+    """The least relative illumination in a picture of the sensor's size."""
     height, width = field.size
     step = max(1, min(height, width) // 256)
     return float(field.light((max(1, height // step), max(1, width // step))).min())

@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from blurnoise.optics.distortion import before_fold, distorted, undistorted
+from blurnoise.optics.distortion import Distortion
 
 MODELS = [
-    ("opencv", (-0.28, 0.07, 0.0, 0.0)),
-    ("opencv", (-0.28, 0.07, 0.002, -0.001)),
-    ("opencv", (0.2, -0.03, 0.0003, 0.001, 0.01)),
-    ("opencv", (0.3, -0.1, 0.0004, -0.0002, 0.01, 0.55, -0.05, 0.02)),
-    ("fisheye", (0.0, 0.0, 0.0, 0.0)),
-    ("fisheye", (-0.02, 0.004, -0.001, 0.0002)),
+    Distortion("opencv", (-0.28, 0.07, 0.0, 0.0)),
+    Distortion("opencv", (-0.28, 0.07, 0.002, -0.001)),
+    Distortion("opencv", (0.2, -0.03, 0.0003, 0.001, 0.01)),
+    Distortion("opencv", (0.3, -0.1, 0.0004, -0.0002, 0.01, 0.55, -0.05, 0.02)),
+    Distortion("fisheye", (0.0, 0.0, 0.0, 0.0)),
+    Distortion("fisheye", (-0.02, 0.004, -0.001, 0.0002)),
 ]
 
 
@@ -25,34 +25,34 @@ def directions() -> tuple[Any, Any]:
     return x, y
 
 
-@pytest.mark.parametrize(("model", "coefficients"), MODELS)
-def test_models_are_opencvs(model: str, coefficients: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("lens", MODELS)
+def test_models_are_opencvs(lens: Distortion) -> None:
     x, y = directions()
-    own = np.stack(distorted(model, coefficients, x, y), -1)
+    own = np.stack(lens.distorted(x, y), -1)
     rays = np.stack([x, y], -1).reshape(1, -1, 2)
-    if model == "fisheye":
-        theirs = cv2.fisheye.distortPoints(rays, np.eye(3), np.array(coefficients))
+    if lens.model == "fisheye":
+        theirs = cv2.fisheye.distortPoints(rays, np.eye(3), np.array(lens.coefficients))
     else:
         points = np.concatenate([rays[0], np.ones((rays.shape[1], 1))], 1)
-        theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), np.array(coefficients))
+        theirs, _ = cv2.projectPoints(
+            points, np.zeros(3), np.zeros(3), np.eye(3), np.array(lens.coefficients)
+        )
     np.testing.assert_allclose(own.reshape(-1, 2), theirs.reshape(-1, 2), atol=1e-12)
 
 
-@pytest.mark.parametrize(("model", "coefficients"), MODELS)
-def test_there_and_back(model: str, coefficients: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("lens", MODELS)
+def test_there_and_back(lens: Distortion) -> None:
     x, y = directions()
-    back = undistorted(model, coefficients, *distorted(model, coefficients, x, y))
+    back = lens.undistorted(*lens.distorted(x, y))
     np.testing.assert_allclose(back, (x, y), atol=1e-9)
 
 
 def test_what_folds_is_named() -> None:
     """r (1 - r^2 / 3) turns at r = 1, where it is 2/3."""
-    coefficients = (-1 / 3, 0.0, 0.0, 0.0)
-    inside, _ = undistorted("opencv", coefficients, np.array([0.66]), np.array([0.0]))
+    lens = Distortion("opencv", (-1 / 3, 0.0, 0.0, 0.0))
+    inside, _ = lens.undistorted(np.array([0.66]), np.array([0.0]))
     assert inside[0] * (1 - inside[0] ** 2 / 3) == pytest.approx(0.66)
     with pytest.raises(ValueError, match=r"images nothing beyond 0\.666\d* focal lengths .* reaches 0\.7"):
-        undistorted("opencv", coefficients, np.array([0.7]), np.array([0.0]))
-    drawn = before_fold("opencv", coefficients, np.array([3.0, 0.3]), np.array([4.0, 0.4]))
+        lens.undistorted(np.array([0.7]), np.array([0.0]))
+    drawn = lens.before_fold(np.array([3.0, 0.3]), np.array([4.0, 0.4]))
     np.testing.assert_allclose(np.hypot(*drawn), [1.0, 0.5], atol=1e-3)
-    with pytest.raises(ValueError, match="folds at the centre"):
-        undistorted("opencv", (-1e12, 0.0, 0.0, 0.0), np.array([0.1]), np.array([0.1]))
