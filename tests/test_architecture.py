@@ -38,9 +38,9 @@ FLOORS: dict[str, list[set[str]]] = {
         {"training"},
     ],
     "blurnoise.metrics": [
-        {"values", "estimate", "regions"},
-        {"edge", "information", "noise", "similarity"},
-        {"edge_information", "contrast"},
+        {"values", "estimate"},
+        {"edge", "patches", "similarity"},
+        {"information"},
     ],
     "blurnoise_eval": [
         {"system", "grid", "detectors"},

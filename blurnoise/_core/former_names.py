@@ -13,6 +13,8 @@ from types import ModuleType
 _FORMER = {
     "blur.layers": "layers",
     "blur.paths": "path_blur",
+    "metrics.information": "metrics.edge_information",
+    "metrics.patches": "metrics.contrast metrics.noise",
     "motion.causes": "camera_shake",
     "motion.ego": "driving ego_motion",
     "motion.trajectory": "trajectory",

@@ -1,8 +1,7 @@
-"""Image-quality metrics of linear pictures: what an instrument would say of them, and how sure it can be.
+"""Image-quality metrics of linear pictures, with their uncertainty.
 
-The slanted edge is here; :mod:`~blurnoise.metrics.information` and :mod:`~blurnoise.metrics.edge_information`,
-:mod:`~blurnoise.metrics.noise`, :mod:`~blurnoise.metrics.contrast` and :mod:`~blurnoise.metrics.similarity` are
-modules of their own.
+The slanted edge is here; :mod:`~blurnoise.metrics.information`, :mod:`~blurnoise.metrics.patches` and
+:mod:`~blurnoise.metrics.similarity` are modules of their own.
 """
 
 from blurnoise.metrics.edge.flags import Flag

@@ -1,18 +1,30 @@
-"""Values that every metric takes: real tensors, read in double precision."""
+"""Input of the metrics: tensors of real numbers and regions of pictures, in double precision."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import real_tensor
+from blurnoise._core import checks
+
+Roi = tuple[int, int, int, int]
+"""Left, top, width and height of a region, px."""
+
+SMALLEST_PX = 8
+CLIPPED_SHARE = 0.005
+"""Share of pixels at black or full scale above which a region counts as clipped."""
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Of red, green and blue, ITU-R BT.709."""
+_FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
 
 
 def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
-    """Return ``value`` as float64, gradients kept; 8- and 16-bit integers come with their numbers as they are.
+    """Return ``value`` as float64; integers keep their numbers, gradients pass, NaN is allowed.
 
-    Raises ``TypeError`` unless it is a tensor of real numbers, ``ValueError`` for one that is empty or has
-    fewer than ``dims`` dimensions. NaN passes: a batch's good items are not lost to a bad one.
+    Raises ``TypeError`` unless it is a tensor of real numbers, ``ValueError`` if it is empty or has fewer than
+    ``dims`` dimensions.
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor, got {type(value).__name__}")
@@ -23,6 +35,16 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
     return value.double()
 
 
+def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
+    """Return ``value`` as float64 on ``like``'s device. Raises ``ValueError`` if both do not broadcast."""
+    tensor = checks.real_tensor(name, value).to(like.device, torch.float64)
+    try:
+        torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
+    except RuntimeError:
+        raise ValueError(f"{name}: shape {tuple(tensor.shape)} does not fit {tuple(like.shape)}") from None
+    return tensor
+
+
 def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
     """:func:`beside`. Raises ``ValueError`` where it is below 0; NaN passes."""
     tensor = beside(name, value, like)
@@ -31,11 +53,68 @@ def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
     return tensor
 
 
-def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
-    """Return ``value`` as float64 on ``like``'s device. Raises ``TypeError``, ``ValueError`` for shapes."""
-    tensor = real_tensor(name, value).to(like.device, torch.float64)
-    try:
-        torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
-    except RuntimeError:
-        raise ValueError(f"{name}: shape {tuple(tensor.shape)} does not fit {tuple(like.shape)}") from None
-    return tensor
+def cut(image: Tensor, roi: Roi) -> Tensor:
+    """Return the region of ``image`` (..., H, W). Raises ``ValueError`` unless it lies inside."""
+    (left, top, wide, high), (height, width) = roi, image.shape[-2:]
+    if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
+        raise ValueError(f"roi = {checks.shown(roi)}: must lie inside the picture, {width} x {height} px")
+    return image[..., top : top + high, left : left + wide]
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Regions of B pictures.
+
+    values: (B, H, W) float64 luminance, black level removed. colours: (B, C, H, W), as read. clipped, finite:
+    (B,) bool.
+    """
+
+    values: Tensor
+    colours: Tensor
+    clipped: Tensor
+    finite: Tensor
+
+
+def read_regions(image: Tensor, *, full_scale: float | None, black_level: float, roi: Roi | None) -> Regions:
+    """Read a region of each picture of ``image``, (H, W), (C, H, W) or (B, C, H, W), C = 1 or 3.
+
+    full_scale: the largest number that a pixel can hold; None means 255, 65535 or, for floats, 1. The smallest
+    is 0, or the picture's least where floats go below it. A pixel at either counts as clipped.
+    Raises ``TypeError`` for other types, ``ValueError`` for other shapes, regions outside the picture or smaller
+    than 8 x 8 px, values beyond ``full_scale`` and a ``black_level`` that is not below it.
+    """
+    if not isinstance(image, Tensor):
+        raise TypeError(f"image: must be a torch.Tensor, got {type(image).__name__}")
+    if image.dtype not in _FULL_SCALE:
+        raise TypeError(f"image: must be uint8, uint16, float32 or float64, got {image.dtype}")
+    if image.ndim not in (2, 3, 4) or 0 in image.shape or (image.ndim > 2 and image.shape[-3] not in (1, 3)):
+        raise ValueError(
+            "image: shape must be (H, W), (C, H, W) or (B, C, H, W) with 1 or 3 channels, none of them 0, "
+            f"got {tuple(image.shape)}"
+        )
+    pixels = image.detach().reshape(-1, 1 if image.ndim == 2 else image.shape[-3], *image.shape[-2:])
+    pixels = pixels if roi is None else cut(pixels, checks.rectangle("roi", roi))
+    if min(pixels.shape[-2:]) < SMALLEST_PX:
+        raise ValueError(
+            f"image: the region is {pixels.shape[-1]} x {pixels.shape[-2]} px; "
+            f"must be at least {SMALLEST_PX} x {SMALLEST_PX}"
+        )
+    top = _FULL_SCALE[image.dtype] if full_scale is None else full_scale
+    top = checks.in_range("full_scale", top, 0.0, above=True)
+    black = checks.in_range("black_level", black_level, 0.0, top)
+    if black == top:
+        raise ValueError(f"black_level = {black:g}: must be below full_scale = {top:g}")
+    raw = pixels.to("cpu", torch.float64)
+    finite = torch.isfinite(raw.sum((1, 2, 3)))
+    lowest, highest = raw.amin((1, 2, 3)), raw.amax((1, 2, 3))
+    if bool((highest[finite] > top).any()):
+        largest = float(highest[finite].max())
+        raise ValueError(f"image: holds {largest:g}, above full_scale = {top:g}; state its full_scale")
+    clipped = torch.zeros_like(finite)
+    if bool(((highest >= top) | (lowest <= 0)).any()):
+        floor = lowest.clamp(max=0.0)[:, None, None, None]
+        at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a channel alone can clip: luminance would hide it
+        clipped = at_limit.double().mean((1, 2)) > CLIPPED_SHARE
+    one = raw.shape[1] == 1
+    luminance = raw[:, 0] if one else torch.einsum("bchw,c->bhw", raw, raw.new_tensor(LUMINANCE))
+    return Regions(luminance - black, raw, clipped, finite)

@@ -16,7 +16,6 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.metrics import regions
 from blurnoise.metrics.edge.correlation import block_weights, widening
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
@@ -36,7 +35,7 @@ from blurnoise.metrics.edge.shape import (
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.regions import Roi
+from blurnoise.metrics.values import Roi, read_regions
 
 Mode = Literal["exact", "iso"]
 Side = Literal["left", "right", "top", "bottom"]
@@ -137,7 +136,7 @@ def slanted_edge(
     checks.one_of("mode", mode, ("exact", "iso"))
     counted("bootstrap", bootstrap)
     checks.integer("seed", seed, 0, LAST_SEED)
-    read = regions.read(image, full_scale=full_scale, black_level=black_level, roi=roi)
+    read = read_regions(image, full_scale=full_scale, black_level=black_level, roi=roi)
     edges = [
         SlantedEdge(mode, frozenset({Flag.CLIPPED if finite else Flag.NOT_FINITE}))
         for finite in read.finite.tolist()

@@ -37,7 +37,7 @@ from blurnoise.metrics.edge.sides import (
     reach_of,
 )
 from blurnoise.metrics.edge.spline import BLOCK_PX, LINE_ORDER, Spline, refine
-from blurnoise.metrics.regions import LUMINANCE
+from blurnoise.metrics.values import LUMINANCE
 
 Flags = dict[Flag, Tensor]
 """Which of the regions each flag stands for, (B,) bool."""

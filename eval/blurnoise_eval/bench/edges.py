@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from blurnoise.metrics import Flag, SlantedEdge, edge_information, slanted_edge
+from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.flags import WITHHELD
 from blurnoise_eval.bench.edge_cases import CASES, Case, Draw, Setting, any_setting, smoothed, usual
 from blurnoise_eval.bench.written import write_bench
@@ -214,7 +214,7 @@ def _in_noise(extent: Extent, kind: tuple[str, float | None]) -> NoiseRow:
     found = slanted_edge((at.edge() + deviation * fields)[:, None], full_scale=9.0, bootstrap=200)
     edges = [edge for edge in found if edge.intervals] if isinstance(found, list) else [found]
     inside = [low <= at.mtf50 <= high for low, high in (edge.intervals["mtf50"] for edge in edges)]
-    told = [edge_information.neq_0(edge) for edge in edges]
+    told = [information.neq_0(edge) for edge in edges]
     truth = (at.bright / deviation) ** 2 / _power_at_0(sigma_px)
     flagged = sum(Flag.NOISE_CORRELATED in edge.flags for edge in edges) + len(draws) - len(edges)
     return NoiseRow(

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise.metrics import edge_information, information
+from blurnoise.metrics import information
 from blurnoise_eval.bench.edge_methods import ARRAYS, EXACT, ISO, METHODS, ROWS, EdgeResponse, measured, timed
 from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf, closed_mtf50
 from blurnoise_eval.bench.timing import in_turns_ms, machine, quartiles
@@ -232,7 +232,7 @@ def _with_noise(extent: Extent, progress: Progress) -> Iterator[Row]:
 def _bits(curve: EdgeResponse, cnr: float) -> float:
     """Capacity; where a method has no resamples, the plain estimator, told the true signal and noise."""
     if curve.edge is not None and curve.edge.resamples is not None:
-        return edge_information.capacity_radial(curve.edge).value
+        return information.capacity_radial(curve.edge).value
     return float(_capacity(curve.frequencies, curve.response, cnr)) if len(curve.response) else math.nan
 
 

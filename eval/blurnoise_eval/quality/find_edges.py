@@ -22,7 +22,7 @@ from torch import Tensor
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.flags import WITHHELD
-from blurnoise.metrics.regions import Roi
+from blurnoise.metrics.values import Roi
 from blurnoise.optics.colour import LUMINANCE
 
 SHORTEST_PX = 24

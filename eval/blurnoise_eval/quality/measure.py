@@ -26,10 +26,9 @@ import torch
 from torch import Tensor
 
 from blurnoise import charts, simulate
-from blurnoise.metrics import Flag, SlantedEdge, edge_information, slanted_edge
-from blurnoise.metrics.contrast import detection_probability, patch_contrast
+from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.noise import patch_snr
+from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
@@ -291,11 +290,11 @@ def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) 
         "mtf50_x": [edge.estimate("mtf50") for edge in across_x],
         "mtf50_y": [edge.estimate("mtf50") for edge in across_y],
         "edge_snr_db": [edge.estimate("edge_snr_db") for edge in across_x],
-        "sic_radial_x": [edge_information.capacity_radial(edge) for edge in across_x],
-        "sic_radial_y": [edge_information.capacity_radial(edge) for edge in across_y],
-        "sic_square": [edge_information.capacity_square(*pair) for pair in pairs],
-        "neq_integral": [edge_information.neq_integral(*pair) for pair in pairs],
-        "snri": [edge_information.square_snr(*pair, side_px=TARGET_PX) for pair in pairs],
+        "sic_radial_x": [information.capacity_radial(edge) for edge in across_x],
+        "sic_radial_y": [information.capacity_radial(edge) for edge in across_y],
+        "sic_square": [information.capacity_square(*pair) for pair in pairs],
+        "neq_integral": [information.neq_integral(*pair) for pair in pairs],
+        "snri": [information.square_snr(*pair, side_px=TARGET_PX) for pair in pairs],
     }
 
 

@@ -19,7 +19,8 @@ from blurnoise._core import checks
 from blurnoise._core.limits import limited
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
-from blurnoise.metrics.edge_information import (
+from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.information import (
     NOT_WHITE,
     capacity_radial,
     capacity_square,
@@ -27,8 +28,7 @@ from blurnoise.metrics.edge_information import (
     neq_integral,
     square_snr,
 )
-from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.regions import CLIPPED_SHARE, Roi
+from blurnoise.metrics.values import CLIPPED_SHARE, Roi
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges

@@ -1,0 +1,313 @@
+"""Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show the contrast.
+
+Domain: digital numbers with the black level removed, (..., H, W). Every number and flag of a result is a tensor of
+the leading shape (batch, channel); a flag is True where the number beside it should not be trusted. NaN or Inf in a
+patch gives NaN there and leaves the others alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from blurnoise._core import checks
+from blurnoise._core.limits import LIMITS, limited
+from blurnoise.metrics import values
+
+TREND_SHARE = 0.1
+"""Variance of the trend over that of the noise from which on a patch is not even."""
+FEWEST_PIXELS = 100
+"""Below it the deviation is known to no better than 7 %, and the normal interval is too narrow."""
+
+
+@dataclass(frozen=True)
+class PatchSnr:
+    """Mean over standard deviation of a patch, as a ratio, between ``low`` and ``high`` at the level asked for.
+
+    A deviation of 0 gives an infinite ratio, no interval (NaN), and ``noiseless``: the noise is below the
+    converter's step, or the patch is saturated.
+    """
+
+    snr: Tensor
+    low: Tensor
+    high: Tensor
+    mean_dn: Tensor
+    std_dn: Tensor
+    clipped: Tensor
+    non_uniform: Tensor
+    noiseless: Tensor
+    too_few_pixels: Tensor
+    not_finite: Tensor
+
+    @property
+    def snr_db(self) -> Tensor:
+        """20 log10 of the ratio, dB; NaN where the mean is below black."""
+        return 20 * torch.log10(self.snr)
+
+
+def patch_snr(
+    image: Tensor,
+    *,
+    roi: values.Roi | float = 0.5,
+    detrend: bool = True,
+    limits_dn: tuple[float, float] | None = None,
+    level: float = 0.95,
+) -> PatchSnr:
+    """SNR of an even patch of ``image`` (..., H, W), per picture and channel.
+
+    roi: (x, y, width, height) in px, or the centre's share of each side. detrend: subtract a surface of second
+    order, with its six degrees of freedom, since shading is no noise; ``non_uniform`` tests that surface in either
+    case. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0 and 255 for
+    8-bit pictures, and for others no test of clipping.
+
+    With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
+    the interval is r -+ z times its root, too narrow for noise that is correlated between pixels.
+    Source: EMVA 1288 release 4, SNR. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    """
+    z = _normal_quantile(level)
+    if limits_dn is None and isinstance(image, Tensor) and image.dtype == torch.uint8:
+        limits_dn = (0, 255)
+    image = values.real("image", image, dims=2)
+    patch = values.cut(image, _rectangle(roi, *image.shape[-2:]))
+    count, finite = patch.shape[-2] * patch.shape[-1], torch.isfinite(patch).all(-1).all(-1)
+    mean = patch.mean((-2, -1))
+    trend, order = _trend(patch)
+    freedom = max(count - order, 1)
+    noise_variance = (patch - trend).square().sum((-2, -1)) / freedom
+    trend_variance = (trend - mean[..., None, None]).square().mean((-2, -1))
+    total = (patch - mean[..., None, None]).square().sum((-2, -1)) / max(count - 1, 1)
+    rounding = patch.abs().amax((-2, -1)) * 1e-12  # that double precision leaves of a constant patch
+    std = (noise_variance if detrend else total).sqrt()
+    std = torch.where(rounding >= std, 0.0, std) if count > order else torch.full_like(std, math.nan)
+    snr = torch.where(finite, mean / std, math.nan)
+    margin = z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
+    known = torch.isfinite(margin)
+    seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
+    return PatchSnr(
+        snr=snr,
+        low=torch.where(known, snr - margin, math.nan),
+        high=torch.where(known, snr + margin, math.nan),
+        mean_dn=torch.where(finite, mean, math.nan),
+        std_dn=torch.where(finite, std, math.nan),
+        clipped=_clipped(patch, limits_dn),
+        non_uniform=finite & (trend_variance > seen * noise_variance + rounding**2),
+        noiseless=std == 0,
+        too_few_pixels=torch.full_like(finite, count < FEWEST_PIXELS),
+        not_finite=~finite,
+    )
+
+
+@dataclass(frozen=True)
+class PatchContrast:
+    """Contrasts of two patches, each between ``_low`` and ``_high`` at the level asked for.
+
+    michelson: (bright - dark)/(bright + dark) of the means. cnr: their difference over the root of the mean of
+    both variances, a ratio. Flags: noiseless, both variances are 0, so cnr is infinite or NaN and has no interval;
+    near_black, a mean is less than three of its own standard errors above black, so michelson says little.
+    """
+
+    michelson: Tensor
+    michelson_low: Tensor
+    michelson_high: Tensor
+    cnr: Tensor
+    cnr_low: Tensor
+    cnr_high: Tensor
+    noiseless: Tensor
+    near_black: Tensor
+    not_finite: Tensor
+
+
+def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> PatchContrast:
+    """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes.
+
+    Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
+    variances' sampling errors carried through to first order. Raises ``TypeError`` or ``ValueError`` for patches
+    of one pixel or of different leading shapes.
+    """
+    z = _normal_quantile(level)
+    a, b = _pixels(bright=bright, dark=dark)
+    n_a, n_b = a.shape[-1], b.shape[-1]
+    mean_a, mean_b, var_a, var_b = a.mean(-1), b.mean(-1), a.var(-1), b.var(-1)
+    step, total = mean_a - mean_b, mean_a + mean_b
+    se_a, se_b = (var_a / n_a).sqrt(), (var_b / n_b).sqrt()
+    # d/da (a - b)/(a + b) = 2b/(a + b)², d/db = -2a/(a + b)²
+    michelson_margin = 2 * z * torch.hypot(mean_b * se_a, mean_a * se_b) / total**2
+    noise = (var_a + var_b) / 2
+    cnr = step / noise.sqrt()
+    # of the mean variance: each variance has 2 var²/(n - 1), and its root halves the relative error
+    noise_se2 = (var_a**2 / (n_a - 1) + var_b**2 / (n_b - 1)) / (2 * noise**2)
+    cnr_margin = z * torch.sqrt((se_a**2 + se_b**2) / noise + cnr**2 * noise_se2 / 4)
+    return PatchContrast(
+        michelson=step / total,
+        michelson_low=step / total - michelson_margin,
+        michelson_high=step / total + michelson_margin,
+        cnr=cnr,
+        cnr_low=cnr - cnr_margin,
+        cnr_high=cnr + cnr_margin,
+        noiseless=noise == 0,
+        near_black=(mean_a <= 3 * se_a) | (mean_b <= 3 * se_b),
+        not_finite=~torch.isfinite(a.sum(-1) + b.sum(-1)),
+    )
+
+
+def gaussian_detection_probability(
+    mean_a: Tensor,
+    variance_a: Tensor,
+    mean_b: Tensor,
+    variance_b: Tensor,
+    *,
+    nominal: float,
+    tolerance: float,
+    kind: str,
+) -> Tensor:
+    """Contrast detection probability of two Gaussian patches (IEEE P2020), in closed form; tensors broadcast.
+
+    The probability that the contrast of a pixel of A to one of B lies within ``nominal`` (1 -+ ``tolerance``),
+    where ``nominal`` is the scene's, of ``kind`` "weber", A/B - 1, or "michelson", (A - B)/(A + B). With the
+    ratio's bounds r = 1 + c, or (1 + c)/(1 - c), and the normal distribution function Phi it is
+
+        Phi((muA - rL muB)/sqrt(varA + rL² varB)) - Phi((muA - rH muB)/sqrt(varA + rH² varB)),
+
+    exact while B stays above black. Differentiable. Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection
+    Probabilities: Performance Prediction for Sensors of Autonomous Vehicles". Raises ``TypeError`` or
+    ``ValueError`` for a variance below 0, another kind, or a tolerance or contrast out of bounds.
+    """
+    low, high = _ratio_bounds(nominal, tolerance, kind)
+    mean_a = values.real("mean_a", mean_a)
+    mean_b = values.beside("mean_b", values.real("mean_b", mean_b), mean_a)
+    means = mean_a + mean_b
+    var_a = values.not_negative("variance_a", variance_a, means)
+    var_b = values.not_negative("variance_b", variance_b, means + var_a)
+
+    def above(ratio: float) -> Tensor:
+        """Probability that A is larger than ``ratio`` times B; 1/2 at the very bound without noise."""
+        distance, spread = mean_a - ratio * mean_b, (var_a + ratio**2 * var_b).sqrt()
+        certain = (distance == 0) & (spread == 0)
+        share: Tensor = torch.special.ndtr(distance / torch.where(certain, 1.0, spread))
+        return share
+
+    return above(low) - above(high)
+
+
+@dataclass(frozen=True)
+class DetectionProbability:
+    """Contrast detection probability of two patches as they are, between ``low`` and ``high``.
+
+    probability: share of all pixel pairs. gaussian: the same predicted from means and variances alone. Flags:
+    noiseless, both patches are constant (often: saturated); too_few_pixels, below 30 in a patch.
+    """
+
+    probability: Tensor
+    low: Tensor
+    high: Tensor
+    gaussian: Tensor
+    noiseless: Tensor
+    too_few_pixels: Tensor
+    not_finite: Tensor
+
+
+def detection_probability(
+    patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str, level: float = 0.95
+) -> DetectionProbability:
+    """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
+
+    ``nominal``, ``tolerance``, ``kind``, source and errors as in :func:`gaussian_detection_probability`. A pair of
+    pixels counts where both are above black and rL B <= A <= rH B. The share of all pairs is a two-sample
+    U-statistic of variance var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is
+    Wilson's for as many coin flips as have that variance; it stays within [0, 1], and open where all pairs agree.
+    """
+    z = _normal_quantile(level)
+    low, high = _ratio_bounds(nominal, tolerance, kind)
+    a, b = _pixels(patch_a=patch_a, patch_b=patch_b)
+    n_a, n_b = a.shape[-1], b.shape[-1]
+    finite = torch.isfinite(a.sum(-1) + b.sum(-1))
+    share_a = _share_between(a, b, 1 / high, 1 / low)
+    share_b = _share_between(b, a, low, high)
+    p = share_a.mean(-1)
+    variance = share_a.var(-1) / n_a + share_b.var(-1) / n_b
+    flips = torch.where(variance > 0, p * (1 - p) / variance, float(min(n_a, n_b)))
+    centre = (p + z**2 / (2 * flips)) / (1 + z**2 / flips)
+    margin = z / (1 + z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (z / (2 * flips)) ** 2)
+    gaussian = gaussian_detection_probability(
+        a.mean(-1), a.var(-1), b.mean(-1), b.var(-1), nominal=nominal, tolerance=tolerance, kind=kind
+    )
+    p, centre, gaussian = (torch.where(finite, number, math.nan) for number in (p, centre, gaussian))
+    return DetectionProbability(
+        probability=p,
+        low=(centre - margin).clamp(min=0),
+        high=(centre + margin).clamp(max=1),
+        gaussian=gaussian,
+        noiseless=a.var(-1) + b.var(-1) == 0,
+        too_few_pixels=torch.full_like(finite, min(n_a, n_b) < 30),
+        not_finite=~finite,
+    )
+
+
+def _normal_quantile(level: float) -> float:
+    """z for which a normal number lies within -+z with probability ``level``."""
+    share = checks.in_range("level", level, 0.5, 0.9999)
+    return float(torch.special.ndtri(torch.tensor((1 + share) / 2, dtype=torch.float64)))
+
+
+def _rectangle(roi: values.Roi | float, height: int, width: int) -> values.Roi:
+    if isinstance(roi, (int, float)):
+        share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
+        w, h = max(1, round(width * share)), max(1, round(height * share))
+        return (width - w) // 2, (height - h) // 2, w, h
+    return checks.rectangle("roi", roi)
+
+
+def _trend(patch: Tensor) -> tuple[Tensor, int]:
+    """Least-squares surface of second order of ``patch`` (..., H, W), and how many coefficients it has."""
+    y, x = (torch.linspace(-1, 1, n, dtype=patch.dtype, device=patch.device) for n in patch.shape[-2:])
+    powers = [(i, j) for i in range(3) for j in range(3 - i) if i < patch.shape[-1] and j < patch.shape[-2]]
+    terms = torch.stack([(x**i * y[:, None] ** j).flatten() for i, j in powers], dim=-1)
+    basis, _ = torch.linalg.qr(terms)
+    return (patch.flatten(-2) @ basis @ basis.T).unflatten(-1, patch.shape[-2:]), len(powers)
+
+
+def _clipped(patch: Tensor, limits_dn: tuple[float, float] | None) -> Tensor:
+    if limits_dn is None:
+        return torch.zeros(patch.shape[:-2], dtype=torch.bool, device=patch.device)
+    ends = checks.real_tensor("limits_dn", limits_dn)
+    if ends.shape != (2,) or not ends[0] < ends[1]:
+        raise ValueError(f"limits_dn = {checks.shown(limits_dn)}: must be two numbers, the lower first")
+    at_limit = (patch <= float(ends[0])) | (patch >= float(ends[1]))
+    return at_limit.double().mean((-2, -1)) > values.CLIPPED_SHARE
+
+
+def _share_between(own: Tensor, other: Tensor, low: float, high: float) -> Tensor:
+    """For each pixel x of ``own`` (..., N) > 0 the share of ``other``'s in [low x, high x], (..., N)."""
+    ordered = other.sort(-1).values.contiguous()
+    below = torch.searchsorted(ordered, (own * low).contiguous())
+    up_to = torch.searchsorted(ordered, (own * high).contiguous(), right=True)
+    return torch.where(own > 0, (up_to - below) / other.shape[-1], 0.0).double()
+
+
+def _ratio_bounds(nominal: float, tolerance: float, kind: str) -> tuple[float, float]:
+    checks.one_of("kind", kind, ("weber", "michelson"))
+    limited("tolerance", tolerance, "contrast")
+    most = math.inf if kind == "weber" else 1.0
+    centre = checks.in_range("nominal", nominal, -1.0, min(most, LIMITS["contrast"].high))
+    low, high = sorted((centre * (1 - tolerance), centre * (1 + tolerance)))
+    if low == high or low <= -1 or high >= most:
+        raise ValueError(
+            f"nominal = {nominal:g}, tolerance = {tolerance:g}: the {kind} contrasts {low:g} to {high:g} must "
+            f"differ and lie between -1 and {most:g}"
+        )
+    return (1 + low, 1 + high) if kind == "weber" else ((1 + low) / (1 - low), (1 + high) / (1 - high))
+
+
+def _pixels(**patches: Tensor) -> list[Tensor]:
+    """Patches as (..., N) float64. Raises ``ValueError`` unless N >= 2 and the rest agrees."""
+    flat = [values.real(name, patch, dims=2).flatten(-2) for name, patch in patches.items()]
+    for (name, patch), pixels in zip(patches.items(), flat, strict=True):
+        if pixels.shape[-1] < 2 or pixels.shape[:-1] != flat[0].shape[:-1]:
+            raise ValueError(
+                f"{name}: must be two pixels or more, and {tuple(flat[0].shape[:-1])} before H and W, "
+                f"got {tuple(patch.shape)}"
+            )
+    return flat
