@@ -1,4 +1,4 @@
-"""An estimate: one number, the interval it lies in, and what speaks against it."""
+"""An estimate: one number, its interval, and the names of what may be wrong with it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number between ``low`` and ``high`` at 95 %, and the names of what speaks against it.
+    """A number between ``low`` and ``high`` at 95 %, with flags.
 
-    NaN in value: it cannot be told, and the flags say why. NaN in low and high: no interval. Results of a whole
-    batch (:mod:`~blurnoise.metrics.noise`, :mod:`~blurnoise.metrics.contrast`) hold the same four as tensors.
+    NaN in value: not available, and the flags say why. NaN in low and high: no interval. Results of a batch
+    (:mod:`~blurnoise.metrics.patches`) hold the same four as tensors.
     """
 
     value: float

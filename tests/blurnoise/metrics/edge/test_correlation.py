@@ -6,7 +6,7 @@ import pytest
 import torch
 from blurnoise_eval.bench.edge_cases import Draw, Setting, smoothed
 
-from blurnoise.metrics import SlantedEdge, edge_information, slanted_edge
+from blurnoise.metrics import SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.correlation import block_weights, correlation_of, widening
 from blurnoise.metrics.edge.flags import Flag
 
@@ -29,7 +29,7 @@ def test_power_at_0_is_the_filters(sigma_px: float, power: float) -> None:
     found = [noisy(sigma_px, seed) for seed in range(12)]
     powers = torch.tensor([edge.noise_power_at_0 for edge in found])
     assert float(powers.nanmedian()) == pytest.approx(power, rel=0.25)
-    assert all(("noise_not_white" in edge_information.neq_0(edge).flags) for edge in found if edge.intervals)
+    assert all(("noise_not_white" in information.neq_0(edge).flags) for edge in found if edge.intervals)
     if sigma_px == 1.5:
         assert sum(Flag.NOISE_CORRELATED in edge.flags for edge in found) >= 10
 
