@@ -79,8 +79,8 @@ class Conditions(Generic[Number]):
             if path is not None:
                 path.origin_px(lasting_s)  # raises unless it holds the exposure
         flow = moved if by_flow else None
-        at = Conditions(camera, exposure, temperature, white_e, middle, illuminant, size, paths)
-        return replace(at, objects=objects, flow_px=flow, variation_px=variation)
+        numbers = exposure, temperature, white_e, middle
+        return Conditions(camera, *numbers, illuminant, size, paths, objects, flow, variation)
 
     @property
     def dark_e(self) -> Number:

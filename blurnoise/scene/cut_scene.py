@@ -15,6 +15,8 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
+from torch import Tensor
+
 from blurnoise.blur.layers import Layer, as_one, seen_behind, window_at_rest
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
@@ -83,8 +85,10 @@ class CutScene(ExposedScene):
                 )
             return self._shares[key]
 
-    def _velocity(self, exposure: Exposure) -> tuple[float, float]:
-        return (0.0, 0.0) if exposure.moves == "targets" else exposure.velocity_px_s
+    def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
+        if exposure.moves == "targets":
+            return 0.0, 0.0
+        return super()._velocity(replace(exposure, moves="all"))
 
     def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
         moving = (exposure.of_targets(*motion).velocity_px_s for motion in self._motions)

@@ -21,16 +21,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
 from blurnoise.blur.layers import Passing
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.conditions import Conditions, Number
 from blurnoise.light.effect import LightEffect
-from blurnoise.light.motion import MOTION
+from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
@@ -58,24 +58,24 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Plan:
-    """The contributions in the order of the physics, and what follows from them.
+    """The contributions in the order of the physics, and what follows from them; equal where the same is modelled.
 
     camera: with what is left out set to 0. without: the names of effects and stages that are passed over; shot
     noise never, as ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all that is left out, at
     most tolerance_dn; with what rounding makes of a spread where nothing else protects it.
     """
 
-    stages: tuple[Contribution, ...]
+    stages: tuple[Contribution, ...] = field(compare=False)
     camera: Camera
-    without: frozenset[str]
-    noisy: bool
-    left_out_dn: float
-    tolerance_dn: float
+    without: frozenset[str] = frozenset()
+    noisy: bool = True
+    left_out_dn: float = field(default=0.0, compare=False)
+    tolerance_dn: float = field(default=0.0, compare=False)
 
-    @property
-    def moves(self) -> bool:
-        """Whether motion is modelled."""
-        return MOTION.name not in self.without
+    def reduced(self, at: Conditions[Number]) -> Conditions[Number]:
+        """The conditions with what is left out set to 0."""
+        flow = None if MOTION_VARIATION.name in self.without else at.flow_px
+        return replace(at, camera=self.camera, flow_px=flow)
 
 
 def plan(

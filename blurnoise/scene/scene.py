@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -21,11 +21,11 @@ from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of
 from blurnoise._core.limits import limited
+from blurnoise._core.threads import differentiable
 from blurnoise._core.uncompiled import uncompiled
 from blurnoise.blur.layers import Layer, Layers, of_each
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
-from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding, linear_from_srgb
@@ -37,9 +37,8 @@ from blurnoise.scene.exposure import Exposure as Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
 from blurnoise.sensor import mosaic
-from blurnoise.sensor.readout import Fidelity, FixedPattern, ReadoutOptions, digitised
+from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
 
-Point = TypeVar("Point", Conditions[float], Conditions[Tensor])
 _FIELDS = 2  # noise fields that a scene keeps
 
 
@@ -115,7 +114,7 @@ class ExposedScene:
 
         Arguments as :func:`blurnoise.simulate` takes them.
         """
-        points = Conditions.of(
+        at = Conditions.of(
             self.light,
             camera,
             exposure_s=exposure_s,
@@ -126,38 +125,41 @@ class ExposedScene:
             trajectory=trajectory,
             objects=self._layers,
         )
-        batch = len(self.light)
-        seeds = rng.item_seeds(generator, batch)
-        moved = points.displacement_px if points.flow_px is None else points.flow_px
-        given = (self.light, points.exposure_s, points.white_e, moved, points.temperature_c)
-        asked = [torch.as_tensor(each).requires_grad for each in given]
-        asked += [layer.requires_grad for some in self._layers for layer in some]
-        differentiable = torch.is_grad_enabled() and any(asked)
+        return self.under(at, rng.item_seeds(generator, len(self.light)), noise=noise, quantised=quantised)
 
-        def frames(of: list[int], needs: Plan | None) -> Tensor:
-            every = len(of) == batch
-            some = points if every else points.part(of)
-            light = self.light if every else self.light[of]
-            return self._read(light, some, needs, [seeds[item] for item in of], noise, quantised)
+    def under(
+        self, at: Conditions[Tensor], seeds: list[int], *, noise: bool = True, quantised: bool = True
+    ) -> Tensor:
+        """:meth:`expose` under conditions, with one seed of the noise for each frame."""
+        moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
+        asked = differentiable(self.light, at.exposure_s, at.white_e, moved, at.temperature_c)
+        asked |= torch.is_grad_enabled() and any(layer.requires_grad for own in self._layers for layer in own)
+        alike: dict[Plan, list[int]] = {}
+        for item, one in enumerate(at.each()):
+            needs = Plan((), at.camera) if asked else self._plan(one, self._brightest[item])
+            alike.setdefault(needs, []).append(item)
 
-        if self.fidelity == "full" or differentiable:
-            return frames(list(range(batch)), None)
-        groups: dict[tuple[Camera, frozenset[str], bool], tuple[Plan, list[int]]] = {}
-        peak = mosaic.peak(camera, self._illuminant)
-        for item, at in enumerate(points.each()):
-            needs = plan_at(_brighter(at, self._brightest[item] * peak), self._tolerance_dn)
-            _, of = groups.setdefault((needs.camera, needs.without, needs.noisy), (needs, []))
-            of.append(item)
-        if len(groups) == 1:
-            ((needs, of),) = groups.values()
+        def frames(of: list[int], needs: Plan) -> Tensor:
+            every = len(of) == len(self.light)
+            light, some = (self.light, at) if every else (self.light[of], at.part(of))
+            reduced = needs.reduced(some)
+            moved = effects.through(light, reduced, border=self._border, without=needs.without)
+            sensed = mosaic.on_sensor(moved, needs.camera, self._illuminant)
+            options = self._readout(needs, [seeds[item] for item in of])
+            own = sensed if sensed is not light and sensed.is_contiguous() else None
+            noisy = noise and needs.noisy
+            return digitised(sensed, reduced, replace(options, noise=noisy, quantised=quantised, out=own))
+
+        if len(alike) == 1:
+            ((needs, of),) = alike.items()
             return frames(of, needs)
-        planes = mosaic.planes(camera, self.light.shape[1])
+        planes = mosaic.planes(at.camera, self.light.shape[1])
         out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
-        for needs, of in groups.values():
+        for needs, of in alike.items():
             out[of] = frames(of, needs)
         return out
 
-    def frames(self, exposures: Sequence[Exposure]) -> Iterator[Frame]:
+    def frames(self, exposures: Iterable[Exposure]) -> Iterator[Frame]:
         """The only picture under each exposure, developed to 8 bits; neighbours share what they have in common.
 
         Raises ``ValueError`` where the scene has several pictures.
@@ -167,131 +169,95 @@ class ExposedScene:
                 f"light: has {len(self.light)} pictures; must be one, which every exposure is of"
             )
         after_effects: dict[Hashable, Tensor] = {}
-        for shared, group in groupby(self._planned(exposures), key=lambda each: each.alike):
+        for alike, group in groupby(map(self._planned, exposures), key=lambda planned: planned[0]):
             started = time.perf_counter()
-            alike = list(group)
-            points, needs = alike[0].points, alike[0].needs
-            if shared.light not in after_effects:
-                reduced = _reduced(points, needs)
-                after_effects[shared.light] = effects.through(
-                    self.light, reduced, border=self._border, without=shared.without
+            points = [at for _, at in group]
+            needs = alike.needs
+            if alike.light not in after_effects:
+                reduced = needs.reduced(points[0])
+                after_effects[alike.light] = effects.through(
+                    self.light, reduced, border=self._border, without=needs.without
                 )
-            pictures = self._developed(after_effects[shared.light], shared, alike)
-            simulate_ms = 1e3 * (time.perf_counter() - started) / len(alike)
+            sensed = mosaic.on_sensor(after_effects[alike.light], needs.camera, self._illuminant)
+            pictures = self._developed(sensed, alike, points)
+            simulate_ms = 1e3 * (time.perf_counter() - started) / len(points)
             yield from (Frame(picture, simulate_ms) for picture in pictures)
 
+    def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
+        camera, digital_db = exposure.amplified
+        at = Conditions.of(
+            self.light,
+            camera,
+            exposure_s=exposure.exposure_s,
+            illuminance_lux=exposure.illuminance_lux,
+            velocity_px_s=self._velocity(exposure),
+            temperature_c=exposure.temperature_c,
+            illuminant=self._illuminant,
+            trajectory=exposure.trajectory,
+            objects=(self._objects(exposure),) if self._layers else (),
+        )
+        (one,) = at.each()
+        magnified = max(1.0, 10 ** (digital_db / 20)) * magnification(camera, self._illuminant)
+        needs = self._plan(one, self._brightest[0], magnified)
+        drives = (exposure.vehicle, exposure.ego_speed_m_s) if exposure.drives else None
+        light = effects.key(needs.reduced(one), needs.without), drives
+        return _Alike(needs, camera, digital_db, exposure.seed, light), at
+
+    def _plan(self, one: Conditions[float], brightest: float, magnified: float = 1.0) -> Plan:
+        """What is modelled of a picture with such light, whose errors gain and colours magnify later."""
+        if self.fidelity == "full":
+            return Plan((), one.camera)
+        brightest *= mosaic.peak(one.camera, self._illuminant)
+        return plan_at(replace(one, white_e=one.white_e * brightest), self._tolerance_dn / magnified)
+
     def _developed(
-        self, light: Tensor, shared: _Alike, alike: Sequence[_Planned]
+        self, sensed: Tensor, alike: _Alike, points: Sequence[Conditions[Tensor]]
     ) -> Sequence[NDArray[np.uint8]]:
-        count, (_, colours, height, width) = len(alike), self.light.shape
-        sensed = mosaic.on_sensor(light, shared.camera, self._illuminant)
-        planes = sensed.shape[1]
+        """Light on the sensor, of one picture, under conditions that share all that ``alike`` has."""
+        count, (_, planes, height, width) = len(points), sensed.shape
+        camera, colours = alike.needs.camera, self.light.shape[1]
         at = Conditions(
-            shared.camera,
-            torch.cat([each.points.exposure_s for each in alike]),
-            torch.cat([each.points.temperature_c for each in alike]),
-            torch.cat([each.points.white_e for each in alike]),
+            camera,
+            torch.cat([each.exposure_s for each in points]),
+            torch.cat([each.temperature_c for each in points]),
+            torch.cat([each.white_e for each in points]),
         )
-        options = ReadoutOptions(
-            [shared.seed] * count,
-            self._pattern(shared.camera),
-            self.fidelity,
-            noise=shared.noisy,
-            without=shared.without,
-            draw=self._normal,
-        )
+        options = replace(self._readout(alike.needs, [alike.seed] * count), draw=self._normal)
         expanded = sensed.expand(count, -1, -1, -1)
-        if tabulated(shared.delivering):
+        if tabulated(alike.delivering):
             seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
-            tones = tones_8bit(shared.delivering, shared.digital_db, self._illuminant)
-            digitised(expanded, at, replace(options, tones=tones, out=seen.permute(0, 3, 1, 2)))
+            developed = seen.permute(0, 3, 1, 2)
+            tones = tones_8bit(alike.delivering, alike.digital_db, self._illuminant)
+            digitised(expanded, at, replace(options, tones=tones, out=developed))
             if planes == colours:
                 return list(seen.numpy())
-            developed = seen.permute(0, 3, 1, 2)
         else:
             dn = digitised(expanded, at, options)
-            developed = develop_8bit(dn, shared.delivering, shared.digital_db, self._illuminant)
+            developed = develop_8bit(dn, alike.delivering, alike.digital_db, self._illuminant)
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
-    def _planned(self, exposures: Sequence[Exposure]) -> Iterator[_Planned]:
-        for (camera, drives), of_camera in groupby(
-            exposures, key=lambda each: (each.amplified.camera, each if each.drives else None)
-        ):  # one flow at a time
-            some = list(of_camera)
-            motion = [self._velocity(each) for each in some]
-            points = Conditions.of(
-                self.light.expand(len(some), -1, -1, -1),
-                camera,
-                exposure_s=[each.exposure_s for each in some],
-                illuminance_lux=[each.illuminance_lux for each in some],
-                velocity_px_s=motion if drives is None else self._flow(drives, camera),
-                temperature_c=[each.temperature_c for each in some],
-                illuminant=self._illuminant,
-                trajectory=[each.trajectory for each in some],
-                objects=tuple(map(self._objects, some)) if self._layers else (),
-            )
-            for place, (exposure, at) in enumerate(zip(some, points.each(), strict=True)):
-                digital_db = exposure.amplified.digital_db
-                gain = max(1.0, 10 ** (digital_db / 20))  # which magnifies what is left out, as do colours
-                gain *= magnification(camera, self._illuminant)
-                lit = _brighter(at, self._brightest[0] * mosaic.peak(camera, self._illuminant))
-                needs = plan_at(lit, self._tolerance_dn / gain) if self.fidelity == "auto" else None
-                without = needs.without if needs else effects.NOTHING
-                alike = _Alike(
-                    needs.camera if needs else camera,
-                    without,
-                    needs.noisy if needs else True,
-                    camera,
-                    digital_db,
-                    exposure.seed,
-                    (
-                        effects.key(_reduced(at, needs), without),
-                        drives and (drives.vehicle, drives.ego_speed_m_s),
-                    ),
-                )
-                yield _Planned(alike, points.part(slice(place, place + 1)), needs)
-
-    def _velocity(self, exposure: Exposure) -> tuple[float, float]:
+    def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
+        if exposure.drives:
+            return exposure.vehicle.flow_px_s(exposure.camera, self._size, exposure.ego_speed_m_s)
         if exposure.moves != "all":
             raise ValueError(
                 f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"
             )
         return exposure.velocity_px_s
 
-    def _flow(self, exposure: Exposure, camera: Camera) -> Tensor:
-        return exposure.vehicle.flow_px_s(camera, self._size, exposure.ego_speed_m_s)
-
     def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
         return self._layers[0]
-
-    def _read(
-        self,
-        light: Tensor,
-        points: Conditions[Tensor],
-        needs: Plan | None,
-        seeds: list[int],
-        noise: bool,
-        quantised: bool,
-    ) -> Tensor:
-        reduced = _reduced(points, needs)
-        without = needs.without if needs else effects.NOTHING
-        moved = effects.through(light, reduced, border=self._border, without=without)
-        sensed = mosaic.on_sensor(moved, reduced.camera, self._illuminant)
-        noisy = noise and (needs is None or needs.noisy)
-        pattern = self._pattern(reduced.camera)
-        own = sensed if sensed is not light and sensed.is_contiguous() else None
-        options = ReadoutOptions(seeds, pattern, self.fidelity, noisy, quantised, without, out=own)
-        return digitised(sensed, reduced, options)
 
     @property
     def _size(self) -> tuple[int, int]:
         return self.light.shape[-2], self.light.shape[-1]
 
-    def _pattern(self, camera: Camera) -> FixedPattern | None:
-        if camera.prnu == 0 and camera.dsnu_e == 0:
-            return None
-        _, colours, *size = self.light.shape
-        return camera.fixed_pattern((mosaic.planes(camera, colours), *size), self._pattern_seed)
+    def _readout(self, needs: Plan, seeds: list[int]) -> ReadoutOptions:
+        camera, pattern = needs.camera, None
+        if camera.prnu or camera.dsnu_e:
+            _, colours, *size = self.light.shape
+            pattern = camera.fixed_pattern((mosaic.planes(camera, colours), *size), self._pattern_seed)
+        return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
         """``rng.standard_normal`` of one seed for all items; the last ``_FIELDS`` are kept."""
@@ -321,32 +287,11 @@ def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
 class _Alike(NamedTuple):
     """What exposures must have in common to be read out together; light: the key of what the effects make."""
 
-    camera: Camera
-    without: frozenset[str]
-    noisy: bool
+    needs: Plan
     delivering: Camera
     digital_db: float
     seed: int
     light: Hashable
-
-
-class _Planned(NamedTuple):
-    alike: _Alike
-    points: Conditions[Tensor]
-    needs: Plan | None
-
-
-def _brighter(at: Conditions[float], brightest: float) -> Conditions[float]:
-    """Where the brightest of a picture stands: bounds are for light up to 1."""
-    return at if brightest == 1.0 else replace(at, white_e=at.white_e * brightest)
-
-
-def _reduced(at: Point, needs: Plan | None) -> Point:
-    """The conditions with what is left out set to 0."""
-    if needs is None:
-        return at
-    one_motion = MOTION_VARIATION.name in needs.without
-    return replace(at, camera=needs.camera, flow_px=None if one_motion else at.flow_px)
 
 
 def _decoded(picture: NDArray[Any]) -> Tensor:
