@@ -1,4 +1,4 @@
-"""Causes of paths: camera shake, speed bumps, logs of an inertial sensor, and paths as an option names them."""
+"""Causes of paths: camera shake, logs of an inertial sensor, and paths as an option names them."""
 
 from __future__ import annotations
 
@@ -27,10 +27,8 @@ _LENGTH_PX = 64.0  # of a path during an exposure, the unit of their terms
 LONGEST_SHAKE = 500
 """Duration of a whole shake over the exposure that its extent is of, at most."""
 _FINE = 8  # places between two readings of a rate
-BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
-"""A quarter car, as assumed: frequency of its body on its springs and their damping, frequency of its wheel between
-springs and tyre, mass of body over wheel, and how far the axles are apart."""
-_AXES = np.eye(3)
+
+_AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
@@ -73,72 +71,12 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     return Trajectory.of(time, extent / float(np.ptp(knots, axis=1).max()) * places)
 
 
-def speed_bump(
-    height_m: float, length_m: float, speed_m_s: float, *, focal_px: float, duration_s: float = 0.1
-) -> Trajectory:
-    """A car over a half-sine bump: what its pitch does to the picture, time 0 where it pitches fastest.
+def from_text(content: str, name: str, *, focal_px: float | None = None) -> Trajectory:
+    """A trajectory of the text of a CSV file: time_s with x_px, y_px, or with wx, wy (and wz) in rad_s or deg_s.
 
-    Two quarter cars of the figures above, the rear axle later by the wheelbase; heave (0.05 px at 20 m) is left out.
+    Mid-exposure is the middle of its times. name: of the file. focal_px: of the camera, for rates, see
+    :func:`from_rates`. Raises ``ValueError`` naming the file and what is wrong in it.
     """
-    time, rate = pitch_rate(height_m, length_m, speed_m_s)
-    middle = float(time[np.abs(rate).argmax()])
-    half = in_range("duration_s", duration_s, 0.0, 2.0, above=True) / 2
-    near = np.abs(time - middle) <= half + time[1]
-    time, rate = time[near] - middle, rate[near]
-    if time[0] > -half:  # level before the bump
-        time, rate = np.concatenate([[-half - 1e-9], time]), np.concatenate([[0.0], rate])
-    return _of_rates(time, rate, np.zeros_like(rate), focal_px)
-
-
-def pitch_rate(height_m: float, length_m: float, speed_m_s: float) -> tuple[Floats, Floats]:
-    """Times, s, from when the front axle meets a half-sine bump, and the car's pitch rate, rad/s, nose up > 0."""
-    height = in_range("height_m", height_m, 0.0, 1.0)
-    length = in_range("length_m", length_m, 0.01, 100.0)
-    speed = in_range("speed_m_s", speed_m_s, 0.1, 100.0)
-    step_s = 1e-4
-    time = step_s * np.arange(math.ceil(((length + WHEELBASE_M) / speed + 1.0) / step_s), dtype=np.float64)
-
-    spring, wheel = (2 * math.pi * BODY_HZ) ** 2, 1 / MASS_RATIO  # per mass of the body
-    damper = 4 * math.pi * BODY_HZ * DAMPING
-    tyre = wheel * (2 * math.pi * HOP_HZ) ** 2 - spring
-    moves = np.array(
-        [
-            [0, 1, 0, 0, 0],
-            [-spring, -damper, spring, damper, 0],
-            [0, 0, 0, 1, 0],
-            [spring / wheel, damper / wheel, -(spring + tyre) / wheel, -damper / wheel, tyre / wheel],
-            [0, 0, 0, 0, 0],
-        ]
-    )
-    term = over_step = np.eye(5)  # exp(moves step), whose series is short as the step is
-    for order in range(1, 8):
-        term = term @ moves * (step_s / order)
-        over_step = over_step + term
-
-    def body_speed(place_m: Floats) -> Floats:
-        road = np.where((place_m > 0) & (place_m < length), height * np.sin(np.pi * place_m / length), 0.0)
-        state, speeds = np.zeros(5), np.empty_like(road)
-        for step, state[4] in enumerate(road.tolist()):
-            speeds[step] = state[1]
-            state = over_step @ state
-        return speeds
-
-    front, rear = body_speed(speed * time), body_speed(speed * time - WHEELBASE_M)
-    return time, (front - rear) / WHEELBASE_M
-
-
-def from_csv(path: str | Path, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
-    """A trajectory of a CSV file: time_s with x_px and y_px, or with wx and wy (and wz) of ``_rad_s`` or ``_deg_s``.
-
-    Mid-exposure is the middle of its times. focal_px: of the camera, for rates, which are linear between readings.
-    axes: 3x3, the camera's axes in rows, in the inertial sensor's. Raises ``OSError``, or ``ValueError`` naming the
-    file and what is wrong in it.
-    """
-    return from_text(read_text(Path(path)), str(path), focal_px=focal_px, axes=axes)
-
-
-def from_text(content: str, name: str, *, focal_px: float | None = None, axes: Any = _AXES) -> Trajectory:
-    """:func:`from_csv` of what such a file says; ``name`` is the file's, for messages."""
     try:
         columns = _columns(content)
         if "time_s" not in columns:
@@ -154,7 +92,7 @@ def from_text(content: str, name: str, *, focal_px: float | None = None, axes: A
         for unit, scale in (("rad_s", 1.0), ("deg_s", math.pi / 180)):
             if {f"wx_{unit}", f"wy_{unit}"} <= set(columns):
                 rates = [columns.get(f"w{axis}_{unit}", np.zeros_like(time)) * scale for axis in "xyz"]
-                return from_rates(time, np.stack(rates), focal_px=focal_px, axes=axes)
+                return from_rates(time, np.stack(rates), focal_px=focal_px)
         raise ValueError(
             f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
         )
@@ -165,7 +103,10 @@ def from_text(content: str, name: str, *, focal_px: float | None = None, axes: A
 def from_rates(
     time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: float | None, axes: Any = _AXES
 ) -> Trajectory:
-    """A trajectory of a camera's rates of rotation (3, K), rad/s, at times (K,): d = f (-int wy, int wx)."""
+    """A trajectory of a camera's rates of rotation (3, K), rad/s, at times (K,): d = f (-int wy, int wx).
+
+    axes: 3x3, the camera's axes in rows, in the inertial sensor's. Rates are linear between readings.
+    """
     if focal_px is None:
         raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
     time, rates = np.asarray(time_s, float), np.asarray(rates_rad_s, float)
@@ -177,19 +118,13 @@ def from_rates(
     if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-3):
         raise ValueError(f"axes = {shown(turned.tolist())}: must be 3x3, rows of length 1 at right angles")
     wx, wy, _ = turned @ rates
-    return _of_rates(time, wx, wy, focal_px)
-
-
-def _of_rates(time: Floats, wx: Floats, wy: Floats, focal_px: float) -> Trajectory:
-    """Integrated between readings too, where the path is a parabola."""
-    focal = limited("focal_px", focal_px)
     fine = np.interp(np.arange((len(time) - 1) * _FINE + 1) / _FINE, np.arange(len(time)), time)
     angles = []
     for rate in (-wy, wx):
         between = np.interp(fine, time, rate)
         steps = (between[1:] + between[:-1]) / 2 * np.diff(fine)
         angles.append(np.concatenate([[0.0], np.cumsum(steps)]))
-    return Trajectory.of(fine, focal * np.stack(angles))
+    return Trajectory.of(fine, limited("focal_px", focal_px) * np.stack(angles))
 
 
 def _columns(content: str) -> dict[str, Floats]:

@@ -262,13 +262,6 @@ def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
         return np.asarray(np.where(ahead > 0, depth_m / ahead, np.where(np.isnan(ahead), np.nan, np.inf)))
 
 
-def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
-    """The longest exposure (...) that keeps a flow's (2, ...) blur within blur_px (> 0); inf where nothing moves."""
-    limited("blur_px", blur_px)
-    with np.errstate(divide="ignore"):
-        return np.asarray(blur_px / np.hypot(*flow_px_s))
-
-
 def _ahead(name: str, away_m: float | Floats) -> None:
     """Raise ``ValueError`` unless all is before the camera, or unknown."""
     nearest = float(np.nanmin(away_m)) if not np.isnan(away_m).all() else math.inf

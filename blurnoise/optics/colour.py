@@ -30,7 +30,6 @@ PLANES = ("none", "mono")
 """Without a mosaic: a sensor for each colour, or one plane of light."""
 _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
 _ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
-_GENERIC_NM = {"red": (600.0, 40.0), "green": (535.0, 40.0), "blue": (460.0, 30.0)}
 _LARGEST_INVERSE = 100.0
 LUMINANCE: Row = (0.2126, 0.7152, 0.0722)
 """Weights of linear red, green and blue (ITU-R BT.709)."""
@@ -64,27 +63,6 @@ class FilterCurves:
         """The curve behind the filter with this letter of a pattern, which must be stated."""
         curve: Spectrum = getattr(self, _CURVES[letter])
         return curve
-
-
-def behind_generic_filters(bare: Spectrum) -> FilterCurves:
-    """A sensor's own curve, held beyond its samples, behind colour filters as they might be, for want of measured.
-
-    Gaussians about 600, 535 and 460 nm (standard deviations 40, 40, 30 nm), 90 % at the peak; nothing from 660 nm on,
-    nor behind clear pixels.
-    """
-    nm = np.arange(400.0, 651.0, 10.0)
-    own = (
-        np.interp(nm, bare.wavelengths_nm, bare.values) if isinstance(bare, Curve) else np.full(len(nm), bare)
-    )
-
-    def curve(transmission: float | NDArray[np.float64]) -> Curve:
-        return Curve((*nm, 660.0), (*np.round(own * transmission, 4), 0.0))
-
-    each = {
-        name: curve(0.9 * np.exp(-(((nm - centre_nm) / spread_nm) ** 2) / 2))
-        for name, (centre_nm, spread_nm) in _GENERIC_NM.items()
-    }
-    return FilterCurves(**each, clear=curve(1.0))
 
 
 def marked(curves: Spectrum | FilterCurves) -> str:

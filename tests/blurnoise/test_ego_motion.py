@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from blurnoise_eval.drawing.motion_map import longest_exposure_s
 from projection import projected
 
-from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, longest_exposure_s, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, range_of_depth_m
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
 FAST_M_S = 100 / 3.6

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.limits import limited
-from blurnoise.motion.ego import EgoMotion, Floats, Mount, View, longest_exposure_s, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Floats, Mount, View, range_of_depth_m
 from blurnoise_eval.drawing.photon_transfer import plot_suffix
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
@@ -60,6 +60,13 @@ class ExposureMap(NamedTuple):
     def share(self, exposure_s: float) -> float:
         """The share of the scene that keeps within the limit at an exposure."""
         return float((self.longest_s[self.told] >= exposure_s).mean()) if self.told.any() else 1.0
+
+
+def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
+    """The longest exposure (...) that keeps a flow's (2, ...) blur within blur_px (> 0); inf where nothing moves."""
+    limited("blur_px", blur_px)
+    with np.errstate(divide="ignore"):
+        return np.asarray(blur_px / np.hypot(*flow_px_s))
 
 
 def maps_of(

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.motion.causes import path_duration_s, shake, speed_bump
+from blurnoise.motion.causes import path_duration_s, shake
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
@@ -23,6 +23,7 @@ from blurnoise.scene import cutting
 from blurnoise.scene.scene import simulate
 from blurnoise.training.expose import expose_pictures
 from blurnoise_eval.drawing.gallery import Tile, as_shown
+from blurnoise_eval.drawing.speed_bumps import speed_bump
 
 READOUT_S = 0.03
 """From first row to last, as slow rolling shutters take."""

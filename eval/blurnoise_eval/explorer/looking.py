@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from torch.nn.functional import avg_pool2d
 
 from blurnoise.light.conditions import middle_of
-from blurnoise.optics.camera import Camera, binned
+from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.steps import magnification
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.datasets import Picture
+from blurnoise_eval.explorer.binning import binned
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Standard, Stop, finer
 from blurnoise_eval.explorer.mtf50 import mtf50

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurnoise_eval.sweep.three_sensors import behind_generic_filters
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
-from blurnoise.optics.colour import FilterCurves, behind_generic_filters, inverse
+from blurnoise.optics.colour import FilterCurves, inverse
 from blurnoise.optics.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification

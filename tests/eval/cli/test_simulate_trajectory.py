@@ -14,7 +14,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, pixels, told
 
 from blurnoise import Camera, Trajectory, simulate
-from blurnoise.motion.causes import from_csv
+from blurnoise.motion.causes import from_text
 
 
 def native(path: Path) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
     facts = told(capsys, "simulate", source, "-o", tmp_path / "o.png", "--trajectory", log)
     focal = Camera.preset("imx250").field.focal_px[0] * 44 / 2464
     assert facts["path_width_px"] == pytest.approx(focal * np.radians(4.0), rel=1e-3)
-    assert from_csv(log, focal_px=focal).x_px[-1] < 0
+    assert from_text(log.read_text(), str(log), focal_px=focal).x_px[-1] < 0
     for seed in (1, 2):
         facts = told(
             capsys,

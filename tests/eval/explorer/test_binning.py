@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 import torch
+from blurnoise_eval.explorer.binning import binned
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, simulate
-from blurnoise.optics.camera import binned
 from blurnoise.optics.lens import Distortion, Lens, Mtf
 
 CAMERA = replace(
