@@ -55,13 +55,6 @@ class GreyAnchor:
             return ",".join(map(str, self.region_px))
         return "mean" if self.percentile is None else f"p{self.percentile:g}"
 
-    @property
-    def words(self) -> str:
-        """In running text."""
-        if self.region_px is not None:
-            return f"the mean of the region {self}"
-        return "the mean" if self.percentile is None else f"the {self.percentile:g} % percentile"
-
     def anchored(self, light: Tensor) -> Tensor:
         """Pictures (B, C, H, W) scaled so that the anchor is 0.18, each by itself.
 
@@ -71,14 +64,14 @@ class GreyAnchor:
 
     def _scale(self, picture: Tensor) -> float:
         channels, height, width = picture.shape
-        weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
-        seen = picture.detach().cpu().numpy()
+        seen = picture.detach().cpu().numpy().astype(float)
         if self.region_px is not None:
             x0, y0, x1, y1 = self.region_px
             if x1 > width or y1 > height:
                 raise ValueError(f"grey_anchor = {self}: lies outside the picture of {width} x {height} px")
             seen = seen[:, y0:y1, x0:x1]
-        luminance = np.tensordot(np.array(weights), seen.astype(float), 1)
+        weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
+        luminance = np.tensordot(np.array(weights), seen, 1)
         grey = float(
             luminance.mean() if self.percentile is None else np.percentile(luminance, self.percentile)
         )
@@ -101,7 +94,11 @@ def reflectance_text(anchor: str | None) -> str:
     """What light on a photograph's scene means, in half a line."""
     if anchor is None:
         return "brightness is taken for reflectance, 1 EV darker for half of it; --grey-anchor ties it to 18 % grey"
-    return f"18 % reflectance is {GreyAnchor.parse(anchor).words} of each picture (--grey-anchor {anchor})"
+    of = GreyAnchor.parse(anchor)
+    words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
+    if of.region_px is not None:
+        words = f"the mean of the region {of}"
+    return f"18 % reflectance is {words} of each picture (--grey-anchor {anchor})"
 
 
 _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for rounding stays whole
@@ -151,49 +148,32 @@ class AutoExposure:
         """The longest exposure allowed, before periods and rows are counted."""
         return min(self.longest_s, 1 / self.frame_rate_hz - self.readout_s)
 
-    def gain_db(
-        self,
-        camera: Camera,
-        *,
-        mean_light: float,
-        illuminance_lux: float,
-        exposure_s: float,
-        temperature_c: float = 25.0,
-        illuminant: str | Curve = "D55",
-    ) -> float:
-        """The gain for a given exposure, 0 dB to the largest: target / reading, for a picture of ``mean_light``.
-
-        Raises ``ValueError`` naming the argument.
-        """
-        reading = limited("exposure_s", exposure_s) * _per_second(
-            camera, mean_light, illuminance_lux, temperature_c, illuminant
-        )
-        most = min(self.gain_max_db, camera.gain_max_db)
-        if reading <= self.target * 10 ** (-most / 20):
-            return most
-        return max(0.0, 20 * math.log10(self.target / reading))
-
     def setting(
         self,
         camera: Camera,
         *,
         mean_light: float,
         illuminance_lux: float,
+        exposure_s: float | None = None,
         temperature_c: float = 25.0,
         illuminant: str | Curve = "D55",
     ) -> Setting:
-        """Time first, then gain. Raises ``ValueError`` naming the argument."""
-        rate = _per_second(camera, mean_light, illuminance_lux, temperature_c, illuminant)
-        exposure_s = self.allowed_s(self.target / rate if rate > 0 else math.inf)
-        gain_db = self.gain_db(
-            camera,
-            mean_light=mean_light,
-            illuminance_lux=illuminance_lux,
-            exposure_s=exposure_s,
-            temperature_c=temperature_c,
-            illuminant=illuminant,
+        """For a picture of ``mean_light`` the longest useful time, or a given exposure_s, then gain, 0 dB or more.
+
+        Raises ``ValueError`` naming the argument.
+        """
+        light = in_range("mean_light", mean_light, 0.0, 1e6)
+        electrons = (
+            light * limited("illuminance_lux", illuminance_lux) * electrons_per_lux_s(camera, illuminant)
         )
-        return Setting(exposure_s, gain_db, rate * exposure_s * 10 ** (gain_db / 20))
+        electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
+        rate = electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)
+        if exposure_s is None:
+            exposure_s = self.allowed_s(self.target / rate if rate > 0 else math.inf)
+        exposure_s, gain_db = limited("exposure_s", exposure_s), min(self.gain_max_db, camera.gain_max_db)
+        if (reading := exposure_s * rate) > self.target * 10 ** (-gain_db / 20):
+            gain_db = max(0.0, 20 * math.log10(self.target / reading))
+        return Setting(exposure_s, gain_db, reading * 10 ** (gain_db / 20))
 
     def allowed_s(self, wanted_s: float) -> float:
         """The longest allowed exposure that is not longer than ``wanted_s``, at least one row where rows count.
@@ -224,14 +204,3 @@ def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Cur
     if camera is None or camera.cfa not in ("mono", "RCCC"):
         return means @ means.new_tensor(LUMINANCE)
     return means @ means.new_tensor(colour_shares(camera, illuminant))
-
-
-def _per_second(
-    camera: Camera, mean_light: float, illuminance_lux: float, temperature_c: float, illuminant: str | Curve
-) -> float:
-    """The meter's reading for each second of exposure, at gain 0 dB."""
-    light = in_range("mean_light", mean_light, 0.0, 1e6)
-    lux = limited("illuminance_lux", illuminance_lux)
-    electrons = light * lux * electrons_per_lux_s(camera, illuminant)
-    electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
-    return electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)

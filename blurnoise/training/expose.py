@@ -187,13 +187,13 @@ def _gains_db(
     ):
         own, camera = of_each[item % len(of_each)], cameras[item % len(cameras)]
         if isinstance(own, AutoExposure):
-            own = own.gain_db(
+            own = own.setting(
                 camera,
                 mean_light=by_camera[camera][item],
                 illuminance_lux=lux,
                 exposure_s=exposure,
                 temperature_c=celsius,
-            )
+            ).gain_db
         found.append(limited("gain_db", own))
     return found
 

@@ -56,7 +56,7 @@ def test_the_meter_reads_what_the_mean_frame_has() -> None:
     light = float(mean_luma(scene)[0])
     assert light == pytest.approx(0.225 * (0.2126 + 0.7 * 0.7152 + 0.3 * 0.0722), rel=1e-5)
     ae, exposure_s, lux = AutoExposure(), 0.004, 20.0
-    gain_db = ae.gain_db(CAMERA, mean_light=light, illuminance_lux=lux, exposure_s=exposure_s)
+    gain_db = ae.setting(CAMERA, mean_light=light, illuminance_lux=lux, exposure_s=exposure_s).gain_db
     camera, digital_db = CAMERA.at_gain(gain_db)
     frame = simulate(
         scene, camera, exposure_s=exposure_s, illuminance_lux=lux, encoding="linear", noise=False
@@ -70,7 +70,7 @@ def test_without_noise_the_picture_does_not_depend_on_the_light() -> None:
     frames = []
     for lux in (2.0, 8.0, 32.0):
         at = {"illuminance_lux": lux, "exposure_s": 0.005}
-        gain_db = ae.gain_db(CAMERA, mean_light=float(mean_luma(scene)[0]), **at)
+        gain_db = ae.setting(CAMERA, mean_light=float(mean_luma(scene)[0]), **at).gain_db
         camera, digital_db = CAMERA.at_gain(gain_db)
         frame = simulate(scene, camera, encoding="linear", noise=False, quantised=False, **at)
         assert float(frame.max()) < camera.clip_dn

@@ -226,9 +226,8 @@ def simulate(
             "illuminance_lux": lux,
         }
         metered |= {"temperature_c": temperature_c, "illuminant": lit_by}
-        if exposure_ms == AUTOMATIC:
-            exposure_s = auto.setting(taker, **metered).exposure_s
-        gain_db = auto.gain_db(taker, exposure_s=exposure_s, **metered)
+        given_s = None if exposure_ms == AUTOMATIC else exposure_s
+        exposure_s, gain_db, _ = auto.setting(taker, exposure_s=given_s, **metered)
     taker, digital_db = taker.at_gain(gain_db)
     captures, lamp = given.captures(hdr, taker), given.flicker(pwm, pwm_mask, scene, seed)
     moves = given.trajectory(trajectory, taker, scene, exposure_s, seed)

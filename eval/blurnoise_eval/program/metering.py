@@ -40,13 +40,13 @@ class Metering:
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """As the camera sets it, from 0 dB to its most."""
-        return USUAL.gain_db(
+        return USUAL.setting(
             self.camera,
             mean_light=self.mean_light,
             illuminance_lux=illuminance_lux,
             exposure_s=exposure_s,
             temperature_c=self.temperature_c,
-        )
+        ).gain_db
 
     def lacks_gain(self, illuminance_lux: float, exposure_s: float) -> bool:
         """Whether the picture is darker than the meter asks for, at the camera's most gain."""

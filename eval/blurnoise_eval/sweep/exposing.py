@@ -212,22 +212,14 @@ def _set(
     exposure = at.exposure(camera, seed, vehicle=ego)
     if not at.automatic:
         return exposure
-    if "exposure_s" in at.automatic:
-        setting = auto_exposure.setting(
-            exposure.camera,
-            mean_light=mean_light,
-            illuminance_lux=exposure.illuminance_lux,
-            temperature_c=exposure.temperature_c,
-        )
-        return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
-    gain_db = auto_exposure.gain_db(
+    setting = auto_exposure.setting(
         exposure.camera,
         mean_light=mean_light,
         illuminance_lux=exposure.illuminance_lux,
-        exposure_s=exposure.exposure_s,
+        exposure_s=None if "exposure_s" in at.automatic else exposure.exposure_s,
         temperature_c=exposure.temperature_c,
     )
-    return replace(exposure, gain_db=gain_db)
+    return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
 
 
 def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
