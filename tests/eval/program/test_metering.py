@@ -36,7 +36,9 @@ def test_light_is_told_by_gains() -> None:
             "image": image,
             "illuminance_lux": lux,
             "exposure_s": 0.005,
-            "applied_gain_db": USUAL.gain_db(CAMERA, mean_light=light, illuminance_lux=lux, exposure_s=0.005),
+            "applied_gain_db": USUAL.setting(
+                CAMERA, mean_light=light, illuminance_lux=lux, exposure_s=0.005
+            ).gain_db,
         }
         for image, light in lights.items()
         for lux in (0.01, 10.0, 50.0, 1e5)  # at the first gain is at its most, at the last at none
