@@ -21,21 +21,6 @@ MARGIN = 2
 """Pixels of border that :func:`by_opencv` wants around a picture and takes off."""
 OFFSET, SCALE = 8192.0, 32768.0
 """Where integers of 16 bits hold linear light: 0 and the steps to 1, so that noise below black stays."""
-_CODES = {
-    "bilinear": {
-        "RGGB": cv2.COLOR_BayerRGGB2RGB,
-        "GRBG": cv2.COLOR_BayerGRBG2RGB,
-        "GBRG": cv2.COLOR_BayerGBRG2RGB,
-        "BGGR": cv2.COLOR_BayerBGGR2RGB,
-    },
-    "edge": {
-        "RGGB": cv2.COLOR_BayerRGGB2RGB_EA,
-        "GRBG": cv2.COLOR_BayerGRBG2RGB_EA,
-        "GBRG": cv2.COLOR_BayerGBRG2RGB_EA,
-        "BGGR": cv2.COLOR_BayerBGGR2RGB_EA,
-    },
-}
-"""By names that count from the first row; OpenCV's names of two letters count from the second."""
 
 
 def as_bayer(cfa: str) -> str:
@@ -68,7 +53,9 @@ def by_opencv(raw: NDArray[np.uint16], cfa: str, method: Method) -> NDArray[np.u
     """Colours (H, W, 3) of a plane with its margin, in integers of 16 bits; of RCCC grey, (H, W, 3) too."""
     inner = slice(MARGIN, -MARGIN)
     if cfa != "RCCC":
-        colours: NDArray[np.uint16] = cv2.cvtColor(raw, _CODES[method][as_bayer(cfa)])
+        # names of four letters count from the first row, those of two from the second
+        conversion = getattr(cv2, f"COLOR_Bayer{as_bayer(cfa)}2RGB{'_EA' if method == 'edge' else ''}")
+        colours: NDArray[np.uint16] = cv2.cvtColor(raw, conversion)
         return colours[inner, inner]
     grey = raw.copy()
     up, down, left, right = raw[1:-2:2, 2:-1:2], raw[3::2, 2:-1:2], raw[2:-1:2, 1:-2:2], raw[2:-1:2, 3::2]

@@ -1,7 +1,4 @@
-"""The picture step: one of those that make a picture of digital numbers, after the converter.
-
-Domain: digital numbers until the black level is taken off, then linear light (1: full scale), then values in [0, 1].
-"""
+"""The picture step: one of those that make a picture of digital numbers, after the converter."""
 
 from __future__ import annotations
 
@@ -10,19 +7,30 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from blurnoise._core.checks import an_instance, one_of
+from blurnoise._core.limits import limited
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
-from blurnoise.optics.spectra import Curve
+from blurnoise.optics.spectra import Curve, check_illuminant
 
 
 @dataclass(frozen=True)
 class Development:
-    """How a frame becomes a picture: digital gain, the picture's encoding, the light on the scene."""
+    """How a frame becomes a picture: digital gain, the picture's encoding, the light on the scene.
+
+    Raises ``TypeError`` or ``ValueError`` naming the field.
+    """
 
     camera: Camera
     gain_db: float = 0.0
     encoding: Encoding = "srgb"
     illuminant: str | Curve = "D55"
+
+    def __post_init__(self) -> None:
+        an_instance("camera", self.camera, Camera)
+        limited("gain_db", self.gain_db)
+        one_of("encoding", self.encoding, ("srgb", "linear"))
+        check_illuminant(self.illuminant)
 
 
 class PictureStep(ABC):

@@ -2,7 +2,7 @@
 
 Domain: digital numbers until :data:`BLACK_LEVEL` makes them linear light (1: full scale), one plane (B, 1, H, W) of a
 mosaic up to the demosaicing, three colours after it; then a picture in [0, 1]. ``STEPS`` is read wherever a frame is
-developed: a new entry is all that a new step needs. What a camera does not have (a mosaic, JPEG) it passes over.
+developed: a new entry is all that a new step needs.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ class BlackLevel(PictureStep):
         return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
 
 
-class WhiteBalance(PictureStep):
-    """A gain per filter, the least of them 1, and one level of clipping for all, so that highlights stay white."""
+class _OfMosaic(PictureStep):
+    """A step that only mosaics have."""
 
-    name = "white balance"
     pointwise = False
 
     def active(self, camera: Camera) -> bool:
         return camera.cfa not in colour.PLANES
 
+
+class WhiteBalance(_OfMosaic):
+    """A gain per filter, the least of them 1, and one level of clipping for all, so that highlights stay white."""
+
+    name = "white balance"
+
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """Times the gain of the pixel's filter, then clipped where the first of all filters saturates."""
         height, width = picture.shape[-2:]
         tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
         gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
         return (picture * gains).clamp(max=highest(at.camera))
 
 
-class Demosaic(PictureStep):
+class Demosaic(_OfMosaic):
     """Three colours a pixel of one."""
 
     name = "demosaic"
-    pointwise = False
-
-    def active(self, camera: Camera) -> bool:
-        return camera.cfa not in colour.PLANES
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
         return demosaic(picture, at.camera.cfa, at.camera.demosaic)
@@ -74,7 +74,6 @@ class ColourMatrix(PictureStep):
     pointwise = False
 
     def active(self, camera: Camera) -> bool:
-        """Where there is one, or clear pixels stand for green."""
         return camera.ccm is not None or camera.cfa == "RCCB"
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
@@ -101,7 +100,11 @@ class Tone(PictureStep):
 
 
 class Jpeg(PictureStep):
-    """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays."""
+    """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays.
+
+    Each picture by itself; three planes are colours, any other number so many grey pictures. Its derivatives are
+    those of nothing done.
+    """
 
     name = "JPEG"
     pointwise = False
@@ -110,16 +113,11 @@ class Jpeg(PictureStep):
         return camera.jpeg_quality is not None
 
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """Each picture by itself; three planes are colours, any other number so many grey pictures.
-
-        Its derivatives are those of nothing done.
-        """
         if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
             return picture
         quality = at.camera.jpeg_quality
         codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
-        colours = codes.shape[-3] == 3
-        each = codes.reshape(-1, *codes.shape[-3:]) if colours else codes.reshape(-1, *codes.shape[-2:])
+        each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
         seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
         found = torch.from_numpy(seen).to(picture) / 255
         return picture + (found - picture).detach() if picture.requires_grad else found
