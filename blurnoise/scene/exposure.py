@@ -14,7 +14,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, integer, one_of, shown
 from blurnoise._core.limits import limited
-from blurnoise.light import effects
+from blurnoise.light import effects, motion
 from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
@@ -129,11 +129,17 @@ class Exposure:
         if not self.drives or not len(boxes_xyxy):
             return effect(boxes_xyxy, at)
         places = places_of(boxes_xyxy).view(-1, 2)
-        moved = self.displacements_px(places, size).tolist()
-        seen = [
-            effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))
-            for place, (dx, dy) in zip(places, moved, strict=True)
-        ]
+        moved = self.displacements_px(places, size)
+        if (
+            self.trajectory is None and not self.camera.row_time_s
+        ):  # all at once: motion comes after distortion
+            half = motion.swept_half_px(moved) * (effect is effects.swept_boxes)
+            seen = [effect(places.repeat(1, 2), at) + torch.cat([-half, half], 1)]
+        else:
+            seen = [
+                effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))
+                for place, (dx, dy) in zip(places, moved.tolist(), strict=True)
+            ]
         each = torch.cat(seen).view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)
 

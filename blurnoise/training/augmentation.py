@@ -7,6 +7,7 @@ its centroid, so what moves is swept half the displacement to either side of its
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Self, Unpack
 
@@ -17,21 +18,23 @@ from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, in_range, one_of, shown
+from blurnoise.light import effects
 from blurnoise.optics.colour import Encoding
 from blurnoise.scene.cutting import checked_masks
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.expose import expose_pictures, moved_corners, swept_px, within_picture
+from blurnoise.training.expose import boxes_after, expose_pictures
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, Ranges
-from blurnoise.training.table import ExposureTable, Place
+from blurnoise.training.table import ExposureTable
 
-_CORNERS = [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+_FAR = [[False, False], [True, False], [True, True], [False, True]]
+"""Which corners of Kornia's boxes lie at the right, at the bottom."""
 
 
 class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
     """Draws from ``ranges``, or a table, by torch's global generator, as all of Kornia does: conditions, noise seeds.
 
-    Returns, for a batch of B, (B,) tensors: what their ``conditions`` returns, and ``noise_seed``,
-    int64. Under ``same_on_batch`` they are equal, the noise seed too, so equal pictures stay equal.
+    Returns, for a batch of B, (B,) tensors: those of ``ranges.conditions``, and ``noise_seed``, int64. Under
+    ``same_on_batch`` they are equal, the noise seed too, so equal pictures stay equal.
     """
 
     def __init__(self, ranges: Draws) -> None:
@@ -56,7 +59,7 @@ class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is
 
 
 class OverConditions:
-    """What the augmentations of Kornia and torchvision share: where their conditions come from."""
+    """What the augmentations of Kornia and torchvision share: where their conditions come from, and the exposure."""
 
     ranges: Draws
 
@@ -65,7 +68,7 @@ class OverConditions:
         """Draw conditions from these from now on."""
 
     @classmethod
-    def for_run(cls, run: str | Place, *, direction_deg: Range | None = None, **options: Any) -> Self:
+    def for_run(cls, run: Any, *, direction_deg: Range | None = None, **options: Any) -> Self:
         """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
         what moves, as :class:`blurnoise.training.table.ExposureTable` reads and spreads them.
 
@@ -85,25 +88,50 @@ class OverConditions:
         augmentation._draw_from(table)
         return augmentation
 
+    def _exposed(
+        self, pictures: Tensor, params: Params, of: list[int], seeds: Sequence[int], how: Mapping[str, Any]
+    ) -> Tensor:
+        """Pictures exposed under the conditions of these places in ``params``; how: encoding and fidelity."""
+        every = of == list(range(len(params["noise_seed"])))
+        return expose_pictures(
+            pictures,
+            **self.ranges.arguments(params, slice(None) if every else of),
+            generator=seeds,
+            encoding=how["encoding"],
+            fidelity=how["fidelity"],
+        )
+
+    def _moves_boxes(self, grow: bool) -> bool:
+        return grow or any(map(effects.displace, self.ranges.cameras))
+
+
+def checked_flags(encoding: Encoding, fidelity: Fidelity, grow_boxes: bool) -> dict[str, Any]:
+    """The options of an augmentation that are no ranges. Raises ``ValueError``."""
+    return {
+        "encoding": one_of("encoding", encoding, ("srgb", "linear")),
+        "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
+        "grow_boxes": grow_boxes,
+    }
+
 
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
     """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
 
-    The ranges are those of :class:`ExposureRanges`, the functional twin's arguments drawn anew for each picture.
+    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture.
     encoding: "srgb" or "linear", of the pictures, before and after. fidelity: as ``simulate`` takes it.
     grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the
     picture's last pixel (Kornia's boxes end in it); else boxes stay, as masks and keypoints always do.
     same_on_batch, p, keepdim: as everywhere in Kornia; only the pictures that p chooses are computed.
 
-    With masks, ``expose(pictures, masks=masks)``, parts may move for themselves: moves says what is drawn from.
+    With masks, ``expose(pictures, masks=masks)``, parts may move for themselves: moves says which.
     Kornia's containers show masks to no augmentation of pictures: there everything moves, and masks come back as they
     are. So let a container do the rest, with data_keys of pictures, boxes and masks, and call this one after it;
     boxes follow by ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``.
 
     All randomness lies in ``_params``, the noise's too: ``aug(x, params=aug._params)`` gives the same bits.
     A camera's fixed pattern is one specimen's, the same part of it for pictures of one size; it is drawn once.
-    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. What they are
-    drawn from is the compiler's, whose random numbers may differ from torch's own for the same seed.
+    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. The draws are
+    the compiler's, whose random numbers may differ from torch's own for the same seed.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """
@@ -122,11 +150,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
         self._draw_from(ExposureRanges(camera, **ranges))
-        self.flags = {
-            "encoding": one_of("encoding", encoding, ("srgb", "linear")),
-            "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
-            "grow_boxes": grow_boxes,
-        }
+        self.flags = checked_flags(encoding, fidelity, grow_boxes)
 
     def _draw_from(self, ranges: Draws) -> None:
         self.ranges, self._param_generator = ranges, ExposureGenerator(ranges)
@@ -151,18 +175,15 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         self, input: Tensor, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Tensor:
         """The pictures that ``batch_prob`` chooses, exposed; the others as they are."""
-        chosen = self._chosen(params, len(input))
+        chosen = list(range(len(input)))
+        if self.p < 1 or self.p_batch < 1:  # else Kornia has no gate
+            chosen = [item for item, gate in enumerate(params["batch_prob"].tolist()) if gate > 0.5]
         if not chosen:
             return input
         every = len(chosen) == len(input)
-        of = slice(None) if every else chosen
-        exposed = expose_pictures(
-            input[of],
-            **self.ranges.arguments(params, of),
-            masks=params["masks"][of] if "masks" in params else None,
-            generator=params["noise_seed"][of].tolist(),
-            encoding=flags["encoding"],
-            fidelity=flags["fidelity"],
+        seeds = params["noise_seed"].tolist()
+        exposed = self._exposed(
+            input if every else input[chosen], params, chosen, [seeds[item] for item in chosen], flags
         )
         return exposed if every else input.index_put((torch.tensor(chosen, device=input.device),), exposed)
 
@@ -170,28 +191,17 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Boxes:
         """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
-        height, width = params["forward_input_shape"][-2:].tolist()
-        corners = moved_corners(input.data, params, self.ranges, (height, width))
-        if corners is not input.data:
-            input = input.clone()
-            input.data.copy_(corners)
-        if not flags["grow_boxes"]:
+        if not self._moves_boxes(flags["grow_boxes"]):
             return input
-        # (B, N, 4, 2), or (N, 4, 2) of one picture; the last pixel, not its outer edge
-        boxes = torch.cat([corners.amin(-2), corners.amax(-2) + 1], -1)
-        swept = swept_px(params, self.ranges, boxes.view(-1, *boxes.shape[-2:]), (height, width)).to(corners)
-        low, high = (side.reshape(*corners.shape[:-2], 1, 2) for side in swept.unbind(2))
-        centre = (corners.amin(-2, keepdim=True) + corners.amax(-2, keepdim=True)) / 2
-        outward = (corners - centre).sign()
-        # A box of one pixel has all its corners in the centre: there they go by their order.
-        outward = torch.where((outward == 0).all(-2, keepdim=True), corners.new_tensor(_CORNERS), outward)
-        grown = input.clone()
-        by = outward * torch.where(outward < 0, low, high)
-        grown.data.copy_(within_picture(corners, by, (width - 1, height - 1)))
-        return grown
-
-    def _chosen(self, params: Params, batch: int) -> list[int]:
-        """Which pictures to expose. Kornia computes all and discards those that were not to be."""
-        if self.p == 1 and self.p_batch == 1:  # then Kornia asks no gate, either
-            return list(range(batch))
-        return [item for item, gate in enumerate(params["batch_prob"].tolist()) if gate > 0.5]
+        corners = input.data if input.data.ndim == 4 else input.data[None]  # (B, N, 4, 2) or (N, 4, 2)
+        low, high = corners.double().amin(-2, keepdim=True), corners.double().amax(-2, keepdim=True)
+        edges = torch.cat([low, high + 1], -1)[..., 0, :]  # the last pixel's outer edge
+        height, width = params["forward_input_shape"][-2:].tolist()
+        moved = boxes_after(edges, params, self.ranges, (height, width), grow=flags["grow_boxes"])[
+            ..., None, :
+        ]
+        share = (corners - low) / (high - low)
+        share = torch.where(high > low, share, corners.new_tensor(_FAR))  # of boxes of one pixel
+        out = input.clone()
+        out.data.copy_((moved[..., :2] + share * (moved[..., 2:] - 1 - moved[..., :2])).view_as(out.data))
+        return out

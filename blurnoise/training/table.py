@@ -1,9 +1,9 @@
-"""Table of conditions to draw from: a deployment's, as a sweep's folder or a grid states them, for training pictures.
+"""Table of conditions to draw from: those of a deployment, as a sweep's folder or a grid has them.
 
-Convention: speeds px/s, directions counter-clockwise as displayed. Rows are as likely as each other. Exposure, light
-and speed are drawn between a row's value and the middles to its neighbours, those that some row has (in the
-logarithm for exposure and light), so that what lies between two values of a grid is met, and nothing beyond its ends;
-a row at rest stays at rest. All else is the row's, a gain, too; in rows that state none auto-exposure sets it.
+Convention: speeds px/s, directions counter-clockwise as displayed. Rows are equally likely. Exposure, light and speed
+are drawn between a row's value and the middles to its neighbours among the values of all rows (in the logarithm for
+exposure and light), so that draws lie between two values of a grid, too, and none beyond its ends; a row at rest
+stays at rest. All else is the row's, a gain, too; for rows without one auto-exposure sets it.
 Of a run the rows are those that its camera would use: at each light and motion the exposures that the run recommends,
 or the best where none works, and none that saturates more than a tenth of the picture while another does not.
 """
@@ -17,14 +17,13 @@ from functools import cached_property
 from itertools import pairwise, product
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import integer, one_of, shown
+from blurnoise._core.checks import LIMITS, integer, limited, one_of, shown
 from blurnoise._core.files import json_of
-from blurnoise._core.limits import LIMITS, limited
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.cutting import Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
@@ -38,6 +37,7 @@ from blurnoise.training.ranges import (
     Params,
     Range,
     cameras_of,
+    chosen,
     warn_of_milliseconds,
 )
 
@@ -47,7 +47,8 @@ MOST_SATURATED = 0.1
 """Mean share of a picture's values at a limit of the sensor beyond which a run's condition is left out."""
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _WHOLE = ("gain_auto", "moves_index", "camera_index")
-"""What no precision rounds."""
+"""Columns that no precision rounds."""
+_TINY = 1e-30
 _NOT_DRAWN = {
     "trajectory": "its pictures move along a trajectory",
     "ego": "its camera drives, so that each place of a picture moves in its own way",
@@ -56,23 +57,10 @@ _NOT_DRAWN = {
 }
 
 
-class Place(Protocol):
-    """A folder or file, a ``Path`` or whatever reads as one."""
-
-    def __truediv__(self, name: str, /) -> Place:
-        """What has that name in this folder."""
-
-    def is_file(self) -> bool:
-        """Whether there is such a file."""
-
-    def read_text(self, encoding: str) -> str:
-        """All of the file."""
-
-
 class Condition(NamedTuple):
-    """One row: what a picture is taken under. camera: of the table's; gain_db: None where the camera sets it.
+    """One row: the conditions of a picture. camera: of the table's; gain_db: None where the camera sets it.
 
-    most_lux_s: exposure times light that draws about it have at most, as far as the row's neighbours leave it.
+    most_lux_s: exposure times light of draws about it is at most this, as far as the row's neighbours leave it.
     """
 
     exposure_s: float
@@ -88,10 +76,10 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class ExposureTable(Draws):
-    """Conditions, each as likely as the others, and the cameras that they name by number.
+    """Conditions, equally likely, and the cameras that they name by number.
 
-    gain_db: the auto-exposure that sets the gain of rows that state none. direction_deg: drawn uniformly in place
-    of the rows', None: theirs. Raises ``ValueError`` for no row, or one outside the limits of conditions.
+    gain_db: the auto-exposure of rows without a gain. direction_deg: drawn uniformly in place of the rows', None:
+    theirs. Raises ``ValueError`` for no row, or one outside the limits of conditions.
     """
 
     camera: Cameras
@@ -117,10 +105,10 @@ class ExposureTable(Draws):
             object.__setattr__(self, "direction_deg", ends)
 
     @classmethod
-    def of_run(cls, run: str | Place, *, direction_deg: Range | None = None) -> ExposureTable:
+    def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:
         """The table of a finished sweep, from the file ``conditions.json`` in its folder.
 
-        run: the folder; of one elsewhere what ``blurnoise_eval.system.storage.location`` makes of its URL.
+        run: the folder, a path; of one elsewhere what ``blurnoise_eval.system.storage.location`` makes of its URL.
         Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
         along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
         """
@@ -146,12 +134,9 @@ class ExposureTable(Draws):
                 raise ValueError(
                     f"run = {str(run)!r}: its camera sets exposures itself; training pictures need stated ones"
                 )
-            return cls(
-                tuple(Camera.from_dict(each) for each in held["cameras"]),
-                tuple(_used(held["conditions"])),
-                AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL,
-                direction_deg,
-            )
+            cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
+            auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
+            return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
 
@@ -169,118 +154,94 @@ class ExposureTable(Draws):
         moves: Sequence[Moves] = ("all",),
     ) -> ExposureTable:
         """Every combination of these values. Raises as the class does, ``TypeError`` for what is no sequence."""
-        gain_db = USUAL if gain_db == "auto" else gain_db
-        gains: Any = (None,) if isinstance(gain_db, AutoExposure) else gain_db
-        lists = {"exposure_s": exposure_s, "illuminance_lux": illuminance_lux, "speed_px_s": speed_px_s}
-        for name, given in {
-            **lists,
+        auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
+        gains: Any = ("auto",) if gain_db == "auto" or gain_db is auto else gain_db
+        lists = {
+            "exposure_s": exposure_s,
+            "illuminance_lux": illuminance_lux,
+            "speed_px_s": speed_px_s,
             "temperature_c": temperature_c,
             "gain_db": gains,
             "moves": moves,
-        }.items():
+        }
+        for name, given in lists.items():
             if isinstance(given, str) or not isinstance(given, Iterable):
                 raise TypeError(
                     f"{name} = {shown(given)}: must be a sequence of values, such as [{shown(given)}]"
                 )
         warn_of_milliseconds(*exposure_s)
         cameras = cameras_of(camera)
-        gains = [None if gain == "auto" else gain for gain in gains]
-        values = (exposure_s, illuminance_lux, speed_px_s, (0.0,), temperature_c, gains, moves)
-        rows = (Condition(*each) for each in product(*values, range(len(cameras))))
-        auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
+        lists["gain_db"] = [None if gain == "auto" else gain for gain in gains]
+        rows = (
+            Condition(**dict(zip(lists, each, strict=True)), camera=index)
+            for *each, index in product(*lists.values(), range(len(cameras)))
+        )
         return cls(cameras, tuple(rows), auto, direction_deg)
 
     @cached_property
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Whatever the motion of some row is of."""
+        """What moves in the rows, each of ``MOVES`` once."""
         return tuple(dict.fromkeys(row.moves for row in self.rows))
 
     @property
     def draws(self) -> int:
-        """How many uniform values the conditions of one picture take."""
+        """As of all :class:`Draws`."""
         return 1 + len(_SPREAD) + (self.direction_deg is not None)
 
     def conditions(self, uniform: Tensor) -> Params:
-        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each; as :class:`ExposureRanges` has
-        them."""
+        """As of all :class:`Draws`."""
         shares = iter(uniform.unbind(-1))
         # in double precision: a thousand rows leave single precision few places
-        row = (next(shares).double() * len(self.rows)).long().clamp_max(len(self.rows) - 1).cpu()
-        drawn: Params = {}
-        for name in _SPREAD:
-            low, high = (end[row].to(uniform) for end in self._cells[name])
+        row = chosen(next(shares).double(), len(self.rows)).cpu()
+        held = {name: column[row] for name, column in self._columns.items()}
+        whole = {name: held.pop(name).to(uniform.device) for name in _WHOLE if name in held}
+        taken = {name: column.to(uniform) for name, column in held.items()}
+        most = taken.pop("most_lux_s")
+        ends = {name: (taken.pop(f"least {name}"), taken.pop(f"most {name}")) for name in _SPREAD}
+        for name, (low, high) in ends.items():
             share = next(shares)
+            ratio = (high / low.clamp_min(_TINY)) ** share
             in_logarithm = (low > 0) & (name != "speed_px_s")
-            value = torch.where(
-                in_logarithm, low * (high / low.clamp_min(1e-30)) ** share, low + (high - low) * share
-            )
-            drawn[name] = torch.minimum(torch.maximum(value, low), high)
-        exposure, light = drawn["exposure_s"], drawn["illuminance_lux"]
-        columns = self._columns["most_lux_s"], *(self._cells[name][0] for name in _SPREAD[:2])
-        most, shortest, darkest = (column[row].to(uniform) for column in columns)
-        drawn["exposure_s"] = torch.maximum(torch.minimum(exposure, most / light.clamp_min(1e-30)), shortest)
-        least = torch.minimum(light, most / drawn["exposure_s"].clamp_min(1e-30))
-        drawn["illuminance_lux"] = torch.maximum(least, darkest)
-        fastest = LIMITS["displacement_px"].high / drawn["exposure_s"].clamp_min(
-            1e-30
-        )  # a row's own is within it
-        drawn["speed_px_s"] = torch.minimum(drawn["speed_px_s"], fastest * (1 - 1e-6))
-        if self.direction_deg is None:
-            drawn["direction_deg"] = self._columns["direction_deg"][row].to(uniform)
-        else:
+            value = torch.where(in_logarithm, low * ratio, low + (high - low) * share)
+            taken[name] = torch.minimum(torch.maximum(value, low), high)
+        exposure, light = taken["exposure_s"], taken["illuminance_lux"]
+        exposure = torch.maximum(
+            torch.minimum(exposure, most / light.clamp_min(_TINY)), ends["exposure_s"][0]
+        )
+        light = torch.minimum(light, most / exposure.clamp_min(_TINY))
+        fastest = LIMITS["displacement_px"].high / exposure.clamp_min(_TINY)  # a row's own is within it
+        taken["exposure_s"] = exposure
+        taken["illuminance_lux"] = torch.maximum(light, ends["illuminance_lux"][0])
+        taken["speed_px_s"] = torch.minimum(taken["speed_px_s"], fastest * (1 - 1e-6))
+        if self.direction_deg is not None:
             first, last = self.direction_deg  # type: ignore[misc]
-            drawn["direction_deg"] = first + (last - first) * next(shares)
-        drawn["temperature_c"] = self._columns["temperature_c"][row].to(uniform)
-        if "gain_db" in self._columns:
-            drawn["gain_db"] = self._columns["gain_db"][row].to(uniform)
-        whole = {name: self._columns[name] for name in _WHOLE if name in self._columns}
-        return {**drawn, **{name: column[row].to(uniform.device) for name, column in whole.items()}}
-
-    def gain(
-        self, params: Params, of: slice | list[int] = slice(None)
-    ) -> Tensor | float | AutoExposure | list[float | AutoExposure]:
-        """The rows' own, what holds for all, or in a table with both kinds of rows either, one for each picture."""
-        if "gain_auto" not in params:
-            return super().gain(params, of)
-        each = zip(params["gain_auto"][of].tolist(), params["gain_db"][of].tolist(), strict=True)
-        return [self.gain_db if auto else stated for auto, stated in each]  # type: ignore[misc]
+            taken["direction_deg"] = first + (last - first) * next(shares)
+        return {**taken, **whole}
 
     @cached_property
     def _columns(self) -> dict[str, Tensor]:
-        """What is the row's alone, (rows,) each: without what no row states, or all the same."""
-        stated = [row.gain_db for row in self.rows]
-        auto = [gain is None for gain in stated]
-        moves = {name: place for place, name in enumerate(self.moves)}
-        found = {
-            "direction_deg": torch.tensor([row.direction_deg for row in self.rows], dtype=torch.float64),
-            "temperature_c": torch.tensor([row.temperature_c for row in self.rows], dtype=torch.float64),
-            "most_lux_s": torch.tensor([row.most_lux_s for row in self.rows], dtype=torch.float64),
-            "camera_index": torch.tensor([row.camera for row in self.rows]),
-        }
+        """Quantities by row, (rows,) each: ``_WHOLE`` without those that are all the same, and the rest, float64."""
+        held = dict(zip(Condition._fields, map(list, zip(*self.rows, strict=True)), strict=True))
+        auto = [gain is None for gain in held["gain_db"]]
+        names = ["direction_deg", "temperature_c", "most_lux_s"]
         if not all(auto):
-            found["gain_db"] = torch.tensor([gain or 0.0 for gain in stated], dtype=torch.float64)
-            if any(auto):
-                found["gain_auto"] = torch.tensor(auto)
-        if self.moves != ("all",):
-            found["moves_index"] = torch.tensor([moves[row.moves] for row in self.rows])
-        return found
-
-    @cached_property
-    def _cells(self) -> dict[str, tuple[Tensor, Tensor]]:
-        """Of each quantity that is spread: the least and the most of it that each row draws, (rows,)."""
-        found = {}
+            names.append("gain_db")
+            held["gain_db"] = [gain or 0.0 for gain in held["gain_db"]]
         for name in _SPREAD:
-            values = [getattr(row, name) for row in self.rows]
-            known = sorted({*values})
-            middles = [_middle(*pair, linear=name == "speed_px_s") for pair in pairwise(known)]
+            known = sorted({*held[name]})
+            linear = name == "speed_px_s"
+            middles = [_middle(*pair, linear=linear) for pair in pairwise(known)]
             lows = dict(zip(known, [known[0], *middles], strict=True))
-            highs = dict(zip(known, [*middles, known[-1]], strict=True))
-            if name == "speed_px_s":
-                highs[0.0] = 0.0
-            found[name] = (
-                torch.tensor([lows[value] for value in values], dtype=torch.float64),
-                torch.tensor([highs[value] for value in values], dtype=torch.float64),
-            )
+            highs = dict(zip(known, [*middles, known[-1]], strict=True)) | ({0.0: 0.0} if linear else {})
+            held[f"least {name}"] = [lows[value] for value in held[name]]
+            held[f"most {name}"] = [highs[value] for value in held[name]]
+            names += [f"least {name}", f"most {name}"]
+        found = {name: torch.tensor(held[name], dtype=torch.float64) for name in names}
+        found["camera_index"] = torch.tensor(held["camera"])
+        if any(auto) and not all(auto):
+            found["gain_auto"] = torch.tensor(auto)
+        if self.moves != ("all",):
+            found["moves_index"] = torch.tensor([self.moves.index(moves) for moves in held["moves"]])
         return found
 
     def __str__(self) -> str:
@@ -298,7 +259,7 @@ def _middle(low: float, high: float, *, linear: bool) -> float:
 
 
 def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
-    """The rows that a run's camera would use, of all that it met; all where it does not say how they did."""
+    """The rows that a run's camera would use, of all that it met; all where it has neither shares nor answers."""
     met = [(_row(each), each.get("saturated") or 0.0, bool(each.get("recommended"))) for each in held]
     least: dict[Condition, float] = {}  # saturated, of a setting at any exposure
     most_lux_s: dict[tuple[int, float | None], float] = {}  # of a camera and gain, without saturation
@@ -323,7 +284,7 @@ def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
 
 
 def _row(held: Mapping[str, Any]) -> Condition:
-    """A condition as a run's table names it: velocities x right and y down."""
+    """A condition of a run's file: velocities x right and y down."""
     x, y = float(held.get("velocity_x_px_s", 0.0)), float(held.get("velocity_y_px_s", 0.0))
     gain = held.get("gain_db", 0.0)
     return Condition(

@@ -16,11 +16,10 @@ from torchvision.transforms import v2
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.light import effects
 from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.augmentation import ExposureGenerator, OverConditions
-from blurnoise.training.expose import expose_pictures, moved_corners, swept_px, within_picture
+from blurnoise.training.augmentation import ExposureGenerator, OverConditions, checked_flags
+from blurnoise.training.expose import boxes_after
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Ranges
 
 
@@ -48,11 +47,8 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
     ) -> None:
         super().__init__()
         self._draw_from(ExposureRanges(camera, **ranges))
-        one_of("encoding", encoding, ("srgb", "linear"))
-        one_of("fidelity", fidelity, ("auto", "full"))
-        self.encoding: Encoding = encoding
-        self.fidelity: Fidelity = fidelity
-        self.grow_boxes = grow_boxes
+        for name, value in checked_flags(encoding, fidelity, grow_boxes).items():
+            setattr(self, name, value)  # which its repr shows
         self.p = in_range("p", p, 0.0, 1.0)
 
     def _draw_from(self, ranges: Draws) -> None:
@@ -76,50 +72,37 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         if not params["applies"]:
             return inpt
         if isinstance(inpt, tv_tensors.BoundingBoxes):
-            return self._moved(inpt, params) if self.grow_boxes or self._displaces() else inpt
+            return self._moved(inpt, params) if self._moves_boxes(self.grow_boxes) else inpt
         if isinstance(inpt, PIL.Image.Image):
             one_of("image: PIL mode", inpt.mode, ("L", "RGB"))
             picture = v2.functional.pil_to_tensor(inpt)
-            return v2.functional.to_pil_image(self._exposed(picture, params), mode=inpt.mode)
-        if isinstance(inpt, tv_tensors.TVTensor) and not isinstance(
-            inpt, (tv_tensors.Image, tv_tensors.Video)
-        ):
+            return v2.functional.to_pil_image(self._frames(picture, params), mode=inpt.mode)
+        pictures = (tv_tensors.Image, tv_tensors.Video)
+        if isinstance(inpt, tv_tensors.TVTensor) and not isinstance(inpt, pictures):
             return inpt
-        exposed = self._exposed(inpt.as_subclass(Tensor), params)
+        exposed = self._frames(inpt.as_subclass(Tensor), params)
         return tv_tensors.wrap(exposed, like=inpt) if isinstance(inpt, tv_tensors.TVTensor) else exposed
 
-    def _exposed(self, picture: Tensor, params: dict[str, Any]) -> Tensor:
-        if picture.dtype != torch.uint8 and not picture.is_floating_point():
+    def _frames(self, picture: Tensor, params: dict[str, Any]) -> Tensor:
+        coded = picture.dtype == torch.uint8
+        if not coded and not picture.is_floating_point():
             raise TypeError(f"image: must be uint8 or float in [0, 1], got {picture.dtype}")
-        scene = picture.float() / 255 if picture.dtype == torch.uint8 else picture
-        frames = scene.reshape(-1, *scene.shape[-3:])
+        frames = (picture.float() / 255 if coded else picture).reshape(-1, *picture.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
-        masks, taken = params.get("masks"), self.ranges.arguments(params)
-        exposed = expose_pictures(
-            frames,
-            **{**taken, "moves": taken["moves"][0], "trajectory": taken["trajectory"][0]},
-            masks=None if masks is None else masks.expand(len(frames), -1, -1, -1),
-            generator=rng.item_seeds(noise, len(frames)),
-            encoding=self.encoding,
-            fidelity=self.fidelity,
-        ).reshape(picture.shape)
-        return exposed.mul(255).round().to(torch.uint8) if picture.dtype == torch.uint8 else exposed
-
-    def _displaces(self) -> bool:
-        return any(map(effects.displace, self.ranges.cameras))
+        seeds = rng.item_seeds(noise, len(frames))
+        exposed = self._exposed(frames, params, [0] * len(frames), seeds, vars(self)).reshape(picture.shape)
+        return exposed.mul(255).round().to(torch.uint8) if coded else exposed
 
     def _moved(self, boxes: Any, params: dict[str, Any]) -> Any:
         if boxes.format.value not in ("XYXY", "XYWH", "CXCYWH"):
             raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
         upright = tv_tensors.BoundingBoxFormat.XYXY
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
-        corners = moved_corners(edges.reshape(-1, 2, 2), params, self.ranges, boxes.canvas_size)
-        if self.grow_boxes:
-            sides = swept_px(params, self.ranges, corners.reshape(1, -1, 4), boxes.canvas_size)[0]
-            by = sides * sides.new_tensor([[-1], [1]])
-            by = (by if corners.is_floating_point() else by.sign() * by.abs().ceil()).to(corners)
-            height, width = boxes.canvas_size
-            corners = within_picture(corners, by, (width, height))
-        moved = corners.reshape(edges.shape)
+        moved = boxes_after(
+            edges.reshape(1, -1, 4).double(), params, self.ranges, boxes.canvas_size, grow=self.grow_boxes
+        ).view_as(edges)
+        if not edges.is_floating_point():  # whole pixels that hold them
+            moved = torch.cat([moved[..., :2].floor(), moved[..., 2:].ceil()], -1)
+        moved = moved.to(edges)
         back = v2.functional.convert_bounding_box_format(moved, old_format=upright, new_format=boxes.format)
         return tv_tensors.wrap(back, like=boxes)

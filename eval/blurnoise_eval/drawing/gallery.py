@@ -109,20 +109,11 @@ def tiles(
     drawn = ranges.conditions(torch.rand(count, ranges.draws, generator=generator))
     cameras = [ranges.cameras[index] for index in drawn["camera_index"].tolist()]
     planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
+    seeds = rng.item_seeds(generator, count)
+    drawn["noise_seed"] = torch.tensor(seeds)
     pictures = []
-    for place, noise in enumerate(rng.item_seeds(generator, count)):
-        of = [place]
-        exposed = expose_pictures(
-            planes,
-            cameras[place],
-            exposure_s=drawn["exposure_s"][of],
-            illuminance_lux=drawn["illuminance_lux"][of],
-            speed_px_s=drawn["speed_px_s"][of],
-            direction_deg=drawn["direction_deg"][of],
-            temperature_c=drawn["temperature_c"][of],
-            gain_db=ranges.gain(drawn, of),
-            generator=[noise],
-        )
+    for place, noise in enumerate(seeds):
+        exposed = expose_pictures(planes, **ranges.arguments(drawn, [place]), generator=[noise])
         pictures.append(as_shown(exposed, coded.ndim))
         progress(1)
     columns = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")
