@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from types import ModuleType
 
 _FORMER = {
+    "blur.convolution": "blur.paths path_blur",
     "blur.layers": "layers",
-    "blur.paths": "path_blur",
     "metrics.information": "metrics.edge_information",
     "metrics.patches": "metrics.contrast metrics.noise",
     "motion.causes": "camera_shake",

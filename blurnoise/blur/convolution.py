@@ -1,4 +1,4 @@
-"""Applies blur to batches of pictures (B, C, H, W) in linear light: the methods, and the choice between them.
+"""Applies blur to batches of pictures (B, C, H, W) in linear light.
 
 Convention: x right, y down, px. A blur keeps the mean of what it sees and its centroid; the border is
 continued by ``border`` ("reflect", "replicate", "circular" or "constant" for black), by default "reflect".
@@ -10,45 +10,32 @@ as none.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from itertools import repeat
 from typing import Literal, cast
 
+import numpy as np
 import torch
 from kornia import filters
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import an_instance, image_batch, one_of, real_tensor, shown
 from blurnoise._core.limits import LIMITS, limited, limited_motion
-from blurnoise._core.threads import WORTH_IT, differentiable, side_by_side
+from blurnoise._core.threads import differentiable, side_by_side, threads_for
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.blur import fourier, psf
+from blurnoise.blur import fourier
+from blurnoise.blur.path_otf import Path
+from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
 METHODS = ("auto", "none", "transfer", "tiles", "kornia")
-_FOURIER: tuple[Method, ...] = ("transfer", "tiles")
 _LONGEST_KERNEL_PX = 2000  # whose cost in time and memory grows as its square
 NEGLIGIBLE = 1e-5
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What is done to one picture, and why.
-
-    error: predicted RMS error in units of white, above what the sampling of the picture itself causes, and
-    cost_ns: predicted time per value of the picture on one core; None where neither is predicted.
-    plan: of the Fourier transforms, where there are any.
-    """
-
-    method: Method
-    reason: str
-    error: float | None = None
-    cost_ns: float | None = None
-    plan: fourier.TransformPlan | None = None
 
 
 @uncompiled
@@ -67,10 +54,10 @@ def motion_blur(
 
     method:
         "transfer": the analytic transfer function by one Fourier transform, over the axes that move.
-        "tiles": the same over overlapping tiles that fit the processor's cache (overlap-save).
+        "tiles": the same over overlapping tiles that fit the processor's cache (overlap-save), where that is faster.
         "kornia": ``kornia.filters.motion_blur`` of the nearest odd length, as a baseline to compare with.
         "none": leaves the pictures as they are.
-        "auto": the cheapest that is exact; :func:`choose` says which and why.
+        "auto": "tiles", but a blur whose error stays below ``NEGLIGIBLE`` is left out.
 
     Raises ``TypeError`` or ``ValueError`` for anything but finite values of these shapes.
     """
@@ -82,119 +69,112 @@ def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -
     return exposure_blur(image, (0.0, 0.0), optics, border=border)
 
 
+def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: Border = "reflect") -> Tensor:
+    """Every picture blurred by one path, and one lens; ``image`` itself where that is too small to be seen.
+
+    Differentiable in the pictures. Raises ``TypeError`` or ``ValueError``.
+    """
+    return exposure_blur(image, (0.0, 0.0), optics, (path,) * len(image), border=border)
+
+
 def exposure_blur(
     image: Tensor,
     displacement_px: Tensor | Iterable[float],
     optics: Optics,
+    paths: Sequence[Polyline | None] = (),
     *,
     method: Method = "auto",
     border: Border = "reflect",
 ) -> Tensor:
     """Blur by lens and motion in one pass, as their transfer functions multiply; see :func:`motion_blur`.
 
-    ``method`` "kornia" knows motion only and raises ``ValueError`` for a lens that blurs.
+    paths: in place of the displacements of those pictures that have one. ``method`` "kornia" knows straight motion
+    only and raises ``ValueError`` for a lens that blurs.
     """
     image_batch("image", image)
     an_instance("optics", optics, Optics)
-    moved = displacements(displacement_px, image)
-    at_once = 1 if image.device.type == "cpu" or method == "kornia" else len(image)
-    groups = list(zip(torch.split(image, at_once), torch.split(moved, at_once), strict=True))
-    size = (image.shape[-2], image.shape[-1])
+    one_of("border", border, BORDERS)
+    one_of("method", method, METHODS)
+    moved = motions("displacement_px", displacement_px, image)
+    if method == "kornia":
+        return _kornia(image, moved, optics, border)
     moving = differentiable(moved)  # then a blur too short to be seen still has its gradient
-    choices = []
-    for _, group in groups:
-        dx, dy = group.detach().abs().amax(0).tolist()
-        choices.append(_choose(dx, dy, size, optics, method, border, moving=moving))
-    if all(choice.method == "none" for choice in choices):
-        return image
-    if differentiable(image, moved):
-        parts = zip(groups, choices, strict=True)
-        return torch.cat([_blurred(*group, choice, optics, border) for group, choice in parts])
-    out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    detached = [(pictures.detach(), by.detach()) for pictures, by in groups]
-    jobs = list(zip(detached, choices, torch.split(out, at_once), strict=True))
-    threads = torch.get_num_threads() if image.numel() >= WORTH_IT else 1
-    shared = threads <= len(jobs) and all(choice.plan is not None for choice in choices)
-
-    def blur(job: tuple[tuple[Tensor, Tensor], Choice, Tensor]) -> None:
-        (pictures, by), choice, target = job
-        _blurred(pictures, by, choice, optics, border, target, 1 if shared else threads)
-
-    side_by_side(blur, jobs, threads if shared else 1)
-    return out
+    moved = moved if moving else moved.detach()
+    together = image.device.type != "cpu" and not any(paths)
+    responses: list[fourier.Response | None] = []
+    for group, path in zip(
+        torch.split(moved, len(image) if together else 1), paths or repeat(None), strict=False
+    ):
+        if path is not None:
+            left_out = path.error + optics.error
+            knots, shares = (torch.from_numpy(each) for each in (path.knots, np.array(path.shares)))
+            response: fourier.Response = Path(knots, shares, optics)
+        else:
+            dx, dy = group.detach().abs().amax(0).tolist()
+            left_out = transfer.motion_error(dx, dy) + optics.error
+            response = fourier.Straight(group, optics, moving)
+        negligible = method == "auto" and left_out <= NEGLIGIBLE and not moving
+        nothing = method == "none" or negligible or not any(response.reach_px)
+        responses.append(None if nothing else response)
+    return _applied(image, responses, border, tiled=method != "transfer")
 
 
 @uncompiled
-def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
-    """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
+def polyline_blur(
+    image: Tensor,
+    knots_px: Tensor,
+    durations: Tensor | None = None,
+    optics: Optics = SHARP,
+    *,
+    border: Border = "reflect",
+) -> Tensor:
+    """Blur each picture by a path that may be optimised: straight between knots, as long in each segment as it says.
 
-    Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
-    :func:`optical_blur` does not.
+    image: (B, C, H, W). knots_px: (K, 2) or (B, K, 2), K >= 2, px, (0, 0) where the picture shows the place.
+    durations: (K - 1,), > 0 in any unit; None: equal. Differentiable in all three. Raises ``TypeError`` or
+    ``ValueError``.
     """
     image_batch("image", image)
     one_of("border", border, BORDERS)
-    kernel = psf.disc(limited("radius_px", radius_px))
-    if kernel.size == 1:
+    knots = real_tensor("knots_px", knots_px)
+    if knots.ndim not in (2, 3) or knots.shape[-1] != 2 or knots.shape[-2] < 2:
+        raise ValueError(f"knots_px: shape must be (K, 2) or (B, K, 2) of K >= 2, got {tuple(knots.shape)}")
+    if knots.ndim == 3 and len(knots) != len(image):
+        raise ValueError(
+            f"knots_px: got {len(knots)} paths for a batch of {len(image)}; must be one per picture"
+        )
+    limited_motion("knots_px", knots)
+    segments = knots.shape[-2] - 1
+    spent = torch.ones(segments) if durations is None else real_tensor("durations", durations)
+    if spent.shape != (segments,) or not bool((spent.detach() > 0).all()):
+        raise ValueError(f"durations: must be {segments} numbers > 0, one per segment")
+    shares = (spent / spent.sum()).double().cpu()
+    each = knots.double().cpu().expand(len(image), segments + 1, 2)
+    if not differentiable(each, shares):
+        each, shares = each.detach(), shares.detach()
+    return _applied(image, [Path(path.T, shares, optics) for path in each], border)
+
+
+def _applied(
+    image: Tensor, responses: Sequence[fourier.Response | None], border: Border, *, tiled: bool = True
+) -> Tensor:
+    """Pictures times their responses, one or all of them each; None leaves a picture as it is."""
+    if not any(responses):
         return image
-    return _correlate(image, torch.from_numpy(kernel).to(image)[None], border)
+    threads, each = threads_for(image), len(image) // len(responses)
 
+    def blurred(picture: Tensor, response: fourier.Response | None, out: Tensor | None = None) -> Tensor:
+        if response is None:
+            return picture if out is None else out.copy_(picture)
+        return fourier.apply(picture, response, border, tiled=tiled, out=out, threads=threads)
 
-def choose(
-    displacement_px: Tensor | Iterable[Iterable[float]],
-    size: tuple[int, int],
-    *,
-    optics: Optics = SHARP,
-    method: Method = "auto",
-    border: Border = "reflect",
-) -> list[Choice]:
-    """What ``method`` does to pictures (H, W) = ``size`` under motions (B, 2): for "auto", its choices.
-
-    "auto" leaves out a blur whose error stays below ``NEGLIGIBLE``, else takes the transfer function, which
-    has no error of its own, whole or in tiles, whichever is predicted to be faster.
-    """
-    moved = real_tensor("displacement_px", displacement_px).detach()
-    if moved.ndim != 2 or moved.shape[1] != 2:
-        raise ValueError(f"displacement_px: shape must be (B, 2), got {tuple(moved.shape)}")
-    limited_motion("displacement_px", moved)
-    return [_choose(x, y, size, optics, method, border) for x, y in moved.tolist()]
-
-
-def _choose(
-    dx: float,
-    dy: float,
-    size: tuple[int, int],
-    optics: Optics,
-    method: Method,
-    border: Border,
-    *,
-    moving: bool = False,
-) -> Choice:
-    one_of("border", border, BORDERS)
-    one_of("method", method, METHODS)
-    if method == "kornia":
-        if optics != SHARP:
-            raise ValueError(
-                f"method = {method!r}: knows motion only; use 'transfer' or 'auto' with {optics}"
-            )
-        if math.hypot(dx, dy) > _LONGEST_KERNEL_PX:
-            raise ValueError(
-                f"displacement_px = {(dx, dy)}: method {method!r} takes at most {_LONGEST_KERNEL_PX} px"
-            )
-        return Choice(method, "asked for")
-    left_out = transfer.motion_error(dx, dy) + optics.error
-    reach = fourier.reach((dx, dy), optics, every_axis=moving)
-    nothing = not any(reach) or (method == "auto" and left_out <= NEGLIGIBLE and not moving)
-    if method == "none" or nothing:
-        return Choice("none", f"leaving it out changes less than {left_out:.1g} of white", left_out, 0.0)
-    plans = {each: fourier.plan(size, reach, border, tiled=each == "tiles") for each in _FOURIER}
-    chosen = method if method != "auto" else min(_FOURIER, key=lambda each: plans[each].cost_ns)
-    costs = ", ".join(f"{each} {plans[each].cost_ns:.1f} ns" for each in _FOURIER)
-    return Choice(chosen, f"exact; predicted per value: {costs}", 0.0, plans[chosen].cost_ns, plans[chosen])
-
-
-def displacements(value: Tensor | Iterable[float], image: Tensor) -> Tensor:
-    """Motions (B, 2), px, for the pictures of ``image``; raises as :func:`motions` does."""
-    return motions("displacement_px", value, image)
+    if differentiable(image, *(response.variable for response in responses if response)):
+        pairs = zip(torch.split(image, each), responses, strict=True)
+        return torch.cat([blurred(picture, response) for picture, response in pairs])
+    out = torch.empty_like(image, memory_format=torch.contiguous_format)
+    jobs = zip(torch.split(image.detach(), each), responses, torch.split(out, each), strict=True)
+    side_by_side(lambda job: blurred(*job), jobs, threads if threads <= len(responses) else 1)
+    return out
 
 
 def motions(name: str, value: object, image: Tensor) -> Tensor:
@@ -209,38 +189,73 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 
-def _blurred(
-    image: Tensor,
-    motion: Tensor,
-    choice: Choice,
-    optics: Optics,
-    border: Border,
-    out: Tensor | None = None,
-    threads: int = 1,
-) -> Tensor:
-    """A group of pictures, blurred as ``choice`` says, into ``out`` where it is given."""
-    if choice.plan is not None:
-        return fourier.multiply(image, motion, optics, choice.plan, border, out, threads)
-    blurred = image if choice.method == "none" else _kornia(image, motion, border)
-    return blurred if out is None else out.copy_(blurred)
+@uncompiled
+def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
+    """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
 
-
-def _correlate(image: Tensor, kernel: Tensor, border: Border) -> Tensor:
-    pad_y, pad_x = kernel.shape[-2] // 2, kernel.shape[-1] // 2
-    spans = (image.shape[-2] + 2 * pad_y, image.shape[-1] + 2 * pad_x)
-    return cast(
-        Tensor, filters.filter2d(extended(image, (pad_y, pad_x), spans, border), kernel, padding="valid")
-    )
-
-
-def _kornia(image: Tensor, motion: Tensor, border: Border) -> Tensor:
-    """Kornia's kernel of the nearest odd length; its angle runs counter-clockwise as displayed."""
-    dx, dy = motion[0].tolist()
-    taps = 2 * round((math.hypot(dx, dy) - 1) / 2) + 1
-    if taps < 3:
+    Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
+    :func:`optical_blur` does not.
+    """
+    image_batch("image", image)
+    one_of("border", border, BORDERS)
+    kernel = disc(limited("radius_px", radius_px))
+    if kernel.size == 1:
         return image
-    pad = taps // 2
-    plane = extended(image, (pad, pad), (image.shape[-2] + 2 * pad, image.shape[-1] + 2 * pad), border)
-    angle_deg = -math.degrees(math.atan2(dy, dx))
-    blurred = filters.motion_blur(plane, taps, angle_deg, 0.0, border_type="constant", mode="bilinear")
-    return cast(Tensor, blurred)[..., pad:-pad, pad:-pad]
+    pad = len(kernel) // 2
+    plane = _padded(image, pad, border)
+    weights = torch.from_numpy(kernel).to(image)[None]
+    return cast(Tensor, filters.filter2d(plane, weights, padding="valid"))
+
+
+def disc(radius_px: float) -> NDArray[np.float64]:
+    """Kernel (k, k), k odd, of defocus with a round aperture: the area of the disc in each pixel, over its own.
+
+    [[1]] up to half a pixel.
+    """
+    half = max(0, math.ceil(radius_px - 0.5))
+    if half == 0:
+        return np.ones((1, 1))
+    edges = np.arange(-half - 0.5, half + 1)
+    corner = _disc_corner_area(radius_px, edges[None, :], edges[:, None])
+    area = corner[1:, 1:] - corner[:-1, 1:] - corner[1:, :-1] + corner[:-1, :-1]
+    return np.asarray(area / (math.pi * radius_px**2))
+
+
+def _disc_corner_area(radius: float, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed area of the disc inside the rectangle between the origin and (a, b); odd in a and in b."""
+    sign = np.sign(a) * np.sign(b)
+    a, b = np.broadcast_arrays(np.minimum(np.abs(a), radius), np.minimum(np.abs(b), radius))
+    meets = np.minimum(np.sqrt(np.maximum(radius**2 - b**2, 0.0)), a)  # where the arc crosses height b
+
+    def under_arc(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        root = np.sqrt(np.maximum(radius**2 - x**2, 0.0))
+        return np.asarray((x * root + radius**2 * np.arcsin(np.minimum(x / radius, 1.0))) / 2)
+
+    return np.asarray(sign * (b * meets + under_arc(a) - under_arc(meets)))
+
+
+def _padded(image: Tensor, pad: int, border: Border) -> Tensor:
+    return extended(image, (pad, pad), (image.shape[-2] + 2 * pad, image.shape[-1] + 2 * pad), border)
+
+
+def _kornia(image: Tensor, moved: Tensor, optics: Optics, border: Border) -> Tensor:
+    """Kornia's kernels of the nearest odd lengths; its angle runs counter-clockwise as displayed."""
+    if optics != SHARP:
+        raise ValueError(f"method = 'kornia': knows motion only; use 'transfer' or 'auto' with {optics}")
+    parts = []
+    for picture, (dx, dy) in zip(torch.split(image, 1), moved.tolist(), strict=True):
+        length = math.hypot(dx, dy)
+        if length > _LONGEST_KERNEL_PX:
+            raise ValueError(
+                f"displacement_px = {(dx, dy)}: method 'kornia' takes at most {_LONGEST_KERNEL_PX} px"
+            )
+        pad = max(0, round((length - 1) / 2))
+        if pad:
+            angle_deg = -math.degrees(math.atan2(dy, dx))
+            plane = _padded(picture, pad, border)
+            plane = filters.motion_blur(
+                plane, 2 * pad + 1, angle_deg, 0.0, border_type="constant", mode="bilinear"
+            )
+            picture = plane[..., pad:-pad, pad:-pad]
+        parts.append(picture)
+    return torch.cat(parts)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import count, product
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -22,8 +22,9 @@ from torch import Tensor
 
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
+from blurnoise._core.packed_fft import Plane
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import side_by_side
+from blurnoise._core.threads import plain, side_by_side
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import SHARP, Optics
 
@@ -38,7 +39,7 @@ LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by n
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a plan: ``core`` pixels from each tile, ``before`` them ``margin``, the tile ``length``."""
+    """One axis of a layout: ``core`` pixels from each tile, ``before`` them ``margin``, the tile ``length``."""
 
     size: int
     core: int
@@ -57,13 +58,17 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class TransformPlan:
-    """How a picture is cut; ``cost_ns`` per value of the picture, predicted for one core."""
+class Layout:
+    """How a picture is continued and cut; dims: the axes that are transformed."""
 
     y: Axis
     x: Axis
     dims: tuple[int, ...]
-    cost_ns: float
+
+    @property
+    def lengths(self) -> tuple[int, int]:
+        """Of a transform (down, across); 1 along an axis that is left alone."""
+        return self.y.length if -2 in self.dims else 1, self.x.length if -1 in self.dims else 1
 
     @property
     def packs(self) -> bool:
@@ -72,29 +77,47 @@ class TransformPlan:
         return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
 
-def plan(
-    size: tuple[int, int], reach_px: tuple[float, float], border: Border, *, tiled: bool
-) -> TransformPlan:
-    """The fastest plan for pictures (H, W) = ``size`` and a blur that reaches ``reach_px`` (down, across).
+class Response(Protocol):
+    """A transfer function, or one for each of a batch's pictures.
 
-    A reach of 0 leaves its axis alone. Without ``tiled``, one transform; otherwise the best of several cuts.
+    variable: what it is made of, through which gradients may go. ``str`` names the parameter, for errors.
     """
-    down, across = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in reach_px)
-    return _fastest(size, (down, across), border, tiled)
+
+    @property
+    def variable(self) -> Tensor: ...
+
+    @property
+    def reach_px(self) -> tuple[float, float]:
+        """How far it spreads a point (down, across); 0 along an axis that it leaves alone."""
+
+    def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
+        """For one picture, as a packed spectrum over its size, in ``out`` or kept; of one axis as a row."""
+
+    def multiply(self, plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
+        """A plane times what :meth:`packed` gives, by :mod:`._core.packed_fft`."""
+
+    def at(self, lengths: tuple[int, int], image: Tensor) -> Tensor:
+        """(B, 1, h, w), real or complex, at :func:`frequencies`, as ``image`` needs it; differentiable."""
 
 
 @lru_cache(maxsize=1024)
-def _fastest(size: tuple[int, int], margins: tuple[int, int], border: Border, tiled: bool) -> TransformPlan:
-    plans = []
+def _layout(size: tuple[int, int], margins: tuple[int, int], border: Border, tiled: bool) -> Layout:
+    layouts = []
     for counts in product(_CUTS, _CUTS) if tiled else [(1, 1)]:
         y, x = (_axis(*each, border) for each in zip(size, margins, counts, strict=True))
         blurred = ((-2, y, margins[0]), (-1, x, margins[1]))
         dims = tuple(dim for dim, axis, margin in blurred if margin and axis.length > 1) or (-1,)
-        values, tiles = y.length * x.length, len(y.starts) * len(x.starts)
-        cost = tiles * (values * _ns_per_value(values) * len(dims) / 2 + 20_000)
-        cost += 1.4 * values if len(dims) == 2 else 0.0  # the transfer function, the same for all tiles
-        plans.append(TransformPlan(y, x, dims, cost / math.prod(size)))
-    return min(plans, key=lambda each: each.cost_ns)
+        layouts.append(Layout(y, x, dims))
+    return min(layouts, key=_work)
+
+
+def _work(layout: Layout) -> float:
+    """Time that a layout takes, ns on one core; a plane that leaves the cache costs more."""
+    values = layout.y.length * layout.x.length
+    both_ways = 2.9 if values <= 2**20 else 3.3 if values <= 2**22 else 6.0
+    tiles, axes = len(layout.y.starts) * len(layout.x.starts), len(layout.dims)
+    once = 1.4 * values if axes == 2 else 0.0  # the transfer function, the same for all tiles
+    return tiles * (values * both_ways * axes / 2 + 20_000) + once
 
 
 def _axis(size: int, margin: int, count: int, border: Border) -> Axis:
@@ -120,119 +143,68 @@ def _is_fast(length: int) -> bool:
     return 210**30 % length == 0 and (length <= 256 or length % 256 != 0)
 
 
-def _ns_per_value(values: int) -> float:
-    """There and back over two axes, measured on one core; a plane that leaves the cache costs more."""
-    return 2.9 if values <= 2**20 else 3.3 if values <= 2**22 else 6.0
-
-
-def reach(
-    displacement_px: tuple[float, float], optics: Optics, *, every_axis: bool = False
-) -> tuple[float, float]:
-    """How far (down, across) a motion (x, y) and a lens spread a point, px; 0 along an axis left alone."""
-    x, y = (abs(along) / 2 for along in displacement_px)
-    if optics != SHARP or every_axis:
-        return y + optics.reach_px + _STILL_PX, x + optics.reach_px + _STILL_PX
-    return y if y > _STILL_PX / 2 else 0.0, x if x > _STILL_PX / 2 else 0.0
-
-
-def multiply(
+def apply(
     image: Tensor,
-    displacement_px: Tensor,
-    optics: Optics,
-    plan: TransformPlan,
+    response: Response,
     border: Border,
+    *,
+    tiled: bool = True,
     out: Tensor | None = None,
     threads: int = 1,
 ) -> Tensor:
-    """Blur pictures by their motions (B, 2) and one lens, by ``plan``, into ``out`` if it is given.
+    """Pictures times a response, into ``out`` if it is given; differentiable in both without it.
 
-    Without ``out`` it is differentiable in the pictures and the motions. With it, on the CPU, ``threads``
-    share its planes and tiles, which changes no bit. Raises ``ValueError`` where the continued
-    picture would be too large.
+    tiled: in tiles, where that is faster than one transform. On the CPU and without gradients by OpenCV's packed
+    transform, for which a response is one picture's; ``threads`` share the planes and tiles, which changes no bit.
+    Raises ``ValueError`` where the continued picture would be too large.
     """
-    check_span(plan, border, f"displacement_px = {displacement_px.tolist()}")
-    if out is not None and image.device.type == "cpu" and plan.packs:
-        for picture, motion, target in zip(image, displacement_px.tolist(), out, strict=True):
-            _multiply_planes(picture, motion, optics, plan, border, target, threads)
-        return out
-    return filtered(image, _response(displacement_px, optics, plan), plan, border, out)
-
-
-def check_span(plan: TransformPlan, border: Border, moved: str) -> None:
-    """Raise ``ValueError`` where the continued picture would be too large; ``moved`` says by what."""
-    y, x = plan.y, plan.x
+    down, across = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in response.reach_px)
+    layout = _layout((image.shape[-2], image.shape[-1]), (down, across), border, tiled)
+    y, x = layout.y, layout.x
     if y.span * x.span > LARGEST_PLANE:
         raise ValueError(
-            f"{moved}: border {border!r} needs a plane of "
-            f"{y.span}x{x.span} pixels; at most {LARGEST_PLANE} are allowed"
+            f"{response}: border {border!r} needs a plane of {y.span}x{x.span} pixels; at most {LARGEST_PLANE} "
+            "are allowed"
         )
-
-
-def filtered(
-    image: Tensor, response: Tensor, plan: TransformPlan, border: Border, out: Tensor | None = None
-) -> Tensor:
-    """Pictures times a response (B, 1, h, w), real or complex, at the frequencies of ``rfftn`` over a plan's axes."""
-    y, x = plan.y, plan.x
+    if layout.packs and plain(image, response.variable):
+        image = image.detach()
+        out = torch.empty_like(image, memory_format=torch.contiguous_format) if out is None else out
+        for picture, target in zip(image.numpy(), out.numpy(), strict=True):
+            if layout.dims == (-2,):  # columns are the rows of the turned picture
+                picture, target = picture.swapaxes(1, 2), target.swapaxes(1, 2)
+            through = _planes if len(layout.dims) == 2 else _rows
+            through(picture, response, layout, border, target, threads)
+        return out
+    factors = response.at(layout.lengths, image)
     plane = extended(image, (y.before, x.before), (y.span, x.span), border)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    lengths = [{-2: y, -1: x}[dim].length for dim in plan.dims]
+    lengths = [{-2: y, -1: x}[dim].length for dim in layout.dims]
     for top, left in product(y.starts, x.starts):
-        spectrum = torch.fft.rfftn(plane[..., top : top + y.length, left : left + x.length], dim=plan.dims)
-        spectrum = spectrum * response if response.requires_grad else spectrum.mul_(response)
-        tile = torch.fft.irfftn(spectrum, s=lengths, dim=plan.dims)
+        spectrum = torch.fft.rfftn(plane[..., top : top + y.length, left : left + x.length], dim=layout.dims)
+        spectrum = spectrum * factors if factors.requires_grad else spectrum.mul_(factors)
+        tile = torch.fft.irfftn(spectrum, s=lengths, dim=layout.dims)
         target = out[..., top : top + y.core, left : left + x.core]
         rows, columns = target.shape[-2:]
         target.copy_(tile[..., y.before : y.before + rows, x.before : x.before + columns])
     return out
 
 
-def _multiply_planes(
-    picture: Tensor,
-    motion_px: tuple[float, float],
-    optics: Optics,
-    plan: TransformPlan,
-    border: Border,
-    out: Tensor,
-    threads: int,
+def _planes(
+    sources: Plane, response: Response, layout: Layout, border: Border, targets: Plane, threads: int
 ) -> None:
-    """One picture (C, H, W) through OpenCV's transform, plane by plane and tile by tile."""
-    y, x, (dx, dy) = plan.y, plan.x, motion_px
-    sources, targets = picture.numpy(), out.numpy()
-    if plan.dims == (-1,):
-        _multiply_rows(sources, dx, x, border, targets, threads)
-        return
-    if plan.dims == (-2,):  # columns are the rows of the turned picture
-        _multiply_rows(sources.swapaxes(1, 2), dy, y, border, targets.swapaxes(1, 2), threads)
-        return
-    lengths = (y.length, x.length)
-    with borrowed([lengths], sources.dtype) as (factors,):
-        _plane_factors((dx, dy), optics, lengths, factors)
-        multiply_planes(picture, factors, packed.multiply, plan, border, out, threads)
-
-
-def multiply_planes(
-    picture: Tensor,
-    factors: packed.Plane,
-    multiply: Callable[[packed.Plane, packed.Plane, Sequence[packed.Plane]], packed.Plane],
-    plan: TransformPlan,
-    border: Border,
-    out: Tensor,
-    threads: int,
-) -> None:
-    """One picture (C, H, W) times packed ``factors`` of a tile, by a ``multiply`` of :mod:`._core.packed_fft`."""
-    y, x = plan.y, plan.x
-    lengths = (y.length, x.length)
-    sources, targets = picture.numpy(), out.numpy()
-    with borrowed([(len(sources), y.span, x.span)], sources.dtype) as (planes,):
+    """One picture (C, H, W) through OpenCV's transform over both axes, plane by plane and tile by tile."""
+    y, x, lengths, kind = layout.y, layout.x, layout.lengths, sources.dtype
+    with borrowed([lengths, (len(sources), y.span, x.span)], kind) as (factors, planes):
+        factors = response.packed(lengths, factors)
         for source, plane in zip(sources, planes, strict=True):
             continued(source, plane, (y.before, x.before), border)
 
         def blur(at: tuple[int, int, int]) -> None:
             channel, top, left = at
-            with borrowed([lengths] * 2, planes.dtype) as scratch:
+            with borrowed([lengths] * 2, kind) as scratch:
                 tile = planes[channel, top : top + y.length, left : left + x.length]
-                blurred = multiply(tile, factors, scratch)
+                blurred = response.multiply(tile, factors, scratch)
                 target = targets[channel, top : top + y.core, left : left + x.core]
                 rows, columns = target.shape
                 target[:] = blurred[y.before : y.before + rows, x.before : x.before + columns]
@@ -240,15 +212,15 @@ def multiply_planes(
         side_by_side(blur, product(range(len(planes)), y.starts, x.starts), threads)
 
 
-def _multiply_rows(
-    sources: packed.Plane, along_px: float, x: Axis, border: Border, targets: packed.Plane, threads: int
+def _rows(
+    sources: Plane, response: Response, layout: Layout, border: Border, targets: Plane, threads: int
 ) -> None:
     """Pictures (C, H, W) along their rows, in strips of rows that stay in a core's cache from border to result."""
     channels, height, _ = sources.shape
+    x = layout.x if -1 in layout.dims else layout.y
     strip = min(height, max(1, _STRIP // x.span))
-    row = row_factors(along_px, x.length, sources.dtype)
     with borrowed([(strip, x.length)], sources.dtype) as (factors,):
-        factors[:] = row
+        factors[:] = response.packed(layout.lengths, factors[:1])
 
         def blur(at: tuple[int, int]) -> None:
             channel, top = at
@@ -266,65 +238,89 @@ def _multiply_rows(
         side_by_side(blur, product(range(channels), range(0, height, strip)), threads)
 
 
+@dataclass(frozen=True, eq=False)
+class Straight:
+    """Uniform motion, displacement_px (B, 2), x and y, and a lens; every_axis: along an axis at rest, too."""
+
+    displacement_px: Tensor
+    optics: Optics = SHARP
+    every_axis: bool = False
+
+    def __str__(self) -> str:
+        return f"displacement_px = {self.displacement_px.tolist()}"
+
+    @property
+    def variable(self) -> Tensor:
+        return self.displacement_px
+
+    @property
+    def reach_px(self) -> tuple[float, float]:
+        x, y = (along / 2 for along in self.displacement_px.detach().abs().amax(0).tolist())
+        if self.optics != SHARP or self.every_axis:
+            return y + self.optics.reach_px + _STILL_PX, x + self.optics.reach_px + _STILL_PX
+        return y if y > _STILL_PX / 2 else 0.0, x if x > _STILL_PX / 2 else 0.0
+
+    def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
+        x, y = self.displacement_px[0].tolist()
+        if 1 in lengths:
+            return row_factors((x, y), self.optics, lengths, out.dtype)
+        return _packed((x, y), self.optics, lengths, out)
+
+    def multiply(self, plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
+        return packed.multiply(plane, spectrum, scratch)
+
+    def at(self, lengths: tuple[int, int], image: Tensor) -> Tensor:
+        moved = self.displacement_px
+        fy, fx = (torch.from_numpy(f).to(moved) for f in frequencies(lengths))
+        response = joined(lambda fx, fy: transfer.motion(fx, fy[:, None], moved), fx, fy, lengths)
+        if self.optics != SHARP:
+            response = response * self.optics.response(fx, fy[:, None])
+        return response[:, None]
+
+
 @lru_cache(maxsize=256)
-def row_factors(along_px: float, length: int, kind: np.dtype[Any]) -> packed.Plane:
-    """A sweep moves many pictures alike: the factors of one row, (1, length), not to be written to."""
-    factors = np.empty((1, length), kind)
-    _plane_factors((along_px, 0.0), SHARP, (1, length), factors)
-    return factors
+def row_factors(
+    motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]
+) -> Plane:
+    """A sweep moves many pictures alike: the factors of a row (1, L), or of a column, not to be written to."""
+    return _packed(motion_px, optics, lengths, np.empty((1, max(lengths)), kind))
 
 
-def _response(displacement_px: Tensor, optics: Optics, plan: TransformPlan) -> Tensor:
-    """Transfer functions (B, 1, h, w) at the frequencies of ``rfftn`` over the plan's axes."""
-    lengths = (plan.y.length if -2 in plan.dims else 1, plan.x.length if -1 in plan.dims else 1)
-    fy, fx = (torch.from_numpy(f).to(displacement_px) for f in frequencies(lengths))
-
-    def motion(fx: Tensor, fy: Tensor) -> Tensor:
-        return transfer.motion(fx, fy[:, None], displacement_px)
-
-    response = joined(motion, fx, fy, lengths)
-    if optics != SHARP:
-        response = response * optics.response(fx, fy[:, None])
-    return response[:, None]
-
-
-def _plane_factors(
-    motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: packed.Plane
-) -> None:
-    """What ``_response`` gives, for one picture and packed, in NumPy: on one core, at half the cost."""
+def _packed(motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: Plane) -> Plane:
     fy, fx = frequencies(lengths)
     with borrowed([(len(fy), len(fx))] * 2, out.dtype) as (phase, whole):
         response = motion_response(motion_px, lengths, phase, whole)
         if optics != SHARP:
-            response *= _lens(optics, lengths, out.dtype)
-        packed.pack(response, out)
+            response *= lens_response(optics, lengths, out.dtype)
+        packed.pack(response.reshape(-1, out.shape[1] // 2 + 1), out)
+    return out
 
 
 def motion_response(
-    motion_px: tuple[float, float], lengths: tuple[int, int], phase: packed.Plane, whole: packed.Plane
-) -> packed.Plane:
-    """The transfer function of a motion at :func:`frequencies`, in the second of two scratch planes of its size."""
+    motion_px: tuple[float, float], lengths: tuple[int, int], phase: Plane, whole: Plane
+) -> Plane:
+    """What :func:`.transfer.motion` gives at :func:`frequencies`, in the second of two scratch planes of its size.
+
+    In NumPy: on one core, at half the cost.
+    """
     fy, fx = frequencies(lengths)
     dx, dy = (math.pi * along for along in motion_px)
     kind = whole.dtype
 
-    def phase_of(fx: packed.Plane, fy: packed.Plane, out: packed.Plane | None = None) -> packed.Plane:
-        phase = np.add((fx * dx).astype(kind), (fy * dy).astype(kind)[:, None], out=out)
-        phase += 1e-30  # sinc(0) is 1; no other phase is that small
-        return np.asarray(phase)
-
-    def motion(fx: packed.Plane, fy: packed.Plane) -> packed.Plane:
-        if whole.shape != (len(fy), len(fx)):
-            part = phase_of(fx, fy)
-            return np.asarray(np.sin(part) / part)
-        np.sin(phase_of(fx, fy, phase), out=whole)
-        return np.asarray(np.divide(whole, phase, out=whole))
+    def motion(fx: Plane, fy: Plane) -> Plane:
+        at_once = whole.shape == (len(fy), len(fx))
+        angle = np.add(
+            (fx * dx).astype(kind), (fy * dy).astype(kind)[:, None], out=phase if at_once else None
+        )
+        angle += 1e-30  # sinc(0) is 1; no other phase is that small
+        sine = np.sin(angle, out=whole if at_once else None)
+        return np.asarray(np.divide(sine, angle, out=sine))
 
     return joined(motion, fx, fy, lengths)
 
 
 @lru_cache(maxsize=8)
-def _lens(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> packed.Plane:
+def lens_response(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
     """A camera keeps its lens: its response on one grid, not to be written to."""
     fy, fx = (torch.from_numpy(f.astype(kind)) for f in frequencies(lengths))
     return np.asarray(optics.response(fx, fy[:, None]).numpy())

@@ -30,7 +30,7 @@ from blurnoise._core.checks import Numbers, image_batch, in_range, one_of
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise._core.threads import differentiable
 from blurnoise._core.windows import Window, continued_in, cut
-from blurnoise.blur import convolution, fourier, paths, row_paths, rows, sub_exposures
+from blurnoise.blur import convolution, fourier, row_paths, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, Layers, of_each, plane_of, trimmed, window_at_rest
 from blurnoise.blur.sub_exposures import Sheet
@@ -90,7 +90,7 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.way == "rows":
         return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
     if (path := moves.polyline) is not None:
-        return paths.path_blur(picture, path, border=border)
+        return convolution.path_blur(picture, path, border=border)
     return convolution.motion_blur(picture, moves.even_px[None], border=border)
 
 

@@ -25,6 +25,7 @@ from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import WORTH_IT, differentiable, plain, side_by_side
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import stretch
+from blurnoise.optics.transfer import SHARP
 
 Floats = NDArray[np.float64]
 Band = tuple[slice, slice, NDArray[Any]]
@@ -230,7 +231,7 @@ def _phases(shift_px: tuple[float, ...], length: int, kind: np.dtype[Any], along
     phases = _row_phases(np.array(shift_px), length, np.complex64 if kind == np.float32 else np.complex128)
     packed = packed_factors(phases, length, kind)
     if along_px:
-        packed *= fourier.row_factors(along_px, length, kind) * length
+        packed *= fourier.row_factors((along_px, 0.0), SHARP, (1, length), kind) * length
     return packed
 
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.blur import paths
+from blurnoise.blur import convolution
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import (
@@ -103,4 +103,4 @@ def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
     if by.optics == SHARP and by.displacement_px is None:
         return light
     moved = torch.zeros(2) if by.displacement_px is None else by.displacement_px
-    return paths.exposure_blur(light, moved, by.paths, by.optics, border=border)
+    return convolution.exposure_blur(light, moved, by.optics, by.paths, border=border)

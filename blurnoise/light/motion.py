@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border
-from blurnoise.blur import layered, paths
+from blurnoise.blur import convolution, layered
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, Passing
 from blurnoise.light.conditions import Conditions
@@ -101,7 +101,7 @@ class Motion(LightEffect):
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """By its transfer function."""
         own = self.blur(at)
-        return paths.exposure_blur(light, at.displacement_px, own.paths, own.optics, border=border)
+        return convolution.exposure_blur(light, at.displacement_px, own.optics, own.paths, border=border)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers."""

@@ -27,7 +27,7 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
     """
     image_batch("light", light)
     one_of("border", border, BORDERS)
-    shifts = convolution.displacements(shift_px, light).detach().tolist()
+    shifts = convolution.motions("displacement_px", shift_px, light).detach().tolist()
     if all(abs(along) < _WHOLE_PX for shift in shifts for along in shift):
         return light
     pictures = zip(torch.split(light, 1), shifts, strict=True)

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import torch
 from brute_force import accelerated_path, exposed, photograph, rms_dn
+from path_oracle import polyline_grid
 
 from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier
-from blurnoise.blur.paths import path_blur, point_spread, polyline_blur
-from blurnoise.blur.transfer_of_paths import polyline_grid
+from blurnoise.blur.convolution import path_blur, polyline_blur
+from blurnoise.blur.path_otf import spread_in
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics.transfer import Optics
@@ -76,9 +77,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
 def test_small_grids(side: int, error: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the RMS of what a grid of ``side`` changes of the transfer function, of shakes of 20 px; without the
     lead into the alias 1e-2."""
-    from blurnoise.blur import paths as module
-
-    monkeypatch.setattr(module, "_sides", lambda reach_px: (side, side))
+    monkeypatch.setattr(fourier, "fast_length", lambda length: side)
 
     def along(knots: Any, shares: Any, fx: Any, fy: Any) -> Any:
         return polyline_grid(fx, fy, knots, shares)
@@ -91,10 +90,8 @@ def test_small_grids(side: int, error: float, monkeypatch: pytest.MonkeyPatch) -
             knots = knots - (knots.max(1) + knots.min(1))[:, None] / 2  # as much to either side
             fy, fx = fourier.frequencies(large)
             full = fourier.joined(partial(along, knots, shares), fx, fy, large)
-            spread, tile = point_spread(knots, shares), np.zeros(large)
-            places = np.arange(side) - side // 2
-            tile[np.ix_(places, places)] = spread
-            squares.append((np.abs(np.fft.rfft2(tile) - full) ** 2).mean())
+            tile = spread_in(large, torch.from_numpy(knots), torch.from_numpy(shares))
+            squares.append((np.abs(np.fft.rfft2(tile.numpy()) - full) ** 2).mean())
         return float(np.sqrt(np.mean(squares))) / 2
 
     assert off() < 1.5 * error
@@ -118,7 +115,7 @@ def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
 
 
 def test_paths_much_longer_than_the_picture() -> None:
-    """They are summed on its own period, not on a grid as large as they are; knots with gradients are limited."""
+    """They are summed on its own period, not on a grid as large as they are."""
     light = torch.rand(1, 3, 48, 64, generator=torch.Generator().manual_seed(1))
     path = shake(0, 5000.0, 0.01).seen(0.01)
     seen = path_blur(light, path)
@@ -129,8 +126,6 @@ def test_paths_much_longer_than_the_picture() -> None:
     )
     expected = np.fft.irfft2(np.fft.rfft2(whole.numpy()) * response, s=(94, 126))[..., :48, :64]
     np.testing.assert_allclose(seen.numpy(), expected, atol=1e-5)
-    with pytest.raises(ValueError, match=r"knots_px: 40 segments over 9000x9000 px; at most"):
-        polyline_blur(light, torch.linspace(-4500, 4500, 82).reshape(41, 2))
 
 
 def test_gradients_of_picture_knots_and_durations() -> None:

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from blurnoise.blur import psf
+from blurnoise.blur.convolution import disc
 
 
 def test_disc_equals_matlabs_fspecial() -> None:
     """fspecial('disk', 1): centre 1/pi, side (sqrt(3)/4 + pi/6 - 1/2)/pi, corner 0.0250785810238330."""
-    kernel = psf.disc(1.0)
+    kernel = disc(1.0)
     side = (math.sqrt(3) / 4 + math.pi / 6 - 0.5) / math.pi
     expected = [[0.0250785810238330, side, 0.0250785810238330], [side, 1 / math.pi, side]]
     np.testing.assert_allclose(kernel[:2], expected, atol=1e-12)
@@ -24,7 +24,7 @@ def test_disc_equals_matlabs_fspecial() -> None:
 @given(st.floats(0.0, 12.0))
 def test_disc_is_a_disc(radius: float) -> None:
     """Unit sum, symmetric, and the pixel areas match a fine grid of points to the grid's own error."""
-    kernel = psf.disc(radius)
+    kernel = disc(radius)
     assert kernel.shape[0] == kernel.shape[1]
     assert kernel.shape[0] % 2 == 1
     assert kernel.sum() == pytest.approx(1, abs=1e-12)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from brute_force import photograph, rms_dn, rolled
+from path_oracle import vibration
 
 from blurnoise import Trajectory
 from blurnoise._core.borders import extended
@@ -17,7 +18,6 @@ from blurnoise.blur.displacement import Displacement, Readout, stretch
 from blurnoise.blur.layered import moved
 from blurnoise.blur.rows import rolled as rolled_at_once
 from blurnoise.blur.rows import shifted_rows, warped
-from blurnoise.blur.transfer_of_paths import vibration
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from torch import Tensor
 
-from blurnoise.blur import psf
+from blurnoise.blur import convolution
 from blurnoise.blur.convolution import optical_blur
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import Optics
@@ -77,7 +77,7 @@ def test_gradient_at_rest_is_zero_and_curvature_right() -> None:
 
 def test_disc_is_the_transform_of_its_pixel_areas() -> None:
     """Exact areas have the disc's response times the pixel's, up to aliases that fall as f^-3/2 and faster."""
-    kernel = psf.disc(6.0)
+    kernel = convolution.disc(6.0)
     half = kernel.shape[0] // 2
     f = np.linspace(0, 0.12, 25)
     offsets = np.arange(-half, half + 1)

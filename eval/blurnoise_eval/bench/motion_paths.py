@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import torch
 
-from blurnoise.blur.paths import path_blur, polyline_blur
+from blurnoise.blur.convolution import path_blur, polyline_blur
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import Polyline
 from blurnoise_eval.bench import motion_scenes, motion_truth
@@ -80,8 +80,9 @@ def _new_path(case: Paths) -> Call:
 
 
 def _optimised(case: Paths) -> Call:
-    knots, shares = torch.from_numpy(case.path.knots.T.copy()), torch.tensor(case.path.shares)
-    return lambda: polyline_blur(case.picture, knots, shares)
+    knots = torch.from_numpy(case.path.knots.T.copy()).requires_grad_()
+    shares = torch.tensor(case.path.shares)
+    return lambda: polyline_blur(case.picture, knots, shares).detach()
 
 
 def _spread(*, whole: bool) -> Callable[[Paths], Call]:
@@ -127,9 +128,17 @@ def job() -> Job:
     """Ours from the cache, anew, and differentiable; point spreads of others; one line; frames."""
     missing = absent()
     ways = [
-        Method(OURS, OURS, "blurnoise.blur.paths of a path that it has seen before", _cached),
-        Method("ours, a new path", OURS, "blurnoise.blur.paths of a path that it has not", _new_path, "new"),
-        Method("ours, polyline_blur", OURS, "blurnoise.blur.paths.polyline_blur", _optimised, "polyline"),
+        Method(OURS, OURS, "blurnoise.blur.convolution.path_blur of a path that it has seen before", _cached),
+        Method(
+            "ours, a new path",
+            OURS,
+            "blurnoise.blur.convolution.path_blur of a path that it has not",
+            _new_path,
+            "new",
+        ),
+        Method(
+            "ours, polyline_blur", OURS, "blurnoise.blur.convolution.polyline_blur", _optimised, "polyline"
+        ),
     ]
     if "deepinv" not in missing:
         ways.append(Method("deepinv", "deepinv", "MotionBlurGenerator with this path, conv2d_fft", _deepinv))

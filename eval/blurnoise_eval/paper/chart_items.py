@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from scipy.optimize import brentq
 
-from blurnoise.blur import psf
+from blurnoise.blur import convolution
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
@@ -259,7 +259,7 @@ def mtf50(length_px: float) -> float:
 
     The chart's pixel, the areas of the camera's disc in the pixels, and uniform motion.
     """
-    areas = torch.from_numpy(psf.disc(Camera.preset(CAMERA).defocus_radius_px))
+    areas = torch.from_numpy(convolution.disc(Camera.preset(CAMERA).defocus_radius_px))
     place = torch.arange(len(areas), dtype=torch.float64) - len(areas) // 2
     along = torch.tensor([math.cos(math.radians(TILT_DEG)), math.sin(math.radians(TILT_DEG))])
 
