@@ -10,6 +10,9 @@ Convention: x points right and y down. The picture spans [0, W] x [0, H], pixel 
 - at 0° the edge is vertical and bright on the right; at 90° it is bright at the top;
 - at 0° the star has a bright spoke that points right; a positive angle turns it towards the top;
 - at 0° the sign is upright, at 90° STOP reads from bottom to top.
+
+All raise ``TypeError`` or ``ValueError`` that names the argument, its value and range; sides are integers from 1 to
+16384 px, reflectances lie within 0 <= dark <= bright <= 1.
 """
 
 from __future__ import annotations
@@ -41,11 +44,7 @@ _POINTS_PER_BLOCK = 1 << 18  # sample points in flight: bounds the memory, and s
 
 
 def flat_patch(height_px: int, width_px: int, *, reflectance: float = 0.18) -> Tensor:
-    """Uniform grey patch, (1, 1, H, W), linear reflectance.
-
-    Raises ``TypeError`` or ``ValueError`` for sizes that are no integers from 1 to 16384 or a reflectance outside
-    [0, 1].
-    """
+    """Uniform grey patch, (1, 1, H, W), linear reflectance."""
     shape = (1, 1, counted("height_px", height_px, "height_px"), counted("width_px", width_px, "height_px"))
     return torch.full(shape, checks.in_range("reflectance", reflectance, 0.0, 1.0))
 
@@ -59,9 +58,6 @@ def slanted_edge(
     pixel's centre to the edge and the unit normal's larger and smaller component a and b, the square's shadow
     on the normal is a trapezoid, whose integral is that area: 1/2 + d/a for 0 <= d <= (a - b)/2, then
     1 - ((a + b)/2 - d)²/(2ab) up to d = (a + b)/2, then 1; odd about 1/2 for negative d.
-
-    Raises ``TypeError`` or ``ValueError`` for sizes that are no integers from 1 to 16384, an angle
-    beyond 1e6 degrees, or reflectances that break 0 <= dark <= bright <= 1.
     """
     counted("height_px", height_px, "height_px")
     counted("width_px", width_px, "height_px")
@@ -95,9 +91,6 @@ def siemens_star(
     m = (bright + dark)/2 and c = (bright - dark)/2. Around the star, and in the hub where a period is shorter
     than two sample points (radius < cycles/(π supersample) px), it is m. At radius r the local frequency is
     cycles/(2πr) cycles/px. The picture is as large as the star if ``height_px`` and ``width_px`` are None.
-
-    Raises ``TypeError`` or ``ValueError`` for counts that are no positive integers within limits, a diameter or an
-    angle beyond them, or reflectances that break 0 <= dark <= bright <= 1.
     """
     radius = limited("size_px", size_px) / 2
     height, width = (
@@ -136,14 +129,18 @@ def stop_sign(
     the proportions of the 30 in sign: border 0.75 in, letters 10 in high. ``centre_px`` is the sign's centre
     (x, y), by default the picture's; the picture is twice the sign's size if ``height_px`` and ``width_px``
     are None. ``background``: a grey, or a picture (1, 3, H, W), whose size is the result's.
-    :func:`stop_sign_box` gives the sign's bounding box for the same arguments.
-
-    Raises ``TypeError`` or ``ValueError`` for counts that are no positive integers within limits, a size, an angle
-    or a centre beyond them, a background outside [0, 1] or of another shape, or a sign that does not lie
-    wholly inside the picture.
+    :func:`stop_sign_box` gives the sign's bounding box for the same arguments. Raises ``ValueError``, too, unless
+    the sign lies wholly inside the picture.
     """
     if isinstance(background, Tensor):
-        height_px, width_px = _size_of(background, height_px, width_px)
+        found = tuple(checks.image_batch("background", background).shape)
+        height_px = found[2] if height_px is None else height_px
+        width_px = found[3] if width_px is None else width_px
+        if found != (1, 3, height_px, width_px):
+            raise ValueError(f"background: shape must be (1, 3, {height_px}, {width_px}), got {found}")
+        low, high = (float(end) for end in background.aminmax())
+        if low < 0 or high > 1:
+            raise ValueError(f"background: must lie within [0, 1], spans [{low:g}, {high:g}]")
     else:
         checks.in_range("background", background, 0.0, 1.0)
     box = stop_sign_box(
@@ -163,14 +160,10 @@ def stop_sign(
 
     left, top, right, bottom = math.floor(box[0]), math.floor(box[1]), math.ceil(box[2]), math.ceil(box[3])
     shares = _area_mean(coverage, (left, top, right, bottom), centre, supersample)
-    if isinstance(background, Tensor):
-        picture = background.float().clone()
-    else:
-        picture = torch.full((1, 3, height, width), float(background))
+    picture = torch.as_tensor(background, dtype=torch.float32).expand(1, 3, height, width).clone()
     behind = picture[0, :, top:bottom, left:right]
-    behind += (
-        torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED])) - shares.sum(0) * behind
-    )
+    sign = torch.einsum("khw,kc->chw", shares, torch.tensor([SIGN_WHITE, SIGN_RED]))
+    behind += sign - shares.sum(0) * behind
     return picture
 
 
@@ -217,18 +210,6 @@ def stop_sign_text_box(
     return x + left * scale, y - half * scale, x + right * scale, y + half * scale
 
 
-def _size_of(background: Tensor, height_px: int | None, width_px: int | None) -> tuple[int, int]:
-    """Height and width of a background (1, 3, H, W), which are those that are stated, if any are."""
-    found = tuple(checks.image_batch("background", background).shape)
-    height, width = found[2] if height_px is None else height_px, found[3] if width_px is None else width_px
-    if found != (1, 3, height, width):
-        raise ValueError(f"background: shape must be (1, 3, {height}, {width}), got {found}")
-    low, high = (float(end) for end in background.aminmax())
-    if low < 0 or high > 1:
-        raise ValueError(f"background: must lie within [0, 1], spans [{low:g}, {high:g}]")
-    return height, width
-
-
 def _sign_frame(
     size_px: float, height_px: int | None, width_px: int | None, centre_px: tuple[float, float] | None
 ) -> tuple[int, int, tuple[float, float]]:
@@ -244,49 +225,35 @@ def _sign_frame(
     return height, width, (x, y)
 
 
-def _legend(u: Tensor, v: Tensor) -> Tensor:
-    """Whether the points (u, v), inches right and down from the sign's centre, lie on the word STOP."""
+def _legend(x: Tensor, y: Tensor) -> Tensor:
+    """Whether the points (x, y), inches right and down from the sign's centre, lie on the word STOP."""
     half, half_stroke = _LETTER_IN / 2, _STROKE_IN / 2
-    strokes = (
-        _letter_s(u - _S_X_IN, v, half, half_stroke)
-        | _letter_t(u - _T_X_IN, v, half, half_stroke)
-        | _letter_o(u - _O_X_IN, v, half, half_stroke)
-        | _letter_p(u - _P_X_IN, v, half, half_stroke)
-    )
-    return strokes & (v.abs() < half)
 
-
-def _letter_s(x: Tensor, y: Tensor, half: float, half_stroke: float) -> Tensor:
-    """S: two arcs joined by the common tangent that crosses between them; unchanged by half a turn."""
+    # S: two arcs joined by the common tangent that crosses between them; unchanged by half a turn.
     radius = _S_HALF_IN - half_stroke  # of the arcs' centre line
     rise = half - half_stroke - radius  # from the letter's centre to an arc's
     normal_y = radius / rise  # the tangent's unit normal is (normal_x, -normal_y)
     normal_x = math.sqrt(1 - normal_y**2)
-    x, y = torch.where(y > 0, -x, x), -y.abs() + rise  # upper half, from the arc's centre
-    along = x * normal_y + y * normal_x
-    arc = ((torch.hypot(x, y) - radius).abs() < half_stroke) & ((y <= 0) | (along <= 0))
-    spine = ((x * normal_x - (y - rise) * normal_y).abs() < half_stroke) & (along > 0)
-    return arc | spine
+    u, v = torch.where(y > 0, -(x - _S_X_IN), x - _S_X_IN), -y.abs() + rise  # from the upper arc's centre
+    along = u * normal_y + v * normal_x
+    arc = ((torch.hypot(u, v) - radius).abs() < half_stroke) & ((v <= 0) | (along <= 0))
+    spine = ((u * normal_x - (v - rise) * normal_y).abs() < half_stroke) & (along > 0)
 
+    # T: a bar and a stem.
+    u = (x - _T_X_IN).abs()
+    letter_t = ((y < 2 * half_stroke - half) & (u < _T_HALF_IN)) | (u < half_stroke)
 
-def _letter_t(x: Tensor, y: Tensor, half: float, half_stroke: float) -> Tensor:
-    """T: a bar and a stem."""
-    bar = (y < 2 * half_stroke - half) & (x.abs() < _T_HALF_IN)
-    return bar | (x.abs() < half_stroke)
+    # O: a ring about a vertical line, straight sides between two half circles.
+    distance = torch.hypot(x - _O_X_IN, (y.abs() - (half - _O_HALF_IN)).clamp(min=0))
+    ring = (distance - (_O_HALF_IN - half_stroke)).abs() < half_stroke
 
-
-def _letter_o(x: Tensor, y: Tensor, half: float, half_stroke: float) -> Tensor:
-    """O: a ring about a vertical line, straight sides between two half circles."""
-    distance = torch.hypot(x, (y.abs() - (half - _O_HALF_IN)).clamp(min=0))
-    return (distance - (_O_HALF_IN - half_stroke)).abs() < half_stroke
-
-
-def _letter_p(x: Tensor, y: Tensor, half: float, half_stroke: float) -> Tensor:
-    """P: a stem and a bowl, two bars closed by a half circle; the bowl takes 0.58 of the height."""
-    outer = 0.58 * half
-    distance = torch.hypot((x - (_P_HALF_IN - outer)).clamp(min=0), y + half - outer)
+    # P: a stem and a bowl, two bars closed by a half circle; the bowl takes 0.58 of the height.
+    u, outer = x - _P_X_IN, 0.58 * half
+    distance = torch.hypot((u - (_P_HALF_IN - outer)).clamp(min=0), y + half - outer)
     bowl = (distance - (outer - half_stroke)).abs() < half_stroke
-    return (bowl | (x < 2 * half_stroke - _P_HALF_IN)) & (x > -_P_HALF_IN)
+    letter_p = (bowl | (u < 2 * half_stroke - _P_HALF_IN)) & (u > -_P_HALF_IN)
+
+    return (arc | spine | letter_t | ring | letter_p) & (y.abs() < half)
 
 
 def _area_mean(
