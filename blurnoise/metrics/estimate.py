@@ -1,17 +1,19 @@
-"""An estimate: one number, its interval, and the names of what may be wrong with it."""
+"""Estimates: a number, or one per item of a batch, its interval, and the names of what may be wrong with it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+from torch import Tensor
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A number between ``low`` and ``high`` at 95 %, with flags.
 
-    NaN in value: not available, and the flags say why. NaN in low and high: no interval. Results of a batch
-    (:mod:`~blurnoise.metrics.patches`) hold the same four as tensors.
+    NaN in value: not available, and the flags say why. NaN in low and high: no interval.
     """
 
     value: float
@@ -23,3 +25,13 @@ class Estimate:
     def told(self) -> bool:
         """Whether there is a number."""
         return math.isfinite(self.value)
+
+
+@dataclass(frozen=True)
+class BatchEstimate:
+    """A number per item of a batch, its interval and its flags by name, as tensors of one shape."""
+
+    value: Tensor
+    low: Tensor
+    high: Tensor
+    flags: Mapping[str, Tensor]

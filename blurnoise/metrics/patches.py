@@ -1,14 +1,13 @@
 """Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show the contrast.
 
-Domain: digital numbers with the black level removed, (..., H, W). Every number and flag of a result is a tensor of
-the leading shape (batch, channel); a flag is True where the number beside it should not be trusted. NaN or Inf in a
-patch gives NaN there and leaves the others alone.
+Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
+flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite".
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,36 +15,12 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise._core.limits import LIMITS, limited
 from blurnoise.metrics import values
+from blurnoise.metrics.estimate import BatchEstimate
 
 TREND_SHARE = 0.1
 """Variance of the trend over that of the noise from which on a patch is not even."""
 FEWEST_PIXELS = 100
 """Below it the deviation is known to no better than 7 %, and the normal interval is too narrow."""
-
-
-@dataclass(frozen=True)
-class PatchSnr:
-    """Mean over standard deviation of a patch, as a ratio, between ``low`` and ``high`` at the level asked for.
-
-    A deviation of 0 gives an infinite ratio, no interval (NaN), and ``noiseless``: the noise is below the
-    converter's step, or the patch is saturated.
-    """
-
-    snr: Tensor
-    low: Tensor
-    high: Tensor
-    mean_dn: Tensor
-    std_dn: Tensor
-    clipped: Tensor
-    non_uniform: Tensor
-    noiseless: Tensor
-    too_few_pixels: Tensor
-    not_finite: Tensor
-
-    @property
-    def snr_db(self) -> Tensor:
-        """20 log10 of the ratio, dB; NaN where the mean is below black."""
-        return 20 * torch.log10(self.snr)
 
 
 def patch_snr(
@@ -55,13 +30,14 @@ def patch_snr(
     detrend: bool = True,
     limits_dn: tuple[float, float] | None = None,
     level: float = 0.95,
-) -> PatchSnr:
-    """SNR of an even patch of ``image`` (..., H, W), per picture and channel.
+) -> BatchEstimate:
+    """SNR of an even patch of ``image`` (..., H, W), mean over standard deviation as a ratio.
 
     roi: (x, y, width, height) in px, or the centre's share of each side. detrend: subtract a surface of second
-    order, with its six degrees of freedom, since shading is no noise; ``non_uniform`` tests that surface in either
-    case. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0 and 255 for
-    8-bit pictures, and for others no test of clipping.
+    order, with its six degrees of freedom, since shading is no noise; the flag "non_uniform" tests that surface in
+    either case. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0 and 255
+    for 8-bit pictures, and for others no test of clipping. Where the deviation is 0, below the converter's step or
+    in saturation, the ratio is infinite without interval, and "noiseless".
 
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
     the interval is r -+ z times its root, too narrow for noise that is correlated between pixels.
@@ -86,46 +62,38 @@ def patch_snr(
     margin = z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
     known = torch.isfinite(margin)
     seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
-    return PatchSnr(
-        snr=snr,
+    return BatchEstimate(
+        value=snr,
         low=torch.where(known, snr - margin, math.nan),
         high=torch.where(known, snr + margin, math.nan),
-        mean_dn=torch.where(finite, mean, math.nan),
-        std_dn=torch.where(finite, std, math.nan),
-        clipped=_clipped(patch, limits_dn),
-        non_uniform=finite & (trend_variance > seen * noise_variance + rounding**2),
-        noiseless=std == 0,
-        too_few_pixels=torch.full_like(finite, count < FEWEST_PIXELS),
-        not_finite=~finite,
+        flags={
+            "clipped": _clipped(patch, limits_dn),
+            "non_uniform": finite & (trend_variance > seen * noise_variance + rounding**2),
+            "noiseless": std == 0,
+            "too_few_pixels": torch.full_like(finite, count < FEWEST_PIXELS),
+            "not_finite": ~finite,
+        },
     )
 
 
-@dataclass(frozen=True)
-class PatchContrast:
-    """Contrasts of two patches, each between ``_low`` and ``_high`` at the level asked for.
+class PatchContrast(NamedTuple):
+    """Two contrasts of two patches.
 
     michelson: (bright - dark)/(bright + dark) of the means. cnr: their difference over the root of the mean of
-    both variances, a ratio. Flags: noiseless, both variances are 0, so cnr is infinite or NaN and has no interval;
-    near_black, a mean is less than three of its own standard errors above black, so michelson says little.
+    both variances, a ratio.
     """
 
-    michelson: Tensor
-    michelson_low: Tensor
-    michelson_high: Tensor
-    cnr: Tensor
-    cnr_low: Tensor
-    cnr_high: Tensor
-    noiseless: Tensor
-    near_black: Tensor
-    not_finite: Tensor
+    michelson: BatchEstimate
+    cnr: BatchEstimate
 
 
 def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> PatchContrast:
     """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes.
 
     Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
-    variances' sampling errors carried through to first order. Raises ``TypeError`` or ``ValueError`` for patches
-    of one pixel or of different leading shapes.
+    variances' sampling errors carried through to first order. Flags: "noiseless", both variances are 0, so cnr is
+    infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
+    above black. Raises ``TypeError`` or ``ValueError`` for patches of one pixel or of different leading shapes.
     """
     z = _normal_quantile(level)
     a, b = _pixels(bright=bright, dark=dark)
@@ -140,16 +108,17 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
     # of the mean variance: each variance has 2 var²/(n - 1), and its root halves the relative error
     noise_se2 = (var_a**2 / (n_a - 1) + var_b**2 / (n_b - 1)) / (2 * noise**2)
     cnr_margin = z * torch.sqrt((se_a**2 + se_b**2) / noise + cnr**2 * noise_se2 / 4)
+    michelson = step / total
+    flags = {"noiseless": noise == 0, "not_finite": ~torch.isfinite(a.sum(-1) + b.sum(-1))}
+    near_black = (mean_a <= 3 * se_a) | (mean_b <= 3 * se_b)
     return PatchContrast(
-        michelson=step / total,
-        michelson_low=step / total - michelson_margin,
-        michelson_high=step / total + michelson_margin,
-        cnr=cnr,
-        cnr_low=cnr - cnr_margin,
-        cnr_high=cnr + cnr_margin,
-        noiseless=noise == 0,
-        near_black=(mean_a <= 3 * se_a) | (mean_b <= 3 * se_b),
-        not_finite=~torch.isfinite(a.sum(-1) + b.sum(-1)),
+        BatchEstimate(
+            michelson,
+            michelson - michelson_margin,
+            michelson + michelson_margin,
+            flags | {"near_black": near_black},
+        ),
+        BatchEstimate(cnr, cnr - cnr_margin, cnr + cnr_margin, flags),
     )
 
 
@@ -192,32 +161,16 @@ def gaussian_detection_probability(
     return above(low) - above(high)
 
 
-@dataclass(frozen=True)
-class DetectionProbability:
-    """Contrast detection probability of two patches as they are, between ``low`` and ``high``.
-
-    probability: share of all pixel pairs. gaussian: the same predicted from means and variances alone. Flags:
-    noiseless, both patches are constant (often: saturated); too_few_pixels, below 30 in a patch.
-    """
-
-    probability: Tensor
-    low: Tensor
-    high: Tensor
-    gaussian: Tensor
-    noiseless: Tensor
-    too_few_pixels: Tensor
-    not_finite: Tensor
-
-
 def detection_probability(
     patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str, level: float = 0.95
-) -> DetectionProbability:
+) -> BatchEstimate:
     """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
 
     ``nominal``, ``tolerance``, ``kind``, source and errors as in :func:`gaussian_detection_probability`. A pair of
     pixels counts where both are above black and rL B <= A <= rH B. The share of all pairs is a two-sample
     U-statistic of variance var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is
     Wilson's for as many coin flips as have that variance; it stays within [0, 1], and open where all pairs agree.
+    Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
     """
     z = _normal_quantile(level)
     low, high = _ratio_bounds(nominal, tolerance, kind)
@@ -231,18 +184,16 @@ def detection_probability(
     flips = torch.where(variance > 0, p * (1 - p) / variance, float(min(n_a, n_b)))
     centre = (p + z**2 / (2 * flips)) / (1 + z**2 / flips)
     margin = z / (1 + z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (z / (2 * flips)) ** 2)
-    gaussian = gaussian_detection_probability(
-        a.mean(-1), a.var(-1), b.mean(-1), b.var(-1), nominal=nominal, tolerance=tolerance, kind=kind
-    )
-    p, centre, gaussian = (torch.where(finite, number, math.nan) for number in (p, centre, gaussian))
-    return DetectionProbability(
-        probability=p,
+    p, centre = (torch.where(finite, number, math.nan) for number in (p, centre))
+    return BatchEstimate(
+        value=p,
         low=(centre - margin).clamp(min=0),
         high=(centre + margin).clamp(max=1),
-        gaussian=gaussian,
-        noiseless=a.var(-1) + b.var(-1) == 0,
-        too_few_pixels=torch.full_like(finite, min(n_a, n_b) < 30),
-        not_finite=~finite,
+        flags={
+            "noiseless": a.var(-1) + b.var(-1) == 0,
+            "too_few_pixels": torch.full_like(finite, min(n_a, n_b) < 30),
+            "not_finite": ~finite,
+        },
     )
 
 

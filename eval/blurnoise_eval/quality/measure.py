@@ -27,7 +27,7 @@ from torch import Tensor
 
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.estimate import BatchEstimate, Estimate
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.optics.camera import Camera
@@ -306,26 +306,18 @@ def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[
     white, grey = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in (bright, dark))
     contrast = patch_contrast(bright, dark)
     probability = detection_probability(bright, dark, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
-    either = {CLIPPED: white.clipped | grey.clipped}
-    of_white, of_grey, of_contrast, of_probability = (
-        {name: value for name, value in vars(result).items() if value.dtype == torch.bool}
-        for result in (white, grey, contrast, probability)
-    )
+    either = white.flags[CLIPPED] | grey.flags[CLIPPED]
     # NEQ(0) is the square of that ratio: white noise has its variance as spectrum.
-    neq_0 = (white.snr.square(), white.low.clamp_min(0).square(), white.high.square())
-    near_black = {"near_black": of_contrast.pop("near_black")}  # of Michelson's mean, not of the difference
+    neq_0 = replace(
+        white, value=white.value.square(), low=white.low.clamp_min(0).square(), high=white.high.square()
+    )
     return {
-        "patch_snr_bright": _estimates((white.snr, white.low, white.high), of_white),
-        "patch_snr_dark": _estimates((grey.snr, grey.low, grey.high), of_grey),
-        "neq_0": _estimates(neq_0, of_white),
-        "cnr": _estimates((contrast.cnr, contrast.cnr_low, contrast.cnr_high), of_contrast | either),
-        "michelson": _estimates(
-            (contrast.michelson, contrast.michelson_low, contrast.michelson_high),
-            of_contrast | near_black | either,
-        ),
-        "cdp": _estimates(
-            (probability.probability, probability.low, probability.high), of_probability | either
-        ),
+        "patch_snr_bright": _estimates(white),
+        "patch_snr_dark": _estimates(grey),
+        "neq_0": _estimates(neq_0),
+        "cnr": _estimates(contrast.cnr, clipped=either),
+        "michelson": _estimates(contrast.michelson, clipped=either),
+        "cdp": _estimates(probability, clipped=either),
     }
 
 
@@ -342,7 +334,7 @@ def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dic
         name: [
             Estimate(estimate.value, flags=estimate.flags | ({CLIPPED} if cut else set()))
             for estimate, cut in zip(
-                _estimates((value, none, none), {"no_light": dark}), clipped, strict=True
+                _estimates(BatchEstimate(value, none, none, {"no_light": dark})), clipped, strict=True
             )
         ]
         for name, value in (
@@ -352,11 +344,12 @@ def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dic
     }
 
 
-def _estimates(numbers: tuple[Tensor, Tensor, Tensor], flags: dict[str, Tensor]) -> list[Estimate]:
-    """An estimate per item of the batch (n,); its flags may withhold it."""
-    raised = {name: where.tolist() for name, where in flags.items()}
+def _estimates(batch: BatchEstimate, **flags: Tensor) -> list[Estimate]:
+    """An estimate per item of the batch (n,), with ``flags`` beside its own; they may withhold it."""
+    raised = {name: where.tolist() for name, where in (dict(batch.flags) | flags).items()}
+    numbers = (batch.value.tolist(), batch.low.tolist(), batch.high.tolist())
     found = []
-    for index, (value, low, high) in enumerate(zip(*(number.tolist() for number in numbers), strict=True)):
+    for index, (value, low, high) in enumerate(zip(*numbers, strict=True)):
         names = frozenset(name for name, where in raised.items() if where[index])
         found.append(
             Estimate(math.nan, flags=names) if names & _WITHHELD else Estimate(value, low, high, names)
