@@ -5,6 +5,7 @@ Convention: px, x right and y down, boxes (N, 4) as (x0, y0, x1, y1) from the pi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,6 @@ from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.radiometry import electrons_per_lux_s
 
 MOVES = ("all", "targets", "background")
 """What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
@@ -74,9 +74,7 @@ class Exposure:
         one_of("moves", self.moves, MOVES)
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
         an_instance("vehicle", self.vehicle, Vehicle)
-        if not self.drives:
-            return
-        if any(self.velocity_px_s) or self.moves != "all":
+        if self.drives and (any(self.velocity_px_s) or self.moves != "all"):
             raise ValueError(
                 f"ego_speed_m_s = {self.ego_speed_m_s!r}: a camera that drives moves each place in its own way; "
                 "velocity_px_s must be (0, 0) and moves 'all'"
@@ -114,8 +112,7 @@ class Exposure:
         return (moved * self.exposure_s).to(places)
 
     def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
-        """The exposure as targets see it whose speed is ``speed`` times the velocity, and their own beside it, all
-        moving as they do."""
+        """The exposure of a picture that moves as a target does: at ``speed`` times the velocity, plus its own."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]
@@ -123,9 +120,12 @@ class Exposure:
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
-        """What an effect makes of boxes (N, 4). Where each place has its own motion: what holds that of the corners,
-        of the sides' middles and of the box's own."""
-        at = self._point(size)
+        """What an effect makes of boxes (N, 4). Where each place has its own motion: the hull of what it makes of
+        the corners, the sides' middles and the box's own."""
+        x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
+        paths = (self.trajectory,) if self.trajectory else ()
+        numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)  # whatever the light
+        at = Conditions(self.camera, *numbers, size=size, trajectories=paths)
         if not self.drives or not len(boxes_xyxy):
             return effect(boxes_xyxy, at)
         places = places_of(boxes_xyxy).view(-1, 2)
@@ -142,18 +142,3 @@ class Exposure:
             ]
         each = torch.cat(seen).view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)
-
-    def _point(self, size: tuple[int, int] | None) -> Conditions[float]:
-        if self.moves != "all":
-            return self.of_targets()._point(size)
-        x, y = (speed * self.exposure_s for speed in self.velocity_px_s)
-        white_e = self.illuminance_lux * self.exposure_s * electrons_per_lux_s(self.camera)
-        return Conditions(
-            self.camera,
-            self.exposure_s,
-            self.temperature_c,
-            white_e,
-            (x, y),
-            size=size,
-            trajectories=(self.trajectory,) if self.trajectory else (),
-        )

@@ -1,20 +1,8 @@
 """The error budget of a frame: what each part of the chain would contribute, which may be left out, and why.
 
 Unit: DN RMS, at the brightest a white surface gets under the conditions. Contributions are bounds that hold
-for any picture within [0, 1], so what is left out stays within the tolerance for all of them.
-
-Rounding counts with what spreads values (noise, fixed pattern). A normal of mean m and deviation s DN, rounded, has
-the variance s^2 + 1/12 + sum_k (-1)^k (4 s^2 + 1/(pi k)^2) cos(2 pi k m) exp(-2 (pi k s)^2) - (mean's shift)^2
-(Widrow and Kollár, Quantization Noise, ch. 5 and 9). Two cases follow:
-
-- s >= 0.5 DN remains: the sum is below 0.009 DN^2 at any m, and a variance v more or less changes the result by v to
-  13 %. What is left out counts for itself.
-- s < 0.5 DN remains: a spread t turns a share of the pixels by 1 DN, t at most over means that lie anywhere between
-  two numbers, and 1/4 DN^2 at worst. So leaving t out costs t^2 + min(t, 1/4) DN^2, but t^2 + 1/4 where black itself
-  lies within 4 t of the border of two numbers. Nothing is below what single precision tells at full scale: the
-  fraction of m, on which all this hangs, is no better known.
-
-Only noise that reaches every pixel counts as remaining: read noise. Shot noise leaves the dark without.
+for any picture within [0, 1], so what is left out stays within the tolerance for all of them. What rounding adds:
+"What is left out" in docs/pages/physics.md.
 """
 
 from __future__ import annotations
@@ -95,28 +83,29 @@ def plan(
     """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
 
     They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
-    their squares is within the tolerance; what spreads values stays where rounding without it would cost more, see
-    the module. displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels
-    is another, 0.484 white RMS per px where one blur serves all. objects: what else moves, which is always modelled:
-    displacement and share of the picture (:func:`blurnoise.blur.layers.passing`); the other arguments as in
-    :func:`blurnoise.simulate`, for one picture. size: (H, W) of that, by default the sensor's, in what is told.
-    Raises ``ValueError`` that names the argument.
+    their squares is within the tolerance; what spreads values stays where rounding without it would cost more.
+    displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels is another,
+    0.484 white RMS per px where one blur serves all. objects: displacement and share of the picture of each
+    (:func:`blurnoise.blur.layers.passing`), always modelled. size: (H, W) of the picture, by default the sensor's,
+    which ``how`` is about. The other arguments as in :func:`blurnoise.simulate`, for one picture. Raises
+    ``ValueError`` that names the argument.
     """
     limited("tolerance_dn", tolerance_dn)
     temperature = limited("temperature_c", temperature_c)
     white_e = photoelectrons(camera, illuminance_lux, exposure_s, illuminant)
+    white_e *= mosaic.peak(camera, illuminant)
     moved = real_tensor("displacement_px", displacement_px)
     if moved.shape != (2,):
         raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")
     x, y = (limited("displacement_px", along) for along in moved.tolist())
-    white_e *= mosaic.peak(camera, illuminant)
     varies = limited("variation_px", variation_px)
-    at = Conditions(camera, float(exposure_s), temperature, white_e, (x, y), illuminant, objects=objects)
-    at = replace(at, variation_px=varies, size=size)
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
-        at = replace(at, trajectories=(trajectory,))
-    return plan_at(at, tolerance_dn)
+    paths = (trajectory,) if trajectory else ()
+    one = float(exposure_s), temperature, white_e, (x, y)
+    return plan_at(
+        Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies), tolerance_dn
+    )
 
 
 def plan_at(at: Conditions[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:
@@ -153,9 +142,9 @@ def _plan(
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in of_light}
     hows |= {stage.name: stage.how(reduced, noisy) for stage in of_sensor}
+    hows |= {name: "left out: within the tolerance" if bounds[name] else "none here" for name in left_out}
     contributions = tuple(
-        Contribution(name, bound, name not in left_out, _why_not(bound) if name in left_out else hows[name])
-        for name, bound in bounds.items()
+        Contribution(name, bound, name not in left_out, hows[name]) for name, bound in bounds.items()
     )
     total = math.sqrt(rounding_dn2 + sum(each.contribution_dn**2 for each in contributions if not each.kept))
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
@@ -168,7 +157,7 @@ def _left_out(
     budget_dn2: float,
     of_sensor: tuple[SensorStage, ...],
 ) -> tuple[set[str], float]:
-    """What may leave, and the DN^2 that rounding adds to it: the most that the module's two cases allow."""
+    """What may leave, and the DN^2 that rounding adds to it: the most that is allowed with dither and without."""
     spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
     for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
@@ -188,7 +177,7 @@ def _left_out(
 
 
 def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
-    """What rounding makes of a spread that nothing dithers, beside itself; see the module."""
+    """What rounding makes of a spread that nothing dithers, beside itself."""
     if spread_dn <= _SINGLE * camera.full_scale_dn:
         return 0.0
     from_border_dn = abs(camera.black_level_dn % 1 - 0.5)
@@ -199,7 +188,3 @@ def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
 def _without(camera: Camera, figures: frozenset[str]) -> Camera:
     """The camera with these figures 0."""
     return replace(camera, **dict.fromkeys(figures, 0.0)) if figures else camera  # type: ignore[arg-type]
-
-
-def _why_not(contribution_dn: float) -> str:
-    return "none here" if contribution_dn == 0 else "left out: within the tolerance"

@@ -225,8 +225,9 @@ def test_bound_holds() -> None:
     """Of what leaving it out changes a picture of black and white pixels."""
     light = (torch.rand(1, 1, *SIZE, generator=torch.Generator().manual_seed(1)) > 0.5).double()
     for velocity in ((20.0, 0.0), (0.0, 15.0), (60.0, -50.0)):
-        moved = convolution.motion_blur(light, (velocity[0] / 100, velocity[1] / 100), method="transfer")
-        at = Exposure(ROLLING, 0.01, 100.0, velocity_px_s=velocity)._point(SIZE)
+        displacement_px = velocity[0] / 100, velocity[1] / 100
+        moved = convolution.motion_blur(light, displacement_px, method="transfer")
+        at = Conditions(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
         effect = next(each for each in effects.EFFECTS if each.name == "rolling shutter")
         from blurnoise.blur.rows import warped
 
