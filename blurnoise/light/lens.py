@@ -20,8 +20,7 @@ from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.distortion import Floats
-from blurnoise.optics.lens import Field, Size, farthest_px, least_light
+from blurnoise.optics.lens import Field, Floats, Size, farthest_px, least_light
 from blurnoise.optics.transfer import Optics
 
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core import rng
-from blurnoise._core.checks import in_range, integer, shown
+from blurnoise._core.checks import in_range, integer, limited, shown
 from blurnoise._core.files import read_text
-from blurnoise._core.limits import limited
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 

@@ -22,8 +22,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import one_of
-from blurnoise._core.limits import LARGEST_PICTURE, counted, limited
+from blurnoise._core.checks import LARGEST_PICTURE, counted, limited, one_of
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.lens import Field
 

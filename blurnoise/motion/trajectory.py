@@ -17,8 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, one_of, shown
-from blurnoise._core.limits import LIMITS, limited
+from blurnoise._core.checks import LIMITS, in_range, limited, one_of, shown
 
 Floats = NDArray[np.float64]
 Reference = Literal["centroid", "middle"]

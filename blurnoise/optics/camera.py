@@ -14,9 +14,7 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import in_range, integer, known, shown
-from blurnoise._core.limits import LIMITS, within
-from blurnoise._core.validation import Figure, Text, check_fields
+from blurnoise._core.checks import LIMITS, Figure, Text, check_fields, in_range, integer, known, shown, within
 from blurnoise.optics import camera_files, colour
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
 from blurnoise.optics.gains import Capture, ConversionGain
@@ -90,7 +88,7 @@ class Camera:
     row_time_s: Annotated[Figure, within("row_time_s")] = 0.0
     shutter: Literal["global", "rolling", "global-reset"] = "global"
     scan: Literal["down", "up"] = "down"
-    lens: Annotated[Lens, "must be a Lens"] = SAME_EVERYWHERE
+    lens: Annotated[Lens, "must be a Lens, in a file a mapping of its figures"] = SAME_EVERYWHERE
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -251,7 +249,7 @@ class Camera:
         source: of figures without one in ``values["sources"]``. folder: where relative paths of tables start. Raises
         ``TypeError`` or ``ValueError`` naming the field, its value and what is allowed.
         """
-        return cls(**camera_files.completed(values, fields(cls), PRESETS, source, Path(folder)))
+        return cls(**camera_files.completed(values, cls, PRESETS, source, Path(folder)))
 
     @classmethod
     def load(cls, path: str | Path) -> Camera:

@@ -11,34 +11,23 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import yaml
 
 from blurnoise._core.checks import integer, known, one_of, shown
 from blurnoise._core.files import read_document, read_samples, write_whole
 from blurnoise.optics.colour import FilterCurves, marked
-from blurnoise.optics.distortion import Distortion
-from blurnoise.optics.gains import Capture, ConversionGain
-from blurnoise.optics.lens import Lens, Mtf, RelativeIllumination
-from blurnoise.optics.spectra import Curve
 
 PRESETS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
                "sources")  # fmt: skip
-_ROWS: Mapping[str, Any] = {"conversion_gains": ConversionGain, "captures": Capture}
-_PARTS: Mapping[str, Any] = {
-    "lens": Lens,
-    "mtf": Mtf,
-    "relative_illumination": RelativeIllumination,
-    "distortion": Distortion,
-}
-_CURVES = (Curve, Mtf, RelativeIllumination)
 
 
 def preset(name: str) -> Any:
@@ -61,9 +50,9 @@ def read(path: Path) -> Any:
 
 
 def completed(
-    given: object, entries: Sequence[Field[Any]], presets: Mapping[str, Any], source: str, folder: Path
+    given: object, camera: Any, presets: Mapping[str, Any], source: str, folder: Path
 ) -> dict[str, Any]:
-    """The fields ``entries`` of the camera that ``given`` and its base make, with a source for each figure.
+    """The fields of the ``camera`` class that ``given`` and its base make, with a source for each figure.
 
     presets: cameras by name. source: of figures without one of their own. folder: where the paths of tables start.
     A quantum efficiency that is cut short within the visible band is marked in its source. Raises ``TypeError`` or
@@ -71,7 +60,7 @@ def completed(
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
-    names = [entry.name for entry in entries]
+    names = [entry.name for entry in fields(camera)]
     for name in given:
         known("field", name, ("base", *names))
     figures = [name for name in names if name not in _NO_FIGURES]
@@ -81,12 +70,11 @@ def completed(
             raise TypeError(f"base = {shown(of)}: must be text")
         base = vars(presets[one_of("base", of, sorted(presets))])
     values = {**base, **{name: value for name, value in given.items() if name != "base"}}
-    required = [entry.name for entry in entries if entry.default is entry.default_factory is MISSING]
-    if missing := [name for name in required if name not in values]:
+    if missing := [name for name in _required(camera) if name not in values]:
         raise ValueError(
             f"missing {', '.join(missing)}; state them, or a base: one of {', '.join(sorted(presets))}"
         )
-    values = {name: _value(name, value, folder) for name, value in values.items()}
+    values = {name: _value(camera, name, value, folder) for name, value in values.items()}
     if isinstance(own := given.get("sources", {}), Mapping):  # the camera complains of any other
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
         if isinstance(given.get("quantum_efficiency"), Mapping):
@@ -122,25 +110,30 @@ def plain(value: Any) -> Any:
     return dict(value) if isinstance(value, Mapping) else value
 
 
-def _value(name: str, given: Any, folder: Path) -> Any:
-    """The value of a field: mappings become the records they stand for."""
-    if name in _ROWS and isinstance(given, list):
-        return tuple(_record(name, _ROWS[name], each, folder) for each in given)
-    if name in _PARTS and given is not None and not isinstance(given, _PARTS[name]):
-        return _record(name, _PARTS[name], given, folder)
-    if name != "quantum_efficiency" or not isinstance(given, Mapping):
+def _value(kind: Any, name: str, given: Any, folder: Path) -> Any:
+    """The value of a record's field: mappings become the records of its annotation."""
+    hint = _hints(kind)[name]
+    records = _records(hint)
+    if get_origin(hint) is tuple and records:
+        rows = given if isinstance(given, list) else []
+        return tuple(_record(name, records[0], row, folder) for row in rows) or given
+    if not records or not isinstance(given, Mapping):
         return given
-    filters = [entry.name for entry in fields(FilterCurves)]
-    if not given.keys() & {*filters}:
-        return _record(name, Curve, given, folder)
-    for key in given:
-        known(f"{name}: filter", key, filters)
-    return FilterCurves(
-        **{
-            key: _record(f"{name}.{key}", Curve, curve, folder) if isinstance(curve, Mapping) else curve
-            for key, curve in given.items()
-        }
-    )
+    by_filter = given.keys() & {entry.name for entry in fields(records[-1])}
+    return _record(name, records[-1] if by_filter else records[0], given, folder)
+
+
+@lru_cache
+def _hints(kind: Any) -> Mapping[str, Any]:
+    return get_type_hints(kind)
+
+
+def _records(hint: Any) -> list[Any]:
+    return [hint] if is_dataclass(hint) else [record for part in get_args(hint) for record in _records(part)]
+
+
+def _required(kind: Any) -> list[str]:
+    return [entry.name for entry in fields(kind) if entry.default is entry.default_factory is MISSING]
 
 
 def _record(name: str, kind: Any, given: object, folder: Path) -> Any:
@@ -150,13 +143,12 @@ def _record(name: str, kind: Any, given: object, folder: Path) -> Any:
             raise TypeError(f"must map figures to values, got {type(given).__name__}")
         names = [entry.name for entry in fields(kind)]
         for key in given:
-            known("figure", key, [*names, *(("csv", "column") if kind in _CURVES else ())])
+            known("figure", key, [*names, *(("csv", "column") if "values" in names else ())])
         if "csv" in given:
             given = _tabulated(given, names[0], folder)
-        needed = [entry.name for entry in fields(kind) if entry.default is MISSING]
-        if missing := [each for each in needed if each not in given]:
+        if missing := [each for each in _required(kind) if each not in given]:
             raise ValueError(f"missing {', '.join(missing)}")
-        return kind(**{key: _value(key, value, folder) for key, value in given.items()})
+        return kind(**{key: _value(kind, key, value, folder) for key, value in given.items()})
     except (TypeError, ValueError, csv.Error) as error:
         raise within(name, error) from None
 

@@ -51,7 +51,7 @@ class FilterCurves:
     def __post_init__(self) -> None:
         for name, curve in self.stated():
             for value in curve.values if isinstance(curve, Curve) else (curve,):
-                in_range(f"quantum_efficiency.{name}", value, 0.0, 1.0)
+                in_range(name, value, 0.0, 1.0)
 
     def stated(self) -> Iterator[tuple[str, Spectrum]]:
         """Name and curve of each that is stated."""

@@ -17,9 +17,7 @@ from typing import Annotated
 
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import shown
-from blurnoise._core.limits import within
-from blurnoise._core.validation import Figure, check_fields
+from blurnoise._core.checks import Figure, check_fields, shown, within
 
 
 @dataclass(frozen=True)

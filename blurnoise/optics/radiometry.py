@@ -15,8 +15,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, in_range, real_tensor, shown
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import an_instance, in_range, limited, real_tensor, shown
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves
 from blurnoise.optics.spectra import VISIBLE_NM, Curve, Spectrum, check_illuminant, photons_per_lux_s_um2

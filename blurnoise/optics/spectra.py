@@ -18,10 +18,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, shown
+from blurnoise._core.checks import check_fields, in_range, limited, shown
 from blurnoise._core.files import read_samples
-from blurnoise._core.limits import limited
-from blurnoise._core.validation import check_fields
 
 PLANCK_J_S = 6.62607015e-34
 LIGHT_M_S = 299_792_458.0

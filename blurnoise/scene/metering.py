@@ -11,9 +11,7 @@ import torch
 from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
-from blurnoise._core.checks import batch_shaped, in_range, shown
-from blurnoise._core.limits import limited
-from blurnoise._core.validation import Figure, check_fields
+from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import LUMINANCE
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s

@@ -182,5 +182,5 @@ def test_what_has_no_colours_is_not_corrected() -> None:
             replace(camera, ccm=ROWS)
         with pytest.raises(ValueError, match=r"white_balance: cfa = '(none|mono)' has no colours"):
             replace(camera, white_balance=(1, 1, 2))
-    with pytest.raises(ValueError, match=r"quantum_efficiency\.red = 2\.0: must be finite and >= 0 and <= 1"):
+    with pytest.raises(ValueError, match=r"red = 2\.0: must be finite and >= 0 and <= 1"):
         FilterCurves(red=2.0)

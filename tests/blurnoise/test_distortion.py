@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from blurnoise.optics.distortion import Distortion
+from blurnoise.optics.lens import Distortion
 
 MODELS = [
     Distortion("opencv", (-0.28, 0.07, 0.0, 0.0)),

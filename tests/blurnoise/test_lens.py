@@ -67,13 +67,13 @@ def test_curves_of_tables(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("lens", "others", "named"),
     [
-        (3, {}, "lens: must map figures to values, got int"),
+        (3, {}, "lens = 3: must be a Lens, in a file a mapping of its figures"),
         ({"field_curvature_px": 60}, {}, "lens: field_curvature_px = 60.0: must be finite and >= -50 and <= 50"),
         ({"field_curvature_px": "1"}, {}, "lens: field_curvature_px = '1': must be a number"),
         ({"lateral_red": 0.2}, {}, "lens: lateral_red = 0.2: must be"),
         ({"falloff_power": -1}, {}, "lens: falloff_power = -1.0: must be"),
         ({"field_curvatur_px": 1}, {}, "lens: figure 'field_curvatur_px' is unknown; did you mean 'field_curvature"),
-        ({"mtf": [1]}, {}, "lens: mtf: must map figures to values, got list"),
+        ({"mtf": [1]}, {}, "lens: mtf = [1]: must map figures to values"),
         ({"mtf": {"frequencies": [1]}}, {}, "lens: mtf: missing values, unit"),
         ({"mtf": {"frequencies": [1, 2], "values": [1, 0.1], "unit": "m"}}, {}, "lens: mtf: unit = 'm': must be"),
         (

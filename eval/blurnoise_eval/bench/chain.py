@@ -22,8 +22,7 @@ from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
-from blurnoise.optics.distortion import Distortion
-from blurnoise.optics.lens import Lens
+from blurnoise.optics.lens import Distortion, Lens
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene.scene import scene_reflectance, simulate
