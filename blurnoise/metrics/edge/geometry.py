@@ -12,12 +12,9 @@ from functools import cache
 import torch
 from torch import Tensor
 
-MARGIN_PX = 2.0
-"""An edge that comes closer to the side of its region has left it."""
-FLAT_AT_LEAST = 0.05
-"""Share of the width at either side, at first taken to be flat."""
-SIGNIFICANT = 6.0
-"""Standard errors that a step must have."""
+MARGIN_PX = 2.0  # an edge that comes closer to the side of its region has left it
+FLAT_AT_LEAST = 0.05  # share of the width at either side, at first taken to be flat
+SIGNIFICANT = 6.0  # standard errors that a step must have
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ class Line:
 class Upright:
     """Regions with each row moved by whole pixels so that the edge stands in the middle column.
 
-    values: (B, H, 2 J + 1); inside: (B, H, 2 J + 1), 1 where there was a pixel, else 0; first: (B, H), the
-    column of the picture that the first entry of each row was.
+    values, inside: (B, H, 2 J + 1), and 1 where there was a pixel, else 0. first: (B, H), the column of the picture
+    that the first entry of each row was.
     """
 
     values: Tensor
@@ -61,9 +58,7 @@ class Upright:
 
 def is_horizontal(values: Tensor) -> Tensor:
     """Whether the edge is nearer to horizontal, (B,): a plane through the picture is steeper down than across."""
-    across = values.mean(1) @ _centred(values.shape[2])
-    down = values.mean(2) @ _centred(values.shape[1])
-    return down.abs() > across.abs()
+    return slope(values.mean(2)).abs() > slope(values.mean(1)).abs()
 
 
 def find_line(values: Tensor) -> Line:
@@ -123,9 +118,10 @@ def row_basis(rows: int, order: int) -> Tensor:
     return basis
 
 
-def slope(position_px: Tensor) -> Tensor:
-    """Slope of the straight line through the edge, columns per row, (B,)."""
-    return position_px @ _centred(position_px.shape[1])
+def slope(values: Tensor) -> Tensor:
+    """Slope of the straight line through evenly spaced values (B, n), per step: of an edge, columns per row."""
+    place = torch.arange(values.shape[1], dtype=torch.float64) - (values.shape[1] - 1) / 2
+    return values @ (place / (place @ place))
 
 
 def largest_phase_gap_px(position_px: Tensor) -> Tensor:
@@ -133,9 +129,3 @@ def largest_phase_gap_px(position_px: Tensor) -> Tensor:
     phases = torch.sort(position_px.remainder(1.0), dim=1).values
     around = torch.cat([phases, phases[:, :1] + 1], dim=1)
     return torch.diff(around, dim=1).amax(1) / torch.sqrt(1 + slope(position_px) ** 2)
-
-
-def _centred(count: int) -> Tensor:
-    """Places about their mean over their sum of squares: a product with it is a slope."""
-    place = torch.arange(count, dtype=torch.float64) - (count - 1) / 2
-    return place / (place @ place)

@@ -10,7 +10,6 @@ Domain: regions (B, H, W) float64, linear, the edge near vertical and bright on 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -24,47 +23,26 @@ _PADDING = 8
 _LARGEST_CORRECTION = 10.0
 
 
-@dataclass(frozen=True)
-class Binned:
-    """Sums of the pixels in bins of 1/4 px along the row, rows apart, and the edge's tilt.
-
-    total, count: (B, H, N). cosine: (B,), of the edge's tilt.
-    """
-
-    total: Tensor
-    count: Tensor
-    cosine: Tensor
-
-    def spread(self, weights: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Mean of every bin and its number of pixels, (B, N), or (B, n, N) with row r counted weights[:, r] times.
-
-        An empty bin takes the mean of its neighbours.
-        """
-        total, count = (
-            rows.sum(1) if weights is None else weights @ rows for rows in (self.total, self.count)
-        )
-        mean = total / count.clamp_min(1e-9)
-        sides = torch.cat([mean[..., :1], mean[..., :-1]], -1) + torch.cat(
-            [mean[..., 1:], mean[..., -1:]], -1
-        )
-        return torch.where(count > 0, mean, sides / 2), count
-
-
 def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None = None) -> Response:
     """Response of edges (B, H, W) as the standard has it, and of resamples by ``weights`` (n, H).
 
     noise: variance of the pixels, (B,). Frequencies end near 1 cycle/px.
     """
-    bins = binned(values)
-    spread, count = bins.spread()
-    line = line_spread(spread)
-    spacing = BINS_PER_PX / (line.shape[-1] * _PADDING) / bins.cosine
-    resampled = None if weights is None else response(line_spread(bins.spread(weights)[0])) ** 2
-    return Response(spacing, response(line) ** 2, noise_power(line, count, noise), resampled)
+    total, count, cosine = _binned(values)
+    pixels = count.sum(1)
+    line = _line_spread(total.sum(1), pixels)
+    spacing = BINS_PER_PX / (line.shape[-1] * _PADDING) / cosine
+    resampled = None
+    if weights is not None:
+        resampled = _response(_line_spread(weights @ total, weights @ count)) ** 2
+    return Response(spacing, _response(line) ** 2, _noise_power(line, pixels, noise), resampled)
 
 
-def binned(values: Tensor) -> Binned:
-    """Find the edge row by row and sort the pixels into bins by their distance from it."""
+def _binned(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Sums and numbers of the pixels in bins of 1/4 px along the row, rows apart, (B, H, N), and the cosine, (B,).
+
+    The edge is found row by row. Whole phases only: as many rows as take the edge over whole pixels.
+    """
     _, height, width = values.shape
     column, row = torch.arange(width, dtype=torch.float64), torch.arange(height)
     across = torch.diff(values, dim=2, prepend=2 * values[:, :, :1] - values[:, :, 1:2]) / 2
@@ -72,35 +50,39 @@ def binned(values: Tensor) -> Binned:
     position = smooth(_centroid(across * window), order=LINE_ORDER)
     position = smooth(_centroid(across * _window(column, position)), order=LINE_ORDER)
     tilt = slope(position)
-    # Whole phases only: as many rows as take the edge over whole pixels.
     rise = tilt.abs().clamp_min(1e-9)
     rows = torch.where(rise * height >= 1, torch.round(torch.floor(height * rise) / rise), height)
-    used = row < rows[:, None]
     middle = torch.round(BINS_PER_PX * (rows - 1) * tilt / 2)
     away = position - position[:, :1]
     index = torch.ceil(BINS_PER_PX * (column - away[:, :, None])) + middle[:, None, None]
     bins = BINS_PER_PX * width
-    counted = ((index >= 0) & (index < bins) & used[:, :, None]).to(torch.float64)
+    used = ((index >= 0) & (index < bins) & (row < rows[:, None])[:, :, None]).to(torch.float64)
     index = index.long().clamp_(0, bins - 1)
     empty = values.new_zeros(*values.shape[:2], bins)
-    total = empty.scatter_add(2, index, values * counted)
-    count = empty.scatter_add(2, index, counted)
-    return Binned(total, count, 1 / torch.sqrt(1 + tilt**2))
+    total, count = (empty.scatter_add(2, index, each) for each in (values * used, used))
+    return total, count, 1 / torch.sqrt(1 + tilt**2)
 
 
-def line_spread(spread: Tensor) -> Tensor:
-    """Central difference of ``spread`` (..., N), its maximum moved to the middle, under the window."""
-    bins = spread.shape[-1]
+def _line_spread(total: Tensor, count: Tensor) -> Tensor:
+    """Central difference of the bins' means (..., N), its maximum moved to the middle, under the window.
+
+    An empty bin takes the mean of its neighbours.
+    """
+    mean = total / count.clamp_min(1e-9)
+    left = torch.cat([mean[..., :1], mean[..., :-1]], -1)
+    right = torch.cat([mean[..., 1:], mean[..., -1:]], -1)
+    spread = torch.where(count > 0, mean, (left + right) / 2)
     line = torch.zeros_like(spread)
     line[..., 1:-1] = (spread[..., 2:] - spread[..., :-2]) / 2
     line[..., 0], line[..., -1] = line[..., 1], line[..., -2]
+    bins = line.shape[-1]
     place = torch.arange(bins)
     source = place + line.argmax(-1, keepdim=True) - bins // 2
     moved = line.gather(-1, source.clamp(0, bins - 1)) * ((source >= 0) & (source < bins))
     return moved * _window(place, torch.full((1,), bins // 2))
 
 
-def response(line: Tensor) -> Tensor:
+def _response(line: Tensor) -> Tensor:
     """Modulus of the transform of ``line`` (..., N) over its value at 0, corrected for the derivative, (..., F)."""
     bins = line.shape[-1]
     modulus = torch.fft.rfft(line, bins * _PADDING).abs()[..., : bins * _PADDING // BINS_PER_PX + 1]
@@ -108,14 +90,13 @@ def response(line: Tensor) -> Tensor:
     return corrected
 
 
-def noise_power(line: Tensor, count: Tensor, noise: Tensor) -> Tensor:
-    """Power that pixel noise of variance ``noise`` (B,) adds to :func:`response`, (B, F).
+def _noise_power(line: Tensor, count: Tensor, noise: Tensor) -> Tensor:
+    """Power that pixel noise of variance ``noise`` (B,) adds to the response, (B, F).
 
     A bin's mean has the noise over its pixels; the difference of two bins, 2/4 px apart, passes sin^2 of it.
     """
     bins = line.shape[-1]
-    place = torch.arange(bins)
-    window = _window(place, torch.full((1,), bins // 2)) ** 2
+    window = _window(torch.arange(bins), torch.full((1,), bins // 2)) ** 2
     held = (window / count.clamp_min(1)).sum(-1) * noise / line.sum(-1) ** 2
     f = torch.arange(bins * _PADDING // BINS_PER_PX + 1, dtype=torch.float64) / (bins * _PADDING)
     return held[:, None] * (torch.sin(2 * math.pi * f) * _correction(bins)) ** 2
@@ -130,8 +111,7 @@ def _correction(bins: int) -> Tensor:
 
 def _window(place: Tensor, middle: Tensor) -> Tensor:
     """0.95 of a cosine bell about ``middle`` (...) that ends at the farther end of ``place``, plus 0.05."""
-    last = float(place[-1])
-    half = torch.maximum(middle, last - middle)[..., None]
+    half = torch.maximum(middle, float(place[-1]) - middle)[..., None]
     return 0.525 + 0.475 * torch.cos(math.pi * (place - middle[..., None]) / half)
 
 

@@ -16,29 +16,37 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.metrics.edge.correlation import block_weights, widening
+from blurnoise.metrics.edge.faults import Hidden
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
-from blurnoise.metrics.edge.response import Response, exact_response, intervals, numbers, peak, scatter
+from blurnoise.metrics.edge.response import (
+    Response,
+    block_weights,
+    exact_response,
+    intervals,
+    numbers,
+    peak,
+    scatter,
+    widening,
+)
 from blurnoise.metrics.edge.shape import (
     NOISY,
     Flags,
     Shape,
     colours_apart,
-    doubts,
     locate,
     not_alone,
     shape_of,
     suspicions,
 )
-from blurnoise.metrics.edge.sides import Sides
-from blurnoise.metrics.edge.spline import KNOT_PX, Spline
+from blurnoise.metrics.edge.spline import KNOT_PX, knots_px
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.values import Roi, read_regions
 
 Mode = Literal["exact", "iso"]
 Side = Literal["left", "right", "top", "bottom"]
+_CROSSINGS = {"mtf50", "mtf50p"}
 _TOGETHER = 32  # regions in one go: their arrays stay in the cache
 _NONE = torch.empty(0, dtype=torch.float64)
 
@@ -137,22 +145,20 @@ def slanted_edge(
     counted("bootstrap", bootstrap)
     checks.integer("seed", seed, 0, LAST_SEED)
     read = read_regions(image, full_scale=full_scale, black_level=black_level, roi=roi)
-    edges = [
-        SlantedEdge(mode, frozenset({Flag.CLIPPED if finite else Flag.NOT_FINITE}))
-        for finite in read.finite.tolist()
-    ]
+    unusable = {True: frozenset({Flag.CLIPPED}), False: frozenset({Flag.NOT_FINITE})}
+    edges = [SlantedEdge(mode, unusable[finite]) for finite in read.finite.tolist()]
     usable, lying = read.finite & ~read.clipped, is_horizontal(read.values)
     for horizontal in (False, True):
         todo = (usable & (lying == horizontal)).nonzero()[:, 0].tolist()
         for start in range(0, len(todo), _TOGETHER):
             chosen = todo[start : start + _TOGETHER]
-            values = read.values[chosen]
-            values = values.mT.contiguous() if horizontal else values
-            told = _measured(values, mode, horizontal, bootstrap, seed)
-            if read.colours.shape[1] == 3:
-                colours = read.colours[chosen]
-                told = _with_colours(told, colours.mT if horizontal else colours)
-            for index, edge in zip(chosen, told, strict=True):
+            values, colours = read.values[chosen], read.colours[chosen]
+            if horizontal:
+                values, colours = values.mT.contiguous(), colours.mT
+            measured = _measured(values, mode, horizontal, bootstrap, seed)
+            if colours.shape[1] == 3:
+                measured = _with_colours(measured, colours)
+            for index, edge in zip(chosen, measured, strict=True):
                 edges[index] = edge
     return edges if image.ndim == 4 else edges[0]
 
@@ -160,7 +166,7 @@ def slanted_edge(
 def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int) -> list[SlantedEdge]:
     """Measure near-vertical edges (B, H, W); horizontal: the regions were transposed."""
     found, flags = locate(values)
-    edges = [SlantedEdge(mode, names) for names in _named(flags, len(values))]
+    edges = [SlantedEdge(mode, names) for names in _by_region(flags, len(values))]
     alike: dict[int, list[int]] = {}
     for index, block in enumerate(found.sides.block.tolist()):
         if not edges[index].flags & WITHHELD:
@@ -169,25 +175,22 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
         weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
         shape = shape_of(found.only(kept), block)
         wider = widening(values.shape[1], block)
-        told = _told(values[kept], shape, mode, horizontal, weights, wider)
-        for index, edge, doubtful in zip(kept, told, not_alone(shape).tolist(), strict=True):
+        measured = _edges(values[kept], shape, mode, horizontal, weights, wider)
+        for index, edge, doubtful in zip(kept, measured, not_alone(shape).tolist(), strict=True):
             edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
     return edges
 
 
 def _with_colours(edges: list[SlantedEdge], colours: Tensor) -> list[SlantedEdge]:
     """The edges, flagged where their colours (B, 3, H, W) lie apart."""
-    doubted = colours_apart(
-        colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype)
-    ).tolist()
-    flags = frozenset({Flag.NON_LINEAR_SUSPECTED})
+    apart = colours_apart(colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype))
     return [
-        replace(edge, flags=edge.flags | flags) if doubtful else edge
-        for edge, doubtful in zip(edges, doubted, strict=True)
+        replace(edge, flags=edge.flags | {Flag.NON_LINEAR_SUSPECTED}) if doubtful else edge
+        for edge, doubtful in zip(edges, apart.tolist(), strict=True)
     ]
 
 
-def _told(
+def _edges(
     values: Tensor, shape: Shape, mode: Mode, horizontal: bool, weights: Tensor | None, wider: float
 ) -> list[SlantedEdge]:
     """Read the numbers off each shape. weights: (n, H), of the rows in n resamples; wider: what these miss."""
@@ -198,89 +201,75 @@ def _told(
         facing_right = torch.where(rising[:, None, None], values, values.flip(2))
         response = iso_response(facing_right, sides.variance.mean(1), weights)
     scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
-    scattered = scatter(response, scalars["mtf50"])
-    against, other = suspicions(shape, mode, values.shape[2], scalars["mtf50"], scattered)
-    flags = _named(against | doubts(scalars["mtf50"], scattered), len(values))
+    mtf50 = scalars["mtf50"]
+    flags, hidden = suspicions(shape, mode, values.shape[2], mtf50, scatter(response, mtf50))
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
-    levels, noises = sides.level.gather(1, ends).tolist(), sides.variance.gather(1, ends).tolist()
-    tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
-    read = {name: value.tolist() for name, value in scalars.items()}
-    power_at_0 = sides.power_at_0.tolist()
+    samples, noise_intervals = _resamples(response, shape, ends, weights, scalars, wider)
+    if noise_intervals:  # 95 % span four standard deviations
+        low, high = noise_intervals["mtf50"].unbind(1)
+        flags[Flag.NOISE_DOMINATED] |= mtf50.isfinite() & ~(high - low <= 4 * NOISY * mtf50)
+    dark, bright = sides.level.gather(1, ends).unbind(1)
+    noise_dark, noise_bright = sides.variance.gather(1, ends).unbind(1)
+    told = {name: torch.where(scalars[name].isfinite(), scalars[name], torch.nan) for name in _CROSSINGS}
+    told |= {"dark": dark, "bright": bright, "noise_power_at_0": sides.power_at_0}
+    told |= {"noise_variance_dark": noise_dark, "noise_variance_bright": noise_bright}
+    columns = {name: value.tolist() for name, value in (scalars | told).items()}
+    by_noise = (
+        [
+            dict(zip(noise_intervals, map(tuple, ranges), strict=True))
+            for ranges in torch.stack([*noise_intervals.values()], 1).tolist()
+        ]
+        if noise_intervals
+        else [{}] * len(values)
+    )
     frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
-    samples, ranges = _resamples(response, sides, ends, weights, scalars, wider)
-    flags = [
-        names | _by_interval(each, middle)
-        for names, each, middle in zip(flags, ranges, read["mtf50"], strict=True)
-    ]
-    widened = [dict(each) for each in ranges]
-    hidden = zip(other.likely.tolist(), other.largest.tolist(), other.lowered.tolist(), strict=True)
-    for index, shares in enumerate(hidden):
-        for name in ranges[index].keys() & {"mtf50", "mtf50p"}:
-            widened[index][name] = _with_hidden(ranges[index][name], read[name][index], *shares)
-    esf, lsf = _profiles(shape.spline, rising, sides)
+    distance_px, esf, lsf = _profiles(shape)
+    tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
     edges = []
-    for index, names in enumerate(flags):
-        (dark, bright), (noise_dark, noise_bright) = levels[index], noises[index]
-        angle, side = _facing(tilts[index], flips[index], horizontal)
+    for index, names in enumerate(_by_region(flags, len(values))):
+        angle_deg, bright_side = _facing(tilts[index], flips[index], horizontal)
+        scalar = {name: column[index] for name, column in columns.items()}
         edges.append(
             SlantedEdge(
                 mode=mode,
                 flags=names,
-                angle_deg=angle,
+                angle_deg=angle_deg,
                 orientation="horizontal" if horizontal else "vertical",
-                bright_side=side,
-                mtf50=_reached(read["mtf50"][index]),
-                mtf50p=_reached(read["mtf50p"][index]),
-                mtf_nyquist=read["mtf_nyquist"][index],
-                mtf_nyquist_2=read["mtf_nyquist_2"][index],
-                mtf_nyquist_4=read["mtf_nyquist_4"][index],
-                cnr=read["cnr"][index],
-                edge_snr_db=read["edge_snr_db"][index],
-                michelson=read["michelson"][index],
-                dark=dark,
-                bright=bright,
-                noise_variance_dark=noise_dark,
-                noise_variance_bright=noise_bright,
-                noise_power_at_0=power_at_0[index],
-                intervals=widened[index],
-                noise_intervals=ranges[index],
+                bright_side=bright_side,
+                intervals=_with_hidden(by_noise[index], scalar, hidden, index),
+                noise_intervals=by_noise[index],
                 frequencies=frequencies[index],
                 power=response.power[index],
                 sfr=sfr[index],
-                distance_px=shape.spline.distance_px[1:-1],
+                distance_px=distance_px,
                 esf=esf[index],
                 lsf=lsf[index],
                 resamples=samples[index],
+                **scalar,
             )
         )
     return edges
 
 
-def _named(flags: Flags, batch: int) -> list[frozenset[Flag]]:
+def _by_region(flags: Flags, batch: int) -> list[frozenset[Flag]]:
     raised = {flag: raised.tolist() for flag, raised in flags.items()}
     return [frozenset(flag for flag, where in raised.items() if where[index]) for index in range(batch)]
 
 
-def _by_interval(ranges: Mapping[str, tuple[float, float]], mtf50: float) -> frozenset[Flag]:
-    """Whether draws of rows scatter as far as the flag says, of which 95 % span four standard deviations."""
-    low, high = ranges.get("mtf50", (mtf50, mtf50))
-    wide = math.isfinite(mtf50) and not high - low <= 4 * NOISY * mtf50
-    return frozenset({Flag.NOISE_DOMINATED}) if wide else frozenset()
-
-
 def _with_hidden(
-    ends: tuple[float, float], middle: float, likely: float, largest: float, lowered: float
-) -> tuple[float, float]:
-    """The interval with faults that may have raised the number by ``likely``, at most ``largest``, or lowered it."""
-    low, high = ends
-    if not math.isfinite(middle):
-        return ends
-    least = middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely))
-    return least, middle + math.hypot(high - middle, middle * lowered)
-
-
-def _reached(frequency: float) -> float:
-    return frequency if math.isfinite(frequency) else math.nan
+    intervals: Mapping[str, tuple[float, float]], scalars: Mapping[str, float], hidden: Hidden, index: int
+) -> dict[str, tuple[float, float]]:
+    """The intervals, those of MTF50 and MTF50P with the faults that may have raised or lowered them."""
+    likely, largest, lowered = (
+        float(share[index]) for share in (hidden.likely, hidden.largest, hidden.lowered)
+    )
+    wider = dict(intervals)
+    for name in _CROSSINGS & intervals.keys():
+        (low, high), middle = intervals[name], scalars[name]
+        if math.isfinite(middle):
+            least = middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely))
+            wider[name] = least, middle + math.hypot(high - middle, middle * lowered)
+    return wider
 
 
 def _facing(tilt: float, flipped: bool, horizontal: bool) -> tuple[float, Side]:
@@ -291,33 +280,31 @@ def _facing(tilt: float, flipped: bool, horizontal: bool) -> tuple[float, Side]:
     return math.degrees(math.atan2(sign * tilt, sign)), "left" if flipped else "right"
 
 
-def _profiles(spline: Spline, rising: Tensor, sides: Sides) -> tuple[Tensor, Tensor]:
-    """Level at the spline's knots but the outermost, and its derivative as a share of the step, 1/px."""
-    upward = torch.where(rising[:, None], spline.coefficients, 1 - spline.coefficients.flip(1))
+def _profiles(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
+    """The spline's knots but the outermost, the level there, and its derivative as a share of the step, 1/px."""
+    sides, coefficients = shape.sides, shape.spline.coefficients
+    upward = torch.where(sides.step[:, None] > 0, coefficients, 1 - coefficients.flip(1))
     left, middle, right = upward[:, :-2], upward[:, 1:-1], upward[:, 2:]
     share = (left + 4 * middle + right) / 6
-    dark = sides.level.amin(1, keepdim=True)
-    return dark + sides.step.abs()[:, None] * share, (right - left) / (2 * KNOT_PX)
+    level = sides.level.amin(1)[:, None] + sides.step.abs()[:, None] * share
+    return knots_px(coefficients.shape[1])[1:-1], level, (right - left) / (2 * KNOT_PX)
 
 
 def _resamples(
     response: Response,
-    sides: Sides,
+    shape: Shape,
     ends: Tensor,
     weights: Tensor | None,
     plain: dict[str, Tensor],
     wider: float,
-) -> tuple[list[Resamples | None], list[dict[str, tuple[float, float]]]]:
-    """The resamples of each region, and the intervals of its scalars."""
+) -> tuple[list[Resamples | None], dict[str, Tensor]]:
+    """The resamples of each region, and the intervals (B, 2) of its scalars."""
     if weights is None or response.resampled is None:
-        return [None] * len(ends), [{} for _ in ends]
-    level, variance = sides.resampled(weights)
+        return [None] * len(ends), {}
+    level, variance = shape.sides.resampled(weights)
     drawn = numbers(response.resampled, response.spacing[:, None], peak(response)[:, None], level, variance)
-    limits = {name: each.tolist() for name, each in intervals(drawn, plain, wider).items()}
-    samples: list[Resamples | None] = []
-    for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True):
-        samples.append(Resamples(power, *levels[:, index].T, *variances[:, index].T))
-    return samples, [
-        {name: (each[index][0], each[index][1]) for name, each in limits.items()}
-        for index in range(len(ends))
+    samples: list[Resamples | None] = [
+        Resamples(power, *levels[:, index].T, *variances[:, index].T)
+        for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True)
     ]
+    return samples, intervals(drawn, plain, wider)

@@ -16,10 +16,8 @@ from torch import Tensor
 from blurnoise.metrics.edge.sides import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
-NYQUIST = 0.5
-"""cycles/px."""
-PEAK_CERTAIN = 3.0
-"""Standard errors by which a peak must exceed the response at 0."""
+NYQUIST = 0.5  # cycles/px
+PEAK_CERTAIN = 3.0  # standard errors by which a peak must exceed the response at 0
 FREQUENCIES = torch.arange(513, dtype=torch.float64) / 512
 """0 to 1 cycle/px, at which the response of a spline is given."""
 
@@ -49,8 +47,7 @@ def exact_response(spline: Spline, sides: Sides, weights: Tensor | None = None) 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
     of the coefficients' differences times sinc^3. A resample carries the noise twice.
     """
-    noise = _noise_power(spline.covariance)
-    resampled = None
+    noise, resampled = _noise_power(spline.covariance), None
     if weights is not None:
         level, _ = sides.resampled(weights)
         taller = (level[..., 1] - level[..., 0]) / sides.step[:, None]
@@ -141,9 +138,12 @@ def numbers(
     """Every scalar by its name in SlantedEdge, (...) each; where 50 % is never reached, inf. peak: its index."""
     step = (level[..., 1] - level[..., 0]).abs()
     cnr = step / (variance.sum(-1) / 2).sqrt()
+    index = peak.expand(power.shape[:-1])[..., None]
+    height = power.gather(-1, index)
+    before = torch.arange(power.shape[-1]) < index
     return {
         "mtf50": crossing(power, spacing),
-        "mtf50p": _after_peak(power, spacing, peak),
+        "mtf50p": crossing(torch.where(before, height, power), spacing, height[..., 0] / 4),
         "mtf_nyquist": at(power, spacing, NYQUIST),
         "mtf_nyquist_2": at(power, spacing, NYQUIST / 2),
         "mtf_nyquist_4": at(power, spacing, NYQUIST / 4),
@@ -161,16 +161,33 @@ def intervals(
     found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
     if wider == 1:
         return found
-    about = {name: torch.where(plain[name].isfinite(), plain[name], 0.0)[:, None] for name in found}
-    return {
-        name: torch.where(plain[name].isfinite()[:, None], about[name] + wider * (each - about[name]), each)
-        for name, each in found.items()
-    }
+    for name, each in found.items():
+        about = plain[name][:, None]
+        found[name] = torch.where(about.isfinite(), about + wider * (each - about), each)
+    return found
 
 
-def _after_peak(power: Tensor, spacing: Tensor, peak: Tensor) -> Tensor:
-    """First frequency beyond the peak at which the response is half the peak's."""
-    index = peak.expand(power.shape[:-1])[..., None]
-    height = power.gather(-1, index)
-    before = torch.arange(power.shape[-1]) < index
-    return crossing(torch.where(before, height, power), spacing, height[..., 0] / 4)
+def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
+    """How often each row is drawn in each of ``resamples`` bootstraps of blocks of rows, (resamples, rows).
+
+    Blocks start anywhere and go on at the first row after the last; as many rows are drawn as there are.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    count = math.ceil(rows / block)
+    starts = torch.randint(rows, (resamples, count), generator=generator)
+    drawn = ((starts[:, :, None] + torch.arange(block)) % rows).flatten(1)[:, :rows]
+    one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
+    return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)
+
+
+def widening(rows: int, block: int) -> float:
+    """By how much intervals from blocks of rows are too narrow: 1 where rows are drawn one by one.
+
+    Few blocks scatter about their own mean, and their scatter is itself uncertain: Student's 97.5 % over the normal
+    law's, by Cornish and Fisher, and the root of n over n - 1. Of Gaussians of 0.5 and 0.8 px 1.15 and 1.3.
+    """
+    if block == 1:
+        return 1.0
+    freedom, z = max(rows / block - 1, 3.0), 1.96
+    student = 1 + (z**2 + 1) / (4 * freedom) + (5 * z**4 + 16 * z**2 + 3) / (96 * freedom**2)
+    return student * math.sqrt(1 + 1 / freedom)

@@ -12,21 +12,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.edge.alternatives import Alternatives, alternatives
+from blurnoise.metrics.edge import faults
 from blurnoise.metrics.edge.flags import Flag
 from blurnoise.metrics.edge.geometry import Upright, find_line, largest_phase_gap_px, smooth, straighten
-from blurnoise.metrics.edge.plausibility import (
-    DISPLACED,
-    Profile,
-    displaced,
-    lopsided,
-    negative,
-    noise_expected,
-    overshoots,
-    smoothed,
-    too_abrupt,
-    two_humps,
-)
 from blurnoise.metrics.edge.sides import (
     NOISELESS,
     REACH_FACTOR,
@@ -44,20 +32,16 @@ Flags = dict[Flag, Tensor]
 
 LARGEST_GAP_PX = {"exact": 0.55, "iso": 0.3}
 """Along the normal, without a sample: a gap of 0.5 px still shows all below 1 cycle/px, a bin of 1/4 px does not."""
-QUIETER = 0.8
-"""Variance of the bright side over the dark one's below which a tone curve is suspected: light adds noise."""
-WINDOW_REACHES = 10
-"""Width of a region, in distances from the edge to the end of its blur, below which the standard's window tells."""
-UNEVEN = 0.025
-"""Mean misfit of a block, as a share of the step, that counts as noise at least: shading and curves leave as much."""
-NOISY = 0.08
-"""Standard deviation of MTF50, as a share of it, from which noise dominates."""
-CERTAIN = 5.0
-"""Standard errors that such a suspicion must have."""
-COLOURS_CERTAIN = 2.2
-"""Errors, on the safe side as they are, that the colours' distance must have: of 400 grey edges none has 1.1."""
-_LEVELS = 2.0
-"""Error of an edge's place over that from its rows alone: the levels that place it have errors, too."""
+WINDOW_REACHES = (
+    10  # width of a region, in distances from the edge to its blur's end, that the standard's window needs
+)
+UNEVEN = 0.025  # mean misfit of a block, of the step, that counts as noise at least: shading and curves leave as much
+NOISY = 0.08  # standard deviation of MTF50, as a share of it, from which noise dominates
+QUIETER = 0.8  # variance of the bright side's noise over the dark one's: light adds noise
+CERTAIN = 5.0  # standard errors of noise that differs from what light makes of it
+COLOURS_CERTAIN = 2.2  # errors of the distance between colours: of 400 grey edges none has 1.1
+_LEVELS = 2.0  # error of a colour's place over that from its rows alone: the levels that place it have errors
+_ODD_BLOCK = 6.0  # standard errors by which a block must be off the edge's shape
 
 
 @dataclass(frozen=True)
@@ -133,46 +117,43 @@ def shape_of(found: Located, block: int = 1) -> Shape:
     again = smooth(zone.first + dark_px, order=LINE_ORDER)
     noise = sides.variance / sides.step[:, None] ** 2
     spline, line = refine(replace(zone, values=scaled), again, found.reach_px, noise)
-    return Shape(sides, spline.by_blocks(block) if block > 1 else spline, line, found.reach_px)
-
-
-def suspicions(
-    shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor
-) -> tuple[Flags, Alternatives]:
-    """What the shape itself says against the numbers that were taken from it, and what it may hide.
-
-    mtf50: (B,), inf where it stays above 50 %; scattered: its standard deviation as a share of it, (B,).
-    """
-    few = largest_phase_gap_px(shape.position_px) > LARGEST_GAP_PX[mode]
-    blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
-    profile = Profile.of(shape.spline, shape.position_px, int(shape.sides.block.max()))
-    noise = noise_expected(shape.spline, shape.sides)
-    other = alternatives(profile, mtf50, shape.sides.step > 0)
-    return {
-        Flag.TOO_FEW_PHASES: few,
-        Flag.NON_LINEAR_SUSPECTED: _quieter(shape.sides) | ((lopsided(profile) | other.unequal) & ~few),
-        Flag.SHARPENED: ((overshoots(profile) | other.sharpened) & ~few) | shape.sides.alternates,
-        Flag.TWO_HUMPS: two_humps(profile, shape.reach_px) & ~few,
-        Flag.TOO_ABRUPT: (too_abrupt(profile, mtf50, scattered) | negative(profile)) & ~few,
-        Flag.DISPLACED: displaced(shape.spline, noise, mtf50),
-        Flag.SMOOTHED: smoothed(shape.spline, noise, shape.sides),
-        Flag.NOISE_CORRELATED: shape.sides.correlated,
-        Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
-    }, other
+    if block > 1:  # the covariance that a bootstrap over blocks of rows finds: of noise that is not white
+        spline = replace(spline, covariance=spline.bootstrapped(block))
+    return Shape(sides, spline, line, found.reach_px)
 
 
 def not_alone(shape: Shape) -> Tensor:
     """Whether something stands off the edge's own shape, (B,): a blurred corner passes for a wide edge else."""
     noise = (shape.sides.variance.amax(1) / shape.sides.step**2).sqrt()
-    return shape.spline.largest_misfit() > (CERTAIN + 1) * (noise / BLOCK_PX).clamp_min(UNEVEN)
+    return shape.spline.largest_misfit() > _ODD_BLOCK * (noise / BLOCK_PX).clamp_min(UNEVEN)
 
 
-def doubts(mtf50: Tensor, scattered: Tensor) -> Flags:
-    """What the response says against itself; arguments as in :func:`suspicions`."""
+def suspicions(
+    shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor
+) -> tuple[Flags, faults.Hidden]:
+    """What speaks against the numbers that were taken from a shape, and what it may hide.
+
+    mtf50: (B,), inf where it stays above 50 %; scattered: its standard deviation as a share of it, (B,).
+    """
+    sides, spline = shape.sides, shape.spline
+    few = largest_phase_gap_px(shape.position_px) > LARGEST_GAP_PX[mode]
+    blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
+    profile = faults.Profile.of(spline, shape.position_px, int(sides.block.max()))
+    noise = faults.noise_expected(spline, sides)
+    hidden = faults.hidden_faults(profile, mtf50, sides.step > 0)
     return {
         Flag.NEVER_REACHES_50: torch.isinf(mtf50),
         Flag.NOISE_DOMINATED: scattered > NOISY,
-    }
+        Flag.TOO_FEW_PHASES: few,
+        Flag.NON_LINEAR_SUSPECTED: _quieter(sides) | (hidden.unequal & ~few),
+        Flag.SHARPENED: (faults.overshoots(profile) & ~few) | sides.alternates,
+        Flag.TWO_HUMPS: faults.two_humps(profile, shape.reach_px) & ~few,
+        Flag.TOO_ABRUPT: faults.negative(profile) & ~few,
+        Flag.DISPLACED: faults.displaced(spline, noise, mtf50),
+        Flag.SMOOTHED: faults.smoothed(spline, noise, sides),
+        Flag.NOISE_CORRELATED: sides.correlated,
+        Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
+    }, hidden
 
 
 def _quieter(sides: Sides) -> Tensor:
@@ -188,10 +169,9 @@ def _quieter(sides: Sides) -> Tensor:
 
 
 def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
-    """Whether the colours' edges certainly lie apart so far that their luminance's MTF50 (B,) suffers, (B,).
+    """Whether the edges of colours (B, 3, H, W) certainly lie so far apart that MTF50 (B,) suffers, (B,).
 
-    Places of variance s^2, each colour that has a step counting by its share of it, lower the response
-    as displaced rows do.
+    That is their luminance's: each colour that has a step counts by its share of it.
     """
     batch, _, height, width = colours.shape
     line = find_line(colours.flatten(0, 1))
@@ -204,5 +184,6 @@ def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
     weight = weight / weight.sum(1, keepdim=True)
     middle = (weight * place).sum(1, keepdim=True)
     spread, noise = (weight * (place - middle) ** 2).sum(1), (weight * error**2).sum(1)
-    cost = 2 * (math.pi * mtf50) ** 2 * (spread - noise) / (2 * math.log(2))
-    return (spread > COLOURS_CERTAIN**2 * noise) & (cost > DISPLACED)
+    return (spread > COLOURS_CERTAIN**2 * noise) & (
+        faults.cost_of_places(spread - noise, mtf50) > faults.DISPLACED
+    )

@@ -6,31 +6,32 @@ is the left side, 1 the right one.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.edge.correlation import correlation_of
 from blurnoise.metrics.edge.geometry import Upright
 
-FLAT = 0.005
-"""Share of the step within which the edge counts as having reached its level."""
+# Shares of the step:
+FLAT = 0.005  # within which the edge counts as having reached its level
+SLOPING, LIT = 0.1, 0.35  # by which a side may rise over its length before it is none; by light that grows
+STRUCTURE = 0.1  # by which anything beside the edge may stand out
+NOISELESS = 1e-8  # squared, of noise variance below which there is no noise
+
 REACH_FACTOR, REACH_PX = 1.35, 1.0
-"""Beyond that place: a Gaussian within 0.5 % at 2.6 sigma is within 0.02 % at 3.5 sigma."""
-STRIP_PX = 10.0
-"""Least width of the strips in which levels and noise are measured."""
-SLOPING, LIT = 0.1, 0.35
-"""Share of the step by which a side may rise over its length before it is no side at all; by light that grows."""
-_RISING = 4.0
-"""Standard errors of a rise that is no accident."""
-STRUCTURE = 0.1
-"""Share of the step by which anything beside the edge may stand out."""
-NOISELESS = 1e-8
-"""Noise variance, as a share of the step squared, below which there is no noise."""
+"""Beyond the place where the edge is flat: a Gaussian within 0.5 % at 2.6 sigma is within 0.02 % at 3.5 sigma."""
+STRIP_PX = 10.0  # least width of the strips in which levels and noise are measured
 _BLOCK_PX = 8
-_WHOLE = 0.98
-"""Share of the rows that a whole column has."""
+_WHOLE = 0.98  # share of the rows that a whole column has
+_RISING = 4.0  # standard errors of a rise that is no accident
+_CERTAIN = 4.0  # and of a correlation: one in 3 000 edges with white noise at the lags looked at
+_ALTERNATES = 5.0  # and of neighbours alone, by which they must alternate
+_FADED = 1.5  # standard errors below which a correlation has ended
+_ACROSS_PX, _ALONG_PX = 6, 24
+_LENGTHS_PER_BLOCK, _REACHES_PER_BLOCK, _FEWEST_BLOCKS = 4, 2, 7
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,11 @@ class Reach:
 
 @dataclass(frozen=True)
 class Sides:
-    """level, variance: of the sides, (B, 2); the variance about a plane through the strip.
+    """level, variance, place_px: of the sides, (B, 2); the variance about a plane through the strip.
 
     count, total, square: sums over the strips' pixels in every row, (B, H, 2), of 1, of the values, and of the
-    squared deviation from that plane: what a bootstrap over rows needs. too_small: (B,) bool. power_at_0: NPS(0) over
-    the variance, 1 where noise is white; block: rows to draw together; correlated: whether that is too few of them
-    for an interval, and alternates: whether neighbours' noise does so, (B,) each.
+    squared deviation from that plane: what a bootstrap over rows needs. too_small: (B,) bool. The others, (B,) each:
+    of :func:`correlation_of`.
     """
 
     level: Tensor
@@ -151,13 +151,9 @@ def measure_sides(upright: Upright, position_px: Tensor, reach_px: Tensor) -> Si
     variance = square.sum(1) / (pixels - 3).clamp_min(1)
     too_small = (pixels < 2 * upright.values.shape[1]).any(1)
     level = torch.stack(levels, dim=-1)
-    noise = correlation_of(left)
     noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
-    power_at_0, block = torch.where(noisy, noise.power_at_0, 1.0), torch.where(noisy, noise.block, 1)
     place = torch.stack(places, dim=-1)
-    correlated, alternates = noisy & noise.too_long, noisy & noise.alternates
-    found = level, variance, place, count, total, square, too_small, power_at_0, block, correlated, alternates
-    return Sides(*found)
+    return Sides(level, variance, place, count, total, square, too_small, *correlation_of(left, noisy))
 
 
 def _lit(rise: Tensor, level: Tensor, length: Tensor, step: Tensor, sure: Tensor) -> Tensor:
@@ -243,3 +239,61 @@ def _about_plane(values: Tensor, mask: Tensor, level: Tensor) -> Tensor:
     fitted = plane[:, :1, None] + plane[:, 1:2, None] * row[:, None] + plane[:, 2:, None] * column
     about: Tensor = masked - mask * fitted
     return about
+
+
+def correlation_of(
+    sides: Sequence[tuple[Tensor, Tensor]], noisy: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """How the noise in ``sides`` is correlated, each what is left of it, 0 outside, and where it is: (B, H, W).
+
+    Of each region, (B,): NPS(0) over the variance, 1 where noise is white; the rows that a bootstrap draws together;
+    whether there are fewer than seven such blocks; and whether neighbours certainly differ more than white noise
+    does, as sharpening leaves them. noisy: (B,) bool, of which regions to ask.
+
+    Noise behind a Gaussian of 0.5, 0.8 and 1.5 px has a power of 2.3, 8 and 28 variances at 0, and intervals that
+    draw row by row hold in 89, 77 and 64 % in place of 95 %.
+    """
+    height = sides[0][0].shape[1]
+    noise, there = [], []
+    for off, where in sides:
+        pixels = where.sum((1, 2), keepdim=True).clamp_min(1)
+        power = torch.linalg.vector_norm(off, dim=(1, 2), keepdim=True) / pixels.sqrt()
+        # Single precision is enough of sums that are told to some parts in a hundred.
+        noise.append((off / power.clamp_min(1e-15)).float())
+        there.append(where.float())
+    along = _at_lags([each.mT for each in noise], [each.mT for each in there], min(_ALONG_PX, height // 3))
+    across = _at_lags(noise, there, _ACROSS_PX)
+    (length_x, _), (length_y, alive) = _length(*across), _length(*along)
+    next_to = (across[0][:, 0] / across[1][:, 0] + along[0][:, 0] / along[1][:, 0]) / math.sqrt(2)
+    lengths = (_LENGTHS_PER_BLOCK * length_y).maximum(_REACHES_PER_BLOCK * alive)
+    wanted = torch.where(noisy & (length_y > 1), lengths, 1.0)
+    most = max(height // _FEWEST_BLOCKS, 1)
+    block = wanted.ceil().long().clamp(1, most)
+    power_at_0 = torch.where(noisy, length_x * length_y, 1.0)
+    return power_at_0, block, wanted > most, noisy & (next_to < -_ALTERNATES)
+
+
+def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tuple[Tensor, Tensor]:
+    """Correlation at lags 1 to ``most`` along the last axis and its error for white noise, (B, most) each."""
+    products, pairs = (torch.stack([_products(each, most) for each in of]).sum(0) for of in (noise, there))
+    pairs = pairs.round().clamp_min(1)
+    return products / pairs, 1 / pairs.sqrt()
+
+
+def _products(values: Tensor, most: int) -> Tensor:
+    """Sum of the products of all values that lie 1 to ``most`` apart along the last axis, (B, most)."""
+    long = 1 << (values.shape[2] + most - 1).bit_length()
+    waves = torch.view_as_real(torch.fft.rfft(values, n=long))
+    power = (waves * waves).sum(1).sum(-1)  # over both at once takes four times as long
+    products: Tensor = torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
+    return products
+
+
+def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
+    """Sum over all lags up to where the correlation fades, 1 where nothing is certain, and that lag, (B,) each."""
+    near = correlation[:, :8].sum(1) / torch.linalg.vector_norm(error[:, :8], dim=1)
+    first = correlation[:, :2].amax(1) / error[:, 0]
+    alive = (correlation > _FADED * error).to(torch.int64).cumprod(1)
+    sums = 1 + 2 * (correlation * alive).sum(1)
+    certain = torch.maximum(near, first) > _CERTAIN
+    return torch.where(certain, sums.clamp_min(1), 1.0), alive.sum(1)

@@ -2,8 +2,8 @@
 
 Bins blur what they average and need many phases; a cubic B-spline with a knot every quarter of a pixel does
 neither, and its transfer function is a finite sum in closed form. Its coefficients are 0 before the edge's reach
-and 1 beyond it, so that only pixels within the reach bring noise. Least squares, with a trace of a penalty on the
-third difference that bridges stretches without pixels.
+and 1 beyond it. Least squares, with a trace of a penalty on the third difference that bridges stretches without
+pixels.
 
 Domain: upright regions, values scaled so that the sides are 0 and 1, distances in px along the normal.
 """
@@ -22,20 +22,24 @@ from torch.nn.functional import avg_pool2d
 from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
 
 KNOT_PX = 0.25
-LINE_ORDER = 3
-"""Order of the polynomial that the edge may follow: a lens bends straight edges."""
+LINE_ORDER = 3  # of the polynomial that the edge may follow: a lens bends straight edges
 BLOCK_PX = 5
+CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 _ODD_DEVIATIONS, _ODD_SHARE = 8.0, 0.05  # of the misfits, and of the step, that make a pixel a hot one
 _PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
 
 
+def knots_px(count: int) -> Tensor:
+    """Places of ``count`` knots about the edge, (count,)."""
+    return KNOT_PX * torch.arange(-(count // 2), count // 2 + 1, dtype=torch.float64)
+
+
 @dataclass(frozen=True)
 class Spline:
-    """coefficients: (B, 2 K + 1), for knots at KNOT_PX * (-K ... K) from the edge.
+    """coefficients: (B, K), at :func:`knots_px`. covariance: theirs, (B, K, K). pixels: what was fitted.
 
-    covariance: of the coefficients, (B, 2 K + 1, 2 K + 1). pixels: what was fitted. inverse: of the equations of
-    the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals are too small to stand for
-    errors, as in a jackknife.
+    inverse: of the equations of the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals
+    are too small to stand for errors, as in a jackknife.
     """
 
     coefficients: Tensor
@@ -43,12 +47,6 @@ class Spline:
     pixels: _Pixels
     inverse: Tensor
     inflation: Tensor
-
-    @property
-    def distance_px(self) -> Tensor:
-        """Place of the knots, (2 K + 1,)."""
-        half = self.coefficients.shape[-1] // 2
-        return KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
 
     @cached_property
     def off(self) -> tuple[Tensor, Tensor]:
@@ -61,15 +59,11 @@ class Spline:
         return avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
 
     def resampled(self, weights: Tensor) -> Tensor:
-        """Coefficients, (B, n, 2 K + 1), with row r counted weights[:, r] times, to first order; weights (n, H)."""
+        """Coefficients, (B, n, K), with row r counted weights[:, r] times, to first order; weights (n, H)."""
         return self.coefficients[:, None] + (weights - 1) @ self.pulls
 
-    def by_blocks(self, block: int) -> Spline:
-        """The same with the covariance that a bootstrap over blocks of rows finds: of noise that is not white."""
-        return replace(self, covariance=self.bootstrapped(block))
-
     def bootstrapped(self, block: int = 1) -> Tensor:
-        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, 2 K + 1, 2 K + 1)."""
+        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, K, K)."""
         root = self.pulls
         if block > 1:
             root = torch.stack([rows.sum(1) for rows in torch.split(root, block, 1)], dim=1)
@@ -77,7 +71,7 @@ class Spline:
 
     @cached_property
     def pulls(self) -> Tensor:
-        """By how much each row, were it there once more, would move the coefficients, (B, H, 2 K + 1)."""
+        """By how much each row, were it there once more, would move the coefficients, (B, H, K)."""
         # What each row adds to the normal equations beyond what the fit explains.
         scores = self.pixels.sums(self.off[0], per_row=True)
         return scores @ self.inverse * self.inflation[:, None, None]
@@ -93,36 +87,51 @@ def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tenso
     rows = row_basis(position_px.shape[1], LINE_ORDER)
     half = math.ceil(float(reach_px.max()) / KNOT_PX) + 3
     pixels = _Pixels.of(upright, position_px, reach_px, half)
-    fit = _fitted(pixels, reach_px)
-    off, pull = pixels.off(fit.coefficients)
+    coefficients, *_ = _fitted(pixels, reach_px)
+    off, pull = pixels.off(coefficients)
     curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
     wanted = pixels.by_row(pull * off) @ rows
     position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
 
     upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))
     pixels = _Pixels.of(upright, position_px, reach_px, half)
-    fit = _fitted(pixels, reach_px)
-    light = fit.coefficients.clamp(0, 1)
-    spread = torch.sqrt(noise[:, :1] + (noise[:, 1:] - noise[:, :1]) * light)
-    inverse = torch.cholesky_inverse(fit.factor) * fit.free[:, None] * fit.free[..., None]
-    covariance = inverse @ (spread[:, :, None] * fit.products * spread[:, None, :]) @ inverse
-    inflation = pixels.count / (pixels.count - fit.free.sum(1)).clamp_min(1)
-    return Spline(fit.coefficients, covariance, pixels, inverse, inflation), position_px
+    coefficients, products, factor, free = _fitted(pixels, reach_px)
+    spread = torch.sqrt(noise[:, :1] + (noise[:, 1:] - noise[:, :1]) * coefficients.clamp(0, 1))
+    inverse = torch.cholesky_inverse(factor) * free[:, None] * free[..., None]
+    covariance = inverse @ (spread[:, :, None] * products * spread[:, None, :]) @ inverse
+    inflation = pixels.count / (pixels.count - free.sum(1)).clamp_min(1)
+    return Spline(coefficients, covariance, pixels, inverse, inflation), position_px
+
+
+def _fitted(pixels: _Pixels, reach_px: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Coefficients; the normal equations without their penalty; the Cholesky factor of those with it; and which
+    coefficients were fitted, (B, K), the others staying at 0 or 1."""
+    place = knots_px(pixels.size)
+    free = place.abs() <= reach_px[:, None] - KNOT_PX
+    fixed = ((place > 0) & ~free).to(torch.float64)
+    one = torch.eye(pixels.size, dtype=torch.float64)
+    rough = torch.diff(one, n=3, dim=0)
+    per_knot = pixels.count * KNOT_PX / (2 * reach_px)
+    products = pixels.products()
+    equations = products + (_PENALTY * per_knot)[:, None, None] * (rough.T @ rough)
+    wanted = pixels.sums(pixels.value) - (equations @ fixed[..., None])[..., 0]
+    factor = torch.linalg.cholesky(torch.where(free[:, :, None] & free[:, None, :], equations, one))
+    solution = torch.cholesky_solve((wanted * free)[..., None], factor)[..., 0]
+    return solution + fixed, products, factor, free
 
 
 @dataclass(frozen=True)
 class _Pixels:
     """The pixels within reach of the edge, n of all regions in one line, and the four B-splines over each.
 
-    pixel: (n,), number of each in the regions' ``shape``, (B, H, W). row: (n,), number of the pixel's row, counted
-    through all B regions of H rows. region: (n,). value: (n,). first: (n,), index of the first of the four
-    coefficients. place: (n,), between its knots, 0 to 1. cosine: (n,), px along the normal for one along the row.
-    basis: four
-    times (n,). count: pixels of each region, (B,). size: coefficients.
+    shape: of the regions, (B, H, W). pixel, row, region: (n,), numbers of each pixel, its row and its region, counted
+    through all of them. value: (n,). first: (n,), index of the first of the four coefficients. place: (n,), between
+    its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four times (n,). count: pixels
+    of each region, (B,). size: number of coefficients.
     """
 
-    pixel: Tensor
     shape: torch.Size
+    pixel: Tensor
     row: Tensor
     region: Tensor
     value: Tensor
@@ -131,7 +140,6 @@ class _Pixels:
     cosine: Tensor
     basis: list[Tensor]
     count: Tensor
-    height: int
     size: int
 
     @classmethod
@@ -140,35 +148,18 @@ class _Pixels:
         cosines = 1 / torch.sqrt(1 + slope(position_px) ** 2)
         distance = upright.distance_px(position_px) * cosines[:, None, None]
         near = (distance.abs() < reach_px[:, None, None]) & (upright.inside > 0)
-        chosen = near.flatten().nonzero()[:, 0]
-        row = chosen // width
+        pixel = near.flatten().nonzero()[:, 0]
+        row = pixel // width
         region = row // height
-        knots = distance.flatten()[chosen] / KNOT_PX
+        knots = distance.flatten()[pixel] / KNOT_PX
         knot = knots.floor()
         t = knots - knot
         s = 1 - t
         tt, ss = t * t, s * s
         basis = [ss * s / 6, tt * (t / 2 - 1) + 2 / 3, ss * (s / 2 - 1) + 2 / 3, tt * t / 6]
-        value, count = upright.values.flatten()[chosen], near.sum((1, 2))
-        first = knot.long() + (half - 1)
-        return cls(
-            chosen,
-            near.shape,
-            row,
-            region,
-            value,
-            first,
-            t,
-            cosines[region],
-            basis,
-            count,
-            height,
-            2 * half + 1,
-        )
-
-    @property
-    def batch(self) -> int:
-        return len(self.count)
+        value, first = upright.values.flatten()[pixel], knot.long() + (half - 1)
+        numbers = (near.shape, pixel, row, region)
+        return cls(*numbers, value, first, t, cosines[region], basis, near.sum((1, 2)), 2 * half + 1)
 
     def in_place(self, values: Tensor) -> Tensor:
         """The regions with ``values`` (n,) at these pixels and 0 elsewhere, (B, H, W)."""
@@ -187,13 +178,14 @@ class _Pixels:
 
     def by_row(self, values: Tensor) -> Tensor:
         """Sum of ``values`` (n,) over each row, (B, H)."""
-        sums = values.new_zeros(self.batch * self.height)
-        return sums.index_add_(0, self.row, values).view(self.batch, self.height)
+        sums = values.new_zeros(self.shape[0] * self.shape[1])
+        return sums.index_add_(0, self.row, values).view(self.shape[:2])
 
     def odd(self, off: Tensor) -> Tensor:
         """``off`` (n,) at single pixels that stand far out of the others' misfits, hot or dead ones, else 0."""
         usual = torch.stack([each.median() for each in torch.split(off * off, self.count.tolist())])
-        far = off.abs() > (_ODD_DEVIATIONS * (usual / 0.4549).sqrt()).clamp_min(_ODD_SHARE)[self.region]
+        limit = (_ODD_DEVIATIONS * (usual / CHI_SQUARE_MEDIAN).sqrt()).clamp_min(_ODD_SHARE)
+        far = off.abs() > limit[self.region]
         if not far.any():
             return torch.zeros_like(off)
         around = avg_pool2d(self.in_place(far.to(off)), 3, stride=1, padding=1) * 9
@@ -201,7 +193,7 @@ class _Pixels:
 
     def sums(self, values: Tensor, *, per_row: bool = False) -> Tensor:
         """Sum of value times B-spline, (B, size), or of each row alone, (B, H, size)."""
-        shape = (self.batch, self.height, self.size) if per_row else (self.batch, self.size)
+        shape = (*(self.shape[:2] if per_row else self.shape[:1]), self.size)
         at = self.first + (self.row if per_row else self.region) * self.size
         sums = values.new_zeros(math.prod(shape))
         for k, basis in enumerate(self.basis):
@@ -211,40 +203,12 @@ class _Pixels:
     def products(self) -> Tensor:
         """Sum of the products of two B-splines, (B, size, size)."""
         at = self.first + self.region * self.size
-        bands = torch.zeros(4, self.batch * self.size, dtype=torch.float64)
+        bands = torch.zeros(4, self.shape[0] * self.size, dtype=torch.float64)
         for k, basis in enumerate(self.basis):
             for away, other in enumerate(self.basis[k:]):
                 bands[away, k:].index_add_(0, at, basis * other)
-        products = torch.diag_embed(bands[0].view(self.batch, -1))
+        products = torch.diag_embed(bands[0].view(-1, self.size))
         for away in (1, 2, 3):
-            band = bands[away].view(self.batch, -1)[:, : self.size - away]
+            band = bands[away].view(-1, self.size)[:, : self.size - away]
             products += torch.diag_embed(band, away) + torch.diag_embed(band, -away)
         return products
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """products: the normal equations without their penalty; factor: of those with it, by Cholesky; free: which
-    coefficients were fitted, (B, size), the others staying at 0 or 1."""
-
-    coefficients: Tensor
-    products: Tensor
-    factor: Tensor
-    free: Tensor
-
-
-def _fitted(pixels: _Pixels, reach_px: Tensor) -> _Fit:
-    """Coefficients by the normal equations, and what of these is needed again."""
-    half = pixels.size // 2
-    place = KNOT_PX * torch.arange(-half, half + 1, dtype=torch.float64)
-    free = place.abs() <= reach_px[:, None] - KNOT_PX
-    fixed = ((place > 0) & ~free).to(torch.float64)
-    one = torch.eye(pixels.size, dtype=torch.float64)
-    rough = torch.diff(one, n=3, dim=0)
-    per_knot = pixels.count * KNOT_PX / (2 * reach_px)
-    products = pixels.products()
-    equations = products + (_PENALTY * per_knot)[:, None, None] * (rough.T @ rough)
-    wanted = pixels.sums(pixels.value) - (equations @ fixed[..., None])[..., 0]
-    factor = torch.linalg.cholesky(torch.where(free[:, :, None] & free[:, None, :], equations, one))
-    solution = torch.cholesky_solve((wanted * free)[..., None], factor)[..., 0]
-    return _Fit(solution + fixed, products, factor, free)

@@ -7,8 +7,9 @@ import torch
 from blurnoise_eval.bench.edge_cases import Draw, Setting, smoothed
 
 from blurnoise.metrics import SlantedEdge, information, slanted_edge
-from blurnoise.metrics.edge.correlation import block_weights, correlation_of, widening
 from blurnoise.metrics.edge.flags import Flag
+from blurnoise.metrics.edge.response import block_weights, widening
+from blurnoise.metrics.edge.sides import correlation_of
 
 AT = Setting(offset_px=(0.3, 0.1))
 
@@ -17,10 +18,11 @@ def test_white_noise_is_white() -> None:
     """One in 3 000 is not taken for it; of 200 none."""
     fields = Draw.of(1).normal((200, 100, 24))
     left, right = fields[..., :12], fields[..., 12:]
-    found = correlation_of([(left, torch.ones_like(left)), (right, torch.ones_like(right))])
-    assert bool((found.power_at_0 == 1).all())
-    assert bool((found.block == 1).all())
-    assert not found.too_long.any()
+    sides = [(left, torch.ones_like(left)), (right, torch.ones_like(right))]
+    power_at_0, block, too_long, _ = correlation_of(sides, torch.ones(len(fields), dtype=torch.bool))
+    assert bool((power_at_0 == 1).all())
+    assert bool((block == 1).all())
+    assert not too_long.any()
 
 
 @pytest.mark.parametrize(("sigma_px", "power"), [(0.5, 2.43), (0.8, 7.98), (1.5, 28.27)])

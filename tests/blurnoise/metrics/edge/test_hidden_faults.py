@@ -22,7 +22,7 @@ from independent_edges import (
 )
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.alternatives import GaussianEdge
+from blurnoise.metrics.edge.faults import gaussian_edge
 
 Make = Callable[[Edge, int], Picture]
 SIGMAS_PX = (0.6, 0.8, 1.0, 1.2)
@@ -138,7 +138,7 @@ def test_a_gaussian_edge_has_the_mtf50_it_is_made_for() -> None:
     """Its transform, by sums at quarters of a pixel, is one half there."""
     place = 0.25 * torch.arange(-80, 81, dtype=torch.float64)
     mtf50 = torch.tensor([0.1, 0.25, 0.5], dtype=torch.float64)
-    step = torch.diff(GaussianEdge.of(mtf50, place).level)
+    step = torch.diff(gaussian_edge(mtf50, place)[1])
     middle = (place[1:] + place[:-1]) / 2
     for frequency, line in zip(mtf50.tolist(), step, strict=True):
         response = float((line * torch.cos(2 * math.pi * frequency * middle)).sum()) / np.sinc(frequency / 4)

@@ -7,7 +7,7 @@ import torch
 from blurnoise_eval.bench.edge_cases import CASES, Draw, Setting, usual
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.plausibility import Profile, negative
+from blurnoise.metrics.edge.faults import Profile, negative
 from blurnoise.metrics.edge.shape import locate, shape_of
 
 MAKES = {case.name: case.make for case in CASES}
@@ -98,7 +98,5 @@ def test_light_that_falls_off_along_the_edge_is_no_fault() -> None:
 def test_certainty_is_students() -> None:
     """Quantiles of Student's law at 1 - 0.0005 and 1 - 0.000005, from tables: 30 and 100 degrees of freedom."""
     for rows, places, quantile in ((31, 1, 3.646), (101, 1, 3.390), (101, 100, 4.654)):
-        profile = Profile(
-            torch.zeros(1, 5), torch.zeros(1, 5, 5), rows, torch.ones(1, 5), torch.zeros(1), white=True
-        )
+        profile = Profile(torch.zeros(1, 5), torch.zeros(1, 5, 5), rows, torch.ones(1, 5), torch.zeros(1))
         assert float(profile.certain(places)) == pytest.approx(quantile, rel=0.02)
