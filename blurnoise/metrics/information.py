@@ -1,21 +1,18 @@
 """Information in pictures and slanted edges: Shannon capacity, noise-equivalent quanta, ideal observer's SNR.
 
-Domain: linear digital numbers with the black level removed, frequencies in cycles/px. ``power`` is |MTF|²: the
-square of an MTF, or a measured power whose noise floor has been subtracted, which may then dip below 0.
+Domain: linear digital numbers with the black level removed, frequencies in cycles/px. ``power`` is |MTF|²; where it
+is measured, its noise floor has been subtracted, and it may dip below 0.
 
-Functions of curves are differentiable, and all arguments broadcast against ``power``: leading axes are a batch, or
-resamples of one measurement. NaN in a curve gives NaN for it. A frequency axis rises from 0, and then stands for
-both signs, or from -1/2 or below; it reaches 1/2 or more. A two-dimensional power is (..., Fy, Fx); where it is not
-even in fx and fy apart (motion along a diagonal) one axis at least needs both signs. Integrals are trapezoidal, cut
-at 1/2: a region of w px resolves its power every 1/(2w) cycles/px, so pad the line spread function to twice its
-length, or more.
+Functions of curves are differentiable and broadcast against ``power``; NaN in a curve gives NaN for it. A frequency
+axis rises from 0, and then stands for both signs, or from -1/2; power (..., Fy, Fx) that is not even in fx and fy
+apart (motion along a diagonal) needs one axis with both signs. Integrals are trapezoidal, cut at 1/2: pad the line
+spread function to twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
 
-Functions of edges take :func:`blurnoise.metrics.slanted_edge`'s, measured with a bootstrap, and give an estimate with
-its interval at 95 %. They take noise for white; where it certainly is not, NEQ(0) takes its power at frequency 0,
-and the flag "noise_not_white" is set. Noise biases curved functions of a measured response (log2(1 + S/N) with power
-cut at 0: +53 % for 20 px of motion at CNR 20). Resamples carry that noise twice, so their mean C* is off by twice as
-much as the plain C, and 2C - C* is returned (+1 %), at least 0; the interval is the resamples' about their mean,
-moved to that value.
+Functions of edges take :func:`blurnoise.metrics.slanted_edge`'s with a bootstrap, and give 95 % intervals. They
+assume white noise; where it certainly is not, NEQ(0) takes its power at frequency 0, and the flag is
+"noise_not_white". Noise biases log2(1 + S/N) with power cut at 0 (+53 % for 20 px of motion at CNR 20); resamples
+carry it twice, so their mean C* is off by twice as much as the plain C: the value is 2C - C* (+1 %), at least 0, and
+the interval theirs, moved to it. All raise ``TypeError`` or ``ValueError`` that names the argument.
 """
 
 from __future__ import annotations
@@ -54,16 +51,12 @@ def shannon_capacity_radial(
     Returns (...). S = (signal_pp MTF)²/12, the variance of amplitudes spread evenly over signal_pp
     (I. N. Lin et al. 2024, Sensors 24(16) 5135, eq. 7; N. Koren, Imatest). The disc of radius 1/2 has an area of
     π/4: :func:`shannon_capacity_square` counts the corners, too, and does not take motion for isotropic.
-
-    Power below 0 counts with its sign down to S/N = -0.9, so that noise averages out; what stays is the
-    logarithm's bend, about -s²/2 for an error s of S/N. Infinite without noise. Raises ``TypeError`` or
-    ``ValueError`` naming the argument.
+    Power below 0 counts with its sign down to S/N = -0.9, so that noise averages out. Infinite without noise.
     """
-    axis = _axis("frequency", frequency)
+    bits = _bits(values.real("power", power, dims=1), signal_pp, noise_variance)
+    axis = _axis("frequency", frequency, "power", bits)
     if float(axis[0]) != 0:
         raise ValueError(f"frequency: must start at 0 for a radial integral, got {float(axis[0]):g}")
-    bits = _bits(values.real("power", power, dims=1), signal_pp, noise_variance)
-    _fits("power", bits, -1, "frequency", axis)
     return _sum(bits, _weights(axis) * axis) * math.pi  # the weights hold both signs
 
 
@@ -77,8 +70,8 @@ def shannon_capacity_square(
 ) -> Tensor:
     """Shannon information capacity, bits/px: log2(1 + S/N) over the whole square |fx|, |fy| < 1/2.
 
-    power: (..., Fy, Fx), as :func:`separable` makes it of two edges. Returns (...). Arguments, bias, limits
-    and errors as in :func:`shannon_capacity_radial`; a value per curve is shaped (..., 1, 1).
+    power: (..., Fy, Fx), as :func:`separable` makes it of two edges; a value per curve is shaped (..., 1, 1). The
+    rest as in :func:`shannon_capacity_radial`.
     """
     bits = _bits(values.real("power", power, dims=2), signal_pp, noise_variance)
     return square_integral(frequency_x, frequency_y, bits)
@@ -106,30 +99,20 @@ def ideal_observer_snr(
     since the picture counts as periodic. power and noise_power_spectrum (DN² px²): numbers, or (..., H, W) at
     ``torch.fft.fftfreq``'s frequencies (:func:`at` and :func:`separable` bring measured curves there).
     Returns (...), not in dB. A w x w square of height dQ in white noise without blur: dQ w / sigma. Infinite
-    without noise. Source: ICRU report 54. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    without noise. Source: ICRU report 54.
     """
     target = values.real("difference", difference, dims=2)
     density = torch.fft.fft2(target).abs() ** 2
-    for name, value in (("power", power), ("noise_power_spectrum", noise_power_spectrum)):
-        shape = checks.real_tensor(name, value).shape[-2:]
-        if len(shape) == 2 and any(n not in (1, m) for n, m in zip(shape, target.shape[-2:], strict=True)):
-            raise ValueError(
-                f"{name}: must be a number or end in {tuple(target.shape[-2:])}, got {tuple(shape)}"
-            )
     signal = density * values.beside("power", power, density)
     noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, signal)
     return _ratio(signal, noise).mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
 
 
 def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -> Tensor:
-    """Integral of ``density`` (..., Fy, Fx) over the square |fx|, |fy| < 1/2, area 1. Returns (...).
-
-    Raises ``TypeError`` or ``ValueError`` for an axis that does not cover the band, or does not fit.
-    """
-    fx, fy = _axis("frequency_x", frequency_x), _axis("frequency_y", frequency_y)
+    """Integral of ``density`` (..., Fy, Fx) over the square |fx|, |fy| < 1/2, area 1. Returns (...)."""
     density = values.real("density", density, dims=2)
-    _fits("density", density, -1, "frequency_x", fx)
-    _fits("density", density, -2, "frequency_y", fy)
+    fx = _axis("frequency_x", frequency_x, "density", density)
+    fy = _axis("frequency_y", frequency_y, "density", density, -2)
     return _sum(_sum(density, _weights(fx)), _weights(fy))
 
 
@@ -145,13 +128,9 @@ def separable(power_x: Tensor, power_y: Tensor) -> Tensor:
 
 
 def at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
-    """``power`` (..., F) at ``frequency`` (F,), interpolated linearly at the frequencies ``wanted`` (K,): (..., K).
-
-    Either sign of ``wanted`` reads the same value. Raises ``ValueError`` unless the curve starts at 0 and reaches
-    ``wanted``.
-    """
-    axis, power = _axis("frequency", frequency), values.real("power", power, dims=1)
-    _fits("power", power, -1, "frequency", axis)
+    """``power`` (..., F) at ``frequency`` (F,), from 0, interpolated at ``wanted`` (K,), either sign: (..., K)."""
+    power = values.real("power", power, dims=1)
+    axis = _axis("frequency", frequency, "power", power)
     place = values.real("wanted", wanted, dims=1).abs()
     if float(axis[0]) != 0 or not bool((place <= axis[-1]).all()):
         raise ValueError(
@@ -297,19 +276,16 @@ def _ratio(signal: Tensor, noise: Tensor) -> Tensor:
     return torch.where(nothing, 0.0, signal / torch.where(nothing, 1.0, noise))
 
 
-def _axis(name: str, frequency: Tensor) -> Tensor:
+def _axis(name: str, frequency: Tensor, of: str, curve: Tensor, dim: int = -1) -> Tensor:
     axis = values.real(name, frequency, dims=1)
     if axis.ndim != 1 or not bool(torch.isfinite(axis).all()) or not bool((axis.diff() > 0).all()):
         raise ValueError(f"{name}: must be one rising axis of finite cycles/px, got {tuple(axis.shape)}")
     first, last = float(axis[0]), float(axis[-1])
     if last < NYQUIST or (first != 0 and first > -NYQUIST):
         raise ValueError(f"{name}: must run from 0 or -1/2 to 1/2 cycles/px, got {first:g} to {last:g}")
+    if curve.shape[dim] != len(axis):
+        raise ValueError(f"{of}: shape {tuple(curve.shape)} does not fit {name}'s {len(axis)} values")
     return axis
-
-
-def _fits(name: str, value: Tensor, dim: int, axis_name: str, axis: Tensor) -> None:
-    if value.shape[dim] != len(axis):
-        raise ValueError(f"{name}: shape {tuple(value.shape)} does not fit {axis_name}'s {len(axis)} values")
 
 
 def _weights(axis: Tensor) -> Tensor:
