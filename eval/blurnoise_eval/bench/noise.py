@@ -1,199 +1,107 @@
-"""Bench of sensor noise: every way to draw it, time beside distance from the exact law, taken in turns.
+"""Bench of the read-out: every way to draw a noisy digital number, time beside distance from the exact law.
 
-Units: means and read noise in electrons (e-), times in ns per value, distances as total variation (0 to 1) of
-the final digital numbers at 1 DN/e-, where nothing hides between two of them.
+Units: electrons (e-), digital numbers (DN). A law is the probability of every digital number. All contenders turn
+mean electrons into shot noise, read noise, gain, black level, rounding and limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+import math
 from functools import partial
 from itertools import product
-from math import prod
-from pathlib import Path
-from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
-from blurnoise_eval.bench import laws
-from blurnoise_eval.bench.laws import Converter
-from blurnoise_eval.bench.samplers import Sampler, equal_chances, samplers
-from blurnoise_eval.bench.timing import Quartiles, in_turns_ms, machine, quartiles
-from blurnoise_eval.bench.written import write_bench
-from blurnoise_eval.system.threads import limited_threads
+from blurnoise.optics.camera import Camera
+from blurnoise.sensor.readout import read_out
+from blurnoise_eval.bench.contest import Case, Contender, Contest
 
-Progress = Callable[[float], object]
-YARDSTICK = "torch.randn"
-"""One normal value per pixel, of the same shape: what times are compared with."""
-
-
-@dataclass(frozen=True)
-class Extent:
-    """How much is measured.
-
-    shape: (B, C, H, W) of every draw, which is judged by all its values. A call is repeated from ``fewest``
-    to ``most`` times, as often as fits into ``seconds``.
-    """
-
-    means_e: tuple[float, ...] = (0.1, 1, 3, 10, 30, 100, 1000, 10000)
-    read_noises_e: tuple[float, ...] = (2.44, 0.3)
-    shape: tuple[int, int, int, int] = (8, 3, 512, 512)
-    fewest: int = 2
-    most: int = 8
-    seconds: float = 0.4
-
-    @property
-    def samples(self) -> int:
-        """Values of a draw."""
-        return prod(self.shape)
+MEANS_E = (1.0, 10.0, 100.0, 1000.0)
+READ_NOISES_E = (2.44, 0.3)
+SHAPE = (8, 3, 512, 512)
+BLACK_DN, FULL_SCALE_DN = 32, 65535
+Law = NDArray[np.float64]
 
 
-FULL = Extent()
-QUICK = Extent((1, 10, 100, 1000), shape=(2, 3, 256, 256), seconds=0.05)
+def noise(*, quick: bool) -> Contest:
+    """Ours, PyTorch's and NumPy's Poisson counts, and the plain normal, in the dark and in light."""
+    cases = list(product(READ_NOISES_E, MEANS_E))
+    shape = (2, 3, 256, 256) if quick else SHAPE
+    return Contest(
+        "noise", "A noisy digital number", [partial(_case, shape, *each) for each in cases[:4:3] if quick]
+        or [partial(_case, shape, *each) for each in cases],
+        cost_unit="ns per value", error_unit="total variation",
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """A sampler at one mean and read noise.
-
-    to_randn: median time over that of ``YARDSTICK`` in the same turns. sampled: distance of the drawn values'
-    frequencies, which lies above the true one on average and at ``floor`` for an exact sampler. integrated:
-    the distance itself, over equal steps of the normal's probability; None where counts come from elsewhere.
-    """
-
-    sampler: str
-    read_noise_e: float
-    mean_e: float
-    ns: Quartiles
-    to_randn: float
-    sampled: float
-    floor: float
-    integrated: float | None
-
-    @property
-    def distance(self) -> float:
-        """The best that is known: integrated, else what sampling shows above its floor, 0 at least."""
-        return max(0.0, self.sampled - self.floor) if self.integrated is None else self.integrated
-
-    def record(self) -> dict[str, Any]:
-        """Flat, for a table."""
-        flat = asdict(self)
-        low, median, high = flat.pop("ns")
-        return {**flat, "ns_low_quartile": low, "ns_median": median, "ns_high_quartile": high}
+def camera(read_noise_e: float) -> Camera:
+    """A camera with this read noise, 1 DN/e- and nothing else."""
+    return Camera(
+        name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0,
+        full_well_e=float(FULL_SCALE_DN), system_gain_dn_per_e=1.0, read_noise_e=read_noise_e,
+        black_level_dn=float(BLACK_DN), bit_depth=16,
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Bench:
-    """What was measured, of whom, and on which machine."""
-
-    rows: list[Row]
-    extent: Extent
-    samplers: list[Sampler]
-    machine: dict[str, Any]
-
-    def row(self, sampler: str, read_noise_e: float, mean_e: float) -> Row:
-        """The row of these."""
-        key = (sampler, read_noise_e, mean_e)
-        return next(row for row in self.rows if (row.sampler, row.read_noise_e, row.mean_e) == key)
-
-    def noticed(self, row: Row) -> bool:
-        """Whether its samples lie farther from the exact law than exact ones would, by three deviations."""
-        return row.sampled > row.floor + 3 * laws.spread(self.extent.samples)
-
-    def losses(self) -> list[str]:
-        """Where somebody else's sampler takes 2 % less time than ``auto``, or is closer to the exact law.
-
-        Closer where both are integrated, or by three deviations of an estimate from samples.
-        """
-        found = []
-        others = [sampler.name for sampler in self.samplers if not sampler.ours]
-        for read, other in product(self.extent.read_noises_e, others):
-            pairs = [
-                (self.row("auto", read, mean), self.row(other, read, mean)) for mean in self.extent.means_e
-            ]
-            faster = [
-                f"{theirs.ns.median / own.ns.median:.2f} of it at {own.mean_e:g} e-"
-                for own, theirs in pairs
-                if theirs.ns.median < 0.98 * own.ns.median
-            ]
-            closer = [
-                f"{own.distance:.4f} at {own.mean_e:g} e-"
-                for own, theirs in pairs
-                if self._doubt(theirs) + theirs.distance < own.distance
-            ]
-            name = f"read noise {read:g} e-: {other}"
-            if faster:
-                found.append(f"{name} takes less time than auto: {', '.join(faster)}")
-            if closer:
-                found.append(f"{name} is closer to the exact law than auto, off by {', '.join(closer)}")
-        return found
-
-    def _doubt(self, row: Row) -> float:
-        return 3 * laws.spread(self.extent.samples) if row.integrated is None else 0.0
-
-    def document(self) -> dict[str, Any]:
-        """Everything, ready for JSON."""
-        return {
-            "machine": self.machine,
-            "extent": asdict(self.extent),
-            "converters": [asdict(Converter(read)) for read in self.extent.read_noises_e],
-            "samplers": {sampler.name: sampler.about for sampler in self.samplers},
-            "yardstick": YARDSTICK,
-            "losses": self.losses(),
-            "rows": [row.record() for row in self.rows],
-        }
-
-
-def steps(extent: Extent) -> int:
-    """What the shares told to ``progress`` add up to."""
-    return len(extent.means_e) * (2 * len(extent.read_noises_e) * len(samplers()) + 1)
-
-
-def measure(extent: Extent = FULL, threads: int = 2, progress: Progress = lambda share: None) -> Bench:
-    """Time and judge every sampler at every mean and read noise."""
-    facts = machine(threads)
-    with limited_threads(threads):
-        normal = equal_chances(extent.shape)
-        rows = [row for mean_e in extent.means_e for row in _at(mean_e, normal, extent, progress)]
-    return Bench(rows, extent, samplers(), facts)
-
-
-def write(bench: Bench, folder: Path) -> None:
-    """Write noise.csv, a row per sampler, mean and read noise, and noise.json; raises ``OSError``."""
-    write_bench("noise", [row.record() for row in bench.rows], bench.document(), folder)
-
-
-def _at(mean_e: float, normal: torch.Tensor, extent: Extent, progress: Progress) -> Iterator[Row]:
-    means = torch.full_like(normal, mean_e)
-    drawn: dict[tuple[str, float], torch.Tensor] = {}
-
-    def keep(sampler: Sampler, read: float) -> None:
-        drawn[sampler.name, read] = sampler.draw(means, Converter(read))
-
-    methods = samplers()
-    calls: dict[tuple[str, float], Callable[[], object]] = {
-        (sampler.name, read): partial(keep, sampler, read)
-        for read, sampler in product(extent.read_noises_e, methods)
-    }
-    calls[YARDSTICK, 0.0] = partial(torch.randn, extent.shape)
-    turns = in_turns_ms(
-        calls, fewest=extent.fewest, most=extent.most, seconds=extent.seconds, progress=progress
+def exact_law(mean_e: float, read_noise_e: float) -> Law:
+    """P(DN) = sum over n of Poisson(n; mean) P(DN | n), from 0 to full scale."""
+    spread = 12 * math.sqrt(mean_e) + 40
+    counts = torch.arange(
+        max(0, math.floor(mean_e - spread)), math.ceil(mean_e + spread) + 1, dtype=torch.float64
     )
-    times = {key: quartiles([1e6 * ms / extent.samples for ms in values]) for key, values in turns.items()}
-    for read in extent.read_noises_e:
-        converter = Converter(read)
-        exact = laws.exact(mean_e, converter)
-        floor = laws.floor(exact, extent.samples)
-        for sampler in methods:
-            ns = times[sampler.name, read]
-            sampled = laws.of_values(drawn[sampler.name, read].numpy(), converter.full_scale_dn)
-            law = sampler.law and sampler.law(means, converter, normal)
-            progress(1)
-            yield Row(
-                sampler.name, read, mean_e, ns,
-                to_randn=ns.median / times[YARDSTICK, 0.0].median,
-                sampled=laws.distance(sampled, exact),
-                floor=floor,
-                integrated=None if law is None else laws.distance(law, exact),
-            )  # fmt: skip
+    chances = (counts * math.log(mean_e) - mean_e - torch.lgamma(counts + 1)).exp()
+    edges = torch.arange(FULL_SCALE_DN + 2, dtype=torch.float64) - 0.5
+    near = slice(0, int(counts[-1]) + BLACK_DN + math.ceil(9 * read_noise_e) + 3)
+    below = torch.special.ndtr((edges[near] - BLACK_DN - counts[:, None]) / read_noise_e)
+    below[:, 0] = 0.0  # what is lower is clipped to 0
+    law = np.zeros(FULL_SCALE_DN + 1)
+    law[near.start : near.stop - 1] = (chances[:, None] * below.diff(dim=1)).sum(0).numpy()
+    return law
+
+
+def distance(dn: Tensor, law: Law) -> float:
+    """Total variation distance of values' frequencies from a law, less what exact samples of it have on average."""
+    share = np.bincount(dn.numpy().astype(np.int64).ravel(), minlength=len(law)) / dn.numel()
+    # E|X/n - p| of a binomial share: 2 p (1 - p)^n below one sample on average, beyond as of a normal
+    few, many = 2 * law * (1 - law) ** dn.numel(), np.sqrt(2 * law * (1 - law) / (math.pi * dn.numel()))
+    spread = np.where(law * dn.numel() < 1, few, many)
+    return max(0.0, float(0.5 * (np.abs(share - law).sum() - spread.sum())))
+
+
+def _case(shape: tuple[int, ...], read_noise_e: float, mean_e: float) -> Case:
+    means, cam, law = torch.full(shape, mean_e), camera(read_noise_e), exact_law(mean_e, read_noise_e)
+    seeds = range(shape[0])
+
+    def normal(deviation: float) -> Tensor:
+        return deviation * torch.randn(shape)
+
+    ours = partial(read_out, means, cam, exposure_s=0.0, temperature_c=20.0, generator=seeds)
+    ways = [
+        Contender("blurnoise, auto", ours, True),
+        Contender("blurnoise, full", partial(ours, fidelity="full"), True),
+        Contender(
+            "torch.poisson + normal",
+            lambda: _digital(torch.poisson(means) + read_noise_e * torch.randn(shape)),
+        ),
+        Contender("numpy poisson + normal", partial(_numpy, means, read_noise_e)),
+        Contender(
+            "one plain normal", lambda: _digital(means + normal(math.hypot(mean_e**0.5, read_noise_e)))
+        ),
+    ]
+    name = f"{mean_e:g} e-, read noise {read_noise_e:g} e-"
+    return Case(name, ways, lambda dn: distance(dn, law), units=means.numel() / 1e6)
+
+
+def _numpy(means: Tensor, read_noise_e: float) -> Tensor:
+    generator = np.random.default_rng(1)
+    electrons = generator.poisson(means.numpy()) + read_noise_e * generator.standard_normal(
+        means.shape, np.float32
+    )
+    return _digital(torch.from_numpy(electrons.astype(np.float32)))
+
+
+def _digital(electrons: Tensor) -> Tensor:
+    return electrons.add_(BLACK_DN).round_().clamp_(0, FULL_SCALE_DN)

@@ -29,12 +29,6 @@ def quartiles(values: Sequence[float]) -> Quartiles:
     return Quartiles(*np.quantile(values, (0.25, 0.5, 0.75)).tolist())
 
 
-def times_ms(call: Callable[[], object], repeats: int) -> list[float]:
-    """Times of ``repeats`` calls, ms, after one that does not count."""
-    call()
-    return [_time_ms(call) for _ in range(repeats)]
-
-
 def in_turns_ms(
     calls: Mapping[K, Callable[[], object]],
     *,

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.bench.written import write_bench
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.quality.measure import (
@@ -22,6 +21,7 @@ from blurnoise_eval.quality.measure import (
     TILT_DEG,
     Row,
 )
+from blurnoise_eval.system.files import write_records
 
 
 def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
@@ -57,4 +57,4 @@ def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) ->
         "most_information": most_information(rows),
         "rows": records,
     }
-    write_bench("quality", records, document, folder)
+    write_records("quality", records, document, folder)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import io
+import json
 import os
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -22,6 +24,18 @@ def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
     from blurnoise._core import files  # with blurnoise comes torch
 
     files.write_whole(path, data)
+
+
+def write_records(
+    name: str, records: Sequence[Mapping[str, Any]], document: Mapping[str, Any], folder: Path
+) -> None:
+    """Write ``name``.csv, a row per record, and ``name``.json, each whole; raises ``OSError``."""
+    table = io.StringIO()
+    writer = csv.DictWriter(table, list(records[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    write_whole(folder / f"{name}.csv", table.getvalue().encode())
+    write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
 
 def written_whole(path: Path, *, over: bool = True) -> AbstractContextManager[Path]:

@@ -8,14 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pandas
 import pytest
-from blurnoise_eval.bench import steps
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import coco
 from blurnoise_eval.detectors.detector import Detector
@@ -101,26 +99,6 @@ def test_bad_sizes_are_named(
     assert main(["train", "-o", str(tmp_path / "out"), *options]) == 2
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_costs_are_medians_per_picture_and_their_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
-    taken = {
-        ("step", "float32"): [80.0, 90.0, 70.0],
-        ("step", "bfloat16"): [40.0, 40.0, 400.0],
-        ("augmentation", "exposure"): [8.0, 7.0, 9.0],
-    }
-
-    def in_turns(calls: Mapping[tuple[str, str], Callable[[], object]], **_: object) -> object:
-        assert list(calls) == list(taken)
-        return taken
-
-    monkeypatch.setattr(steps, "in_turns_ms", in_turns)
-    facts = steps.step_cost(
-        {"float32": int, "bfloat16": int}, {"exposure": int}, pictures=4, threads=1, progress=print
-    )
-    assert facts["step_ms_per_picture"] == {"float32": 20.0, "bfloat16": 10.0}
-    assert facts["augmentation_ms_per_picture"] == {"exposure": 2.0}
-    assert facts["percent_of_step"] == {"exposure, float32": 10.0, "exposure, bfloat16": 20.0}
 
 
 @pytest.mark.parametrize("wrong", [["--count", "0"], ["--seed", "-1"], ["--size", "5"]])

@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from blurnoise_eval.bench.edge_cases import Draw, Setting
 from blurnoise_eval.cli import main
 from blurnoise_eval.cli._options import region
 from blurnoise_eval.cli.measure import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality import picture_figures as edge_figures
+from edge_cases import Draw, Setting
 from torch import Tensor
 
 from blurnoise import Camera, charts, simulate

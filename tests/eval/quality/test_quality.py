@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
-from blurnoise_eval.bench.edge_truth import closed_mtf, closed_mtf50
+from blurnoise_eval.bench.closed_edges import closed_mtf, closed_mtf50
 from blurnoise_eval.cli import main
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality import figures as quality_figures

@@ -7,13 +7,13 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from blurnoise_eval.bench.scale_work import made_blocks, results
 from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_eval.sweep.work import Work
+from made_work import made_blocks, results
 
 
 class Unreachable:

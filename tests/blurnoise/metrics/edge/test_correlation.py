@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from blurnoise_eval.bench.edge_cases import Draw, Setting, smoothed
+from edge_cases import Draw, Setting, smoothed
 
 from blurnoise.metrics import SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.flags import Flag

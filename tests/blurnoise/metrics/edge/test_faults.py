@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from blurnoise_eval.bench.edge_cases import CASES, Draw, Setting, usual
+from edge_cases import CASES, Draw, Setting, usual
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.faults import Profile, negative

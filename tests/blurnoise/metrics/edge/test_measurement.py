@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf, closed_mtf50, edge_spread
-from blurnoise_eval.bench.iso_steps import iso_steps
+from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf, closed_mtf50, edge_spread
+from iso_steps import iso_steps
 from torch import Tensor
 
 from blurnoise import charts

@@ -8,18 +8,22 @@ Only what made the picture tells it from an honest one, whose response is :func:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
 import numpy as np
 import torch
+from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf50
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
+from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.flags import WITHHELD
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
-from blurnoise_eval.bench.edge_truth import closed_edge, closed_mtf50
 
 
 @dataclass(frozen=True)
@@ -357,3 +361,84 @@ CASES: tuple[Case, ...] = (
     Case("shading across 5%", _shaded(0.05, 0.0), deceives=False),
     Case("shading along 10%", _shaded(0.0, 0.1), deceives=False),
 )  # fmt: skip
+
+
+ENOUGH = 2.0
+"""A full scale above every pixel: that nothing stands at it says nothing of clipping before."""
+CAUGHT, SPARED = 0.95, 0.02
+"""Least share of deceitful edges withheld or flagged, and largest share of honest ones."""
+WRONG = 0.03
+"""Share of the truth by which a number misses it beyond its own interval, that is wrong."""
+SETTINGS = {"usual": usual, "any": any_setting}
+_TRUE_OF_HONEST = {
+    Flag.NOISE_DOMINATED,
+    Flag.NOISE_CORRELATED,
+    Flag.EDGE_LEAVES_REGION,
+    Flag.REGION_TOO_SMALL,
+}
+"""What says of an honest edge what is so: of its noise, or that the region drawn is too small for it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Of one case in one setting: shares, the median error of MTF50 as printed, and the flags' counts.
+
+    wrong: share that is neither withheld nor flagged, and whose 95 % interval ends more than ``WRONG`` off the truth.
+    """
+
+    setting: str
+    case: str
+    deceives: bool
+    silent: bool
+    pictures: int
+    withheld: float
+    flagged: float
+    wrong: float
+    error: float
+    flags: str
+
+    @property
+    def caught(self) -> float:
+        """Share that is withheld or flagged."""
+        return self.withheld + self.flagged
+
+
+def judged(case: Case, seeds: Iterable[int], setting: str = "usual") -> Row:
+    """The case's pictures of these seeds in a setting of ``SETTINGS``, measured."""
+    edges, errors, wrong = [], [], 0
+    for seed in seeds:
+        draw = Draw.of(zlib.crc32(f"{case.name}, {setting}".encode()), seed)
+        at = SETTINGS[setting](draw)
+        picture, truth = case.make(at, draw), case.mtf50(at)
+        edge = one(slanted_edge(picture, full_scale=ENOUGH, bootstrap=0))
+        wrong += not edge.flags and abs(edge.mtf50 / truth - 1) > WRONG and _plain_wrong(picture, truth)
+        edges.append(edge if case.deceives else replace(edge, flags=edge.flags - _TRUE_OF_HONEST))
+        errors.append(edge.mtf50 / truth - 1)
+    withheld = sum(bool(edge.flags & WITHHELD) for edge in edges)
+    flagged = sum(bool(edge.flags) for edge in edges) - withheld
+    told = [error for error in errors if math.isfinite(error)]
+    counts = Counter(flag.name.lower() for edge in edges for flag in edge.flags)
+    return Row(
+        setting=setting,
+        case=case.name,
+        deceives=case.deceives,
+        silent=case.silent,
+        pictures=len(edges),
+        withheld=withheld / len(edges),
+        flagged=flagged / len(edges),
+        wrong=wrong / len(edges),
+        error=float(np.median(told)) if told else math.nan,
+        flags=" ".join(f"{name}:{count}" for name, count in counts.most_common()),
+    )
+
+
+def _plain_wrong(picture: torch.Tensor, truth: float) -> bool:
+    """Whether MTF50 is told without a flag, and its interval ends more than ``WRONG`` off the truth."""
+    edge = one(slanted_edge(picture, full_scale=ENOUGH))
+    low, high = edge.intervals.get("mtf50", (truth, truth))
+    return not edge.flags and max(low / truth - 1, 1 - high / truth) > WRONG
+
+
+def one(found: SlantedEdge | list[SlantedEdge]) -> SlantedEdge:
+    """The only edge of a picture that is no batch."""
+    return found[0] if isinstance(found, list) else found

@@ -1,4 +1,6 @@
-"""Made-up runs of any size, and what their page costs: answers by a formula where a model's would take days.
+"""Made-up runs of any size, and what their page costs: ``python tests/helpers/made_up_run.py FOLDER CELLS``.
+
+Answers come from a formula where a model's would take days.
 
 Domain: 640 x 480 px pictures of one to three stop signs, 400 conditions (10 exposures, 8 lights, 5 speeds) and the
 untouched picture, ten detections in each cell. Confidence falls with blur and with the noise of little light. Up to
@@ -18,9 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from blurnoise.optics.camera import Camera
-from blurnoise_eval.bench.family import family, held_mb, written_bytes
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
@@ -31,6 +30,8 @@ from blurnoise_eval.store.copies import copy_pictures
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.files import RUN_FILE
+
+from blurnoise.optics.camera import Camera
 
 _SIZE_PX = (640, 480)
 _DETECTIONS = 10  # in each cell
@@ -44,32 +45,26 @@ GRID = {
 CELLS_PER_PICTURE = 1 + math.prod(map(len, GRID.values()))
 
 
-def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> tuple[float, float]:
-    """Write a run of at least so many cells, whole pictures, into ``folder``.
-
-    Returns the seconds that the store took for each cell, of those that were not copied, and the bytes that it wrote
-    for it, journal included.
-    """
+def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> float:
+    """Write a run of at least so many cells, whole pictures, into ``folder``; returns the store's seconds a cell."""
     camera = Camera.preset("imx250")
     pictures = made_up_pictures(-(-cells // CELLS_PER_PICTURE), detector.contract.classes[0], seed)
     different = pictures.pictures[:_DIFFERENT]
     plan = SweepPlan(GRID, seed=seed, examples=False)
-    seconds, written = 0.0, 0
+    seconds = 0.0
     with Store(folder, create=True) as store:
         open_run(store, [detector], camera, pictures, plan, {"command": "made up", "threads": 1})
         for place, picture in enumerate(different):
             store.note_picture(picture.name, picture.identity, picture.name, *_SIZE_PX)
             results = list(_results(picture, plan, detector.name, camera, (seed, place)))
-            begun, before = time.process_time(), written_bytes()
+            begun = time.process_time()
             for first in range(0, len(results), _BLOCK):
                 store.add(results[first : first + _BLOCK])
             seconds += time.process_time() - begun
-            written += written_bytes() - before
     for copy in range(1, -(-len(pictures) // _DIFFERENT)):
         last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
         copy_pictures(folder, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
-    stored = len(different) * CELLS_PER_PICTURE
-    return seconds / stored, written / stored
+    return seconds / len(different) / CELLS_PER_PICTURE
 
 
 def _other(further: int, copy: int) -> dict[str, str]:
@@ -189,39 +184,23 @@ wall_s = time.perf_counter() - begun
 used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
 print(json.dumps({"wall_s": wall_s, "cpu_s": sum(each.ru_utime + each.ru_stime for each in used)}))
 """
-_LOOK_S = 0.2
 
 
-def report_cost(folder: Path) -> dict[str, float]:
-    """Seconds, seconds of a core and the most memory that the page and tables of a run take, in processes of their
-    own: wall_s, cpu_s, and peak_mb of all of them together, looked at five times a second (0 where that cannot be
-    told). Raises ``RuntimeError`` with what it says where it fails."""
-    command = [sys.executable, "-c", _REPORT, str(folder)]
-    peak_mb = 0.0
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as report:
-        try:
-            while True:
-                try:
-                    told, complaint = report.communicate(timeout=_LOOK_S)
-                    break
-                except subprocess.TimeoutExpired:
-                    held = sum(held_mb(process) or 0.0 for process in family(report.pid))
-                    peak_mb = max(peak_mb, held)
-        except BaseException:
-            report.kill()
-            raise
-    if report.returncode:
-        raise RuntimeError(f"the report of {folder} failed: {complaint.strip()}")
-    return {**json.loads(told), "peak_mb": peak_mb}
+def main(folder: Path, cells: int) -> dict[str, float]:
+    """Make a run, then its page and tables in a process of their own: seconds by the clock and of a core."""
+    from blurnoise_models.detector import STOP_SIGN
 
-
-def scale_of_results(folder: Path, cells: int, detector: Detector) -> dict[str, float]:
-    """What a made-up run of at least so many cells costs, made in ``folder``: cells, store_ms, store_bytes and
-    written_bytes of each cell, and :func:`report_cost`."""
-    store_s, written = made_up_run(folder, cells, detector)
-    count = -(-cells // CELLS_PER_PICTURE) * CELLS_PER_PICTURE
+    store_s = made_up_run(folder, cells, Detector(STOP_SIGN))
+    report = subprocess.run(
+        [sys.executable, "-c", _REPORT, str(folder)], check=True, stdout=subprocess.PIPE, text=True
+    )
     size = (folder / RUN_FILE).stat().st_size
     return {
-        "cells": count, "store_ms": 1e3 * store_s, "store_bytes": size / count, "written_bytes": written,
-        **report_cost(folder),
-    }  # fmt: skip
+        "store_ms": 1e3 * store_s,
+        "store_bytes": size / cells,
+        **json.loads(report.stdout.splitlines()[-1]),
+    }
+
+
+if __name__ == "__main__":
+    print(main(Path(sys.argv[1]), int(sys.argv[2])))

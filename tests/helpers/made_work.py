@@ -7,9 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-
-from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -20,6 +17,9 @@ from blurnoise_eval.sweep.exposing import Frame
 from blurnoise_eval.sweep.flight import Answers
 from blurnoise_eval.sweep.rows import cell_result
 from blurnoise_eval.sweep.work import Work
+from numpy.typing import NDArray
+
+from blurnoise.optics.camera import Camera
 
 CELLS = 8  # of a block
 BLOCKS_PER_PICTURE = 50  # 400 conditions

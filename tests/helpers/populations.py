@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-
 from blurnoise_eval.scoring.matching import Ranking
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 EXPOSURES_S = (1e-3, 2e-3, 5e-3, 10e-3, 15e-3, 20e-3, 30e-3, 45e-3, 60e-3, 90e-3)

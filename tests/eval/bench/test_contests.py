@@ -1,0 +1,179 @@
+"""Contests: contenders timed in turns and held against a truth, tables and charts, and each contest's own truth."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval.bench import contest, motion, noise, scenes, timing
+from blurnoise_eval.bench.contest import Case, Contender, Contest
+from blurnoise_eval.cli import main
+from blurnoise_models.detector import STOP_SIGN
+
+from blurnoise import motion_blur
+
+Output = pytest.CaptureFixture[str]
+
+
+def made(clock: list[float]) -> Contest:
+    """Ours takes 2 ms a picture and is off by 1, another 1 ms and 0.5, a third 4 ms and 3."""
+
+    def work(seconds: float, answer: float) -> float:
+        clock[0] += seconds
+        return answer
+
+    ways = [
+        Contender("ours", partial(work, 0.02, 1.0), True),
+        Contender("rival", partial(work, 0.01, 0.5)),
+        Contender("slow", partial(work, 0.04, 3.0)),
+    ]
+    case = Case("a case", ways, lambda answer: answer, units=10.0)
+    return Contest("made", "Made up", [lambda: case, lambda: Case("no truth", ways)], error_unit="DN")
+
+
+@pytest.fixture
+def result(monkeypatch: pytest.MonkeyPatch) -> contest.Result:
+    clock, told = [0.0], list[float]()
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock[0])
+    found = contest.run(made(clock), threads=1, progress=told.append)
+    assert sum(told) == pytest.approx(2)
+    return found
+
+
+def test_a_contender_has_its_cost_beside_its_error(result: contest.Result) -> None:
+    ours, rival, slow, *others = result.rows
+    assert [ours.cost, rival.cost, slow.cost] == pytest.approx([2.0, 1.0, 4.0])
+    assert [ours.to_first, rival.to_first, slow.to_first] == pytest.approx([1.0, 0.5, 2.0])
+    assert [row.error for row in result.rows] == [1.0, 0.5, 3.0, None, None, None]
+    assert others[0].cost == pytest.approx(20.0)  # not divided
+    losses = result.losses()
+    assert losses[0].startswith("a case: rival is faster and closer, 0.50 of the first's ms, error 0.5 DN")
+    assert [line.split(":")[0] for line in losses] == ["a case", "no truth"]
+
+
+def test_table_json_and_chart_are_written(result: contest.Result, tmp_path: Path) -> None:
+    result.write(tmp_path)
+    with (tmp_path / "made.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["contender"] for row in rows] == ["ours", "rival", "slow"] * 2
+    assert json.loads((tmp_path / "made.json").read_text())["losses"] == result.losses()
+    assert cv2.imread(str(tmp_path / "made.png")).std() > 10
+    figure = result.chart()
+    assert [axes.get_title(loc="left") for axes in figure.axes[:2]] == ["a case", "no truth"]
+    assert figure.axes[0].get_yscale() == "log"
+    legend = figure.axes[2].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["ours", "rival", "slow"]
+
+
+def test_turns_meet_all_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is faster is called more often, spread over the turns; a first call of each does not count."""
+    clock, calls = [0.0], list[str]()
+
+    def call(name: str, seconds: float) -> None:
+        calls.append(name)
+        clock[0] += seconds
+
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock[0])
+    named = {name: partial(call, name, seconds) for name, seconds in (("fast", 0.1), ("slow", 1.0))}
+    times = timing.in_turns_ms(named, fewest=2, most=4, seconds=0.4, progress=lambda share: None)
+    assert {name: len(values) for name, values in times.items()} == {"fast": 4, "slow": 2}
+    assert times["slow"] == pytest.approx([1000.0] * 2)
+    assert calls == ["fast", "slow", "fast", "fast", "slow", "fast", "fast", "slow"]
+
+
+def test_truth_of_straight_motion_is_sinc() -> None:
+    """A sinusoid of period 16 px that moves 10 px keeps sinc(10 / 16) of its contrast, but for the pixel's area."""
+    x = (np.arange(96 * scenes.FINE) + 0.5) / scenes.FINE - 0.5
+    row = (0.5 + 0.4 * np.cos(2 * np.pi * x / 16)).astype(np.float32)
+    fine = np.repeat(np.repeat(row[None], 32 * scenes.FINE, 0)[..., None], 3, 2)
+    times = (((np.arange(128) + 0.5) / 128) - 0.5)[:, None, None]
+    seen = scenes.truth(fine, lambda x, y, time: (x - 10 * time, y + 0 * time), times)[16, 32:64, 0]
+    sharp = scenes.pixels(fine)[16, 32:64, 0]
+    assert np.ptp(seen) / np.ptp(sharp) == pytest.approx(np.sinc(10 / 16), abs=0.002)
+    assert int(np.argmax(seen)) == int(np.argmax(sharp))
+
+
+def test_truth_moves_to_the_right_and_down() -> None:
+    fine = np.zeros((40 * scenes.FINE, 40 * scenes.FINE, 3), np.float32)
+    fine[80:84, 80:84] = 1  # pixel (20, 20)
+    seen = scenes.truth(fine, lambda x, y, time: (x - 5, y - 3), np.zeros((1, 1, 1)))
+    assert seen[23, 25, 0] == pytest.approx(1, abs=1e-3)
+    assert seen[..., 0].sum() == pytest.approx(1, abs=0.01)
+
+
+def test_exact_law_has_the_closed_forms_moments() -> None:
+    for mean_e, read_noise_e in ((10.0, 2.44), (100.0, 0.3)):
+        law, dn = noise.exact_law(mean_e, read_noise_e), np.arange(noise.FULL_SCALE_DN + 1)
+        mean = float(law @ dn)
+        assert law.sum() == pytest.approx(1, abs=1e-12)
+        assert mean == pytest.approx(mean_e + noise.BLACK_DN, abs=1e-6)
+        # rounding adds 1/12 to what is at least 0.5 DN wide, at most 1/4 to what is not
+        variance = float(law @ (dn - mean) ** 2)
+        assert variance == pytest.approx(
+            mean_e + read_noise_e**2 + 1 / 12, abs=1e-3 if read_noise_e > 0.5 else 0.2
+        )
+
+
+def test_exact_samples_are_near_and_wrong_ones_are_not() -> None:
+    shape, law = (1, 1, 512, 512), noise.exact_law(30.0, 2.44)
+    generator = torch.Generator().manual_seed(0)
+    means = torch.full(shape, 30.0)
+    read = 2.44 * torch.randn(shape, generator=generator)
+    exact = noise._digital(torch.poisson(means, generator) + read)
+    # the mean distance of exact samples is taken off; what is left scatters by 0.5 / sqrt(n) = 0.001
+    assert noise.distance(exact, law) < 0.005
+    wrong = noise._digital(torch.poisson(1.1 * means, generator) + read)
+    assert noise.distance(wrong, law) > 0.1
+
+
+def test_ours_are_exact_and_others_are_not() -> None:
+    """6 px: errors below 1 DN against the naive ways' more; a motion in the wrong direction is far off."""
+    case = motion._straight(6.0)
+    assert case.error is not None
+    errors = {each.name: case.error(each.call()) for each in case.contenders}
+    assert errors["motion_blur"] < 0.5
+    assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 1.5
+    wrong = motion_blur(motion._picture(), (6 * math.cos(0.3), -6 * math.sin(0.3)))
+    assert case.error(wrong) > 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "options", "shown"),
+    [
+        ("blur", [], "Kornia, nearest odd length"),
+        ("motion", [], "blend by the blurred matte"),
+        ("noise", [], "torch.poisson + normal"),
+        ("edges", [], "the standard's steps"),
+        ("augment", [], "RandomExposure, p = 0.5"),
+        ("sweep", ["--model", str(STOP_SIGN)], "bare onnxruntime"),
+    ],
+)
+def test_command(tmp_path: Path, capsys: Output, what: str, options: list[str], shown: str) -> None:
+    assert main(["bench", what, "--quick", "--threads", "1", "-o", str(tmp_path), *options]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert shown in out
+    assert f"open {tmp_path / what}.png" in out
+    assert {path.name for path in tmp_path.iterdir()} == {f"{what}.{kind}" for kind in ("csv", "json", "png")}
+
+
+@pytest.mark.slow
+def test_command_decides_on_a_dense_sweep(tmp_path: Path, capsys: Output) -> None:
+    assert main(["bench", "decide", "--quick", "-o", str(tmp_path), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert rows[0]["contender"] == "decide's search"
+    assert (tmp_path / "dense" / "results.sqlite").is_file()
+
+
+def test_a_model_goes_with_contests_of_models(tmp_path: Path, capsys: Output) -> None:
+    assert main(["bench", "blur", "--model", "m.onnx", "-o", str(tmp_path / "b")]) == 2
+    assert "model: goes with 'bench decide and sweep'" in capsys.readouterr().err
+    assert not (tmp_path / "b").exists()
