@@ -20,7 +20,7 @@ from torch import Tensor
 
 from blurnoise import Camera, Layer, motion_blur
 from blurnoise.light import effects
-from blurnoise.light.conditions import operating_points
+from blurnoise.light.conditions import Conditions
 from blurnoise.motion.causes import shake
 from blurnoise.motion.ego import Mount, View
 from blurnoise.optics.colour import srgb_from_linear
@@ -205,10 +205,9 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
 
 def _ours(picture: Tensor, camera: Camera = _GLOBAL, **moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
-    given = {"velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "illuminant": "D55", **moving}
 
     def call() -> Tensor:
-        at = operating_points(picture, camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **given)
+        at = Conditions.of(picture, camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
         return effects.through(picture, at)
 
     return Contender("blurnoise", call, True)
