@@ -126,21 +126,6 @@ def test_a_picture_too_large_for_the_memory_is_one_line(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (["blur", "--seeds", "3"], "seeds: goes with 'bench edges and training'"),
-        (["noise", "--heavy"], "heavy: goes with"),
-    ],
-)
-def test_benches_refuse_what_is_not_theirs(
-    options: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", *options, "-o", str(tmp_path / "bench")]) == 2
-    assert named in capsys.readouterr().err
-    assert not (tmp_path / "bench").exists()
-
-
 def test_scenes_too_large_leave_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes", "-o", str(tmp_path / "s"), "--count", "1", "--size", "100000000"]) == 2
     assert "--size = 100000000: must be >= 64 and <= 8192" in capsys.readouterr().err
