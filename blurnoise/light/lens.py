@@ -19,8 +19,9 @@ from blurnoise._core.borders import Border
 from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.optics import lens
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import Field, Floats, Size, farthest_px, least_light
+from blurnoise.optics.lens import Field, Floats, Size
 from blurnoise.optics.transfer import Optics
 
 
@@ -68,16 +69,16 @@ class Distortion(_OverTheField):
         return camera.lens.displaces
 
     def bound(self, at: Conditions[float]) -> float:
-        return _displaced(farthest_px(at.camera.field)) if self.has(at.camera) else 0.0
+        return _displaced(lens.farthest_px(at.camera.field)) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        return resampling.sampled(light, *_sources(at.camera.field, _size(light)), border)
+        return resampling.sampled(light, *lens.sources(at.camera.field, _size(light)), border)
 
     def how(self, at: Conditions[float]) -> str:
         shape = at.camera.lens.distortion
         if shape is None:
             return "resampled"
-        return f"{shape.model}, up to {farthest_px(at.camera.field):.3g} px: resampled by splines"
+        return f"{shape.model}, up to {lens.farthest_px(at.camera.field):.3g} px: resampled by splines"
 
     def displaces(self, camera: Camera) -> bool:
         return self.has(camera)
@@ -200,16 +201,16 @@ class Vignetting(_OverTheField):
 
     def bound(self, at: Conditions[float]) -> float:
         """What the darkest pixel of white loses."""
-        return 1 - least_light(at.camera.field) if self.has(at.camera) else 0.0
+        return 1 - lens.least_light(at.camera.field) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        return light * torch.from_numpy(_light(at.camera.field, _size(light))).to(light)
+        return light * torch.from_numpy(lens.light(at.camera.field, _size(light))).to(light)
 
     def how(self, at: Conditions[float]) -> str:
         if not self.has(at.camera):
             return "pixel by pixel"
         by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
-        return f"{by}, {least_light(at.camera.field):.3g} of the light in the darkest corner"
+        return f"{by}, {lens.least_light(at.camera.field):.3g} of the light in the darkest corner"
 
 
 def _displaced(by_px: float) -> float:
@@ -228,7 +229,7 @@ def _shares(camera: Camera) -> tuple[float, float]:
 def _larger(plane: Tensor, share: float, at: Conditions[Tensor], border: Border) -> Tensor:
     if not share:
         return plane
-    return resampling.sampled(plane, *_magnified(at.camera.field, share, _size(plane)), border)
+    return resampling.sampled(plane, *lens.larger(at.camera.field, share, _size(plane)), border)
 
 
 def _ends_px(camera: Camera) -> tuple[float, float]:
@@ -240,26 +241,11 @@ def _size(light: Tensor) -> Size:
     return light.shape[-2], light.shape[-1]
 
 
-@lru_cache(maxsize=2)
-def _sources(field: Field, size: Size) -> tuple[Floats, Floats]:
-    return field.sources(size)
-
-
-@lru_cache(maxsize=4)
-def _magnified(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
-    return field.larger(share, size)
-
-
 @lru_cache(maxsize=8)
 def _over_field(field: Field, defocus_px: float, size: Size) -> tuple[Floats, list[over_the_field.Tile]]:
     """The disc's radius (H, W) in a picture, and how it is blurred."""
     radii = abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2)
     return radii, over_the_field.plan(radii)
-
-
-@lru_cache(maxsize=4)
-def _light(field: Field, size: Size) -> Floats:
-    return field.light(size)
 
 
 DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()

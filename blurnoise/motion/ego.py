@@ -15,14 +15,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Literal, cast
+from typing import Annotated, Literal, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import LARGEST_PICTURE, counted, limited, one_of
+from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.lens import Field
 
@@ -83,6 +83,9 @@ def _pinhole_px(width_px: float, hfov_deg: float) -> float:
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
+_Speed = Annotated[float, within("velocity_m_s")]
+_Turn = Annotated[float, within("rotation_deg_s")]
+_AXES = "must be three numbers (X, Y, Z)"
 _STEP = 1e-6  # of a direction X/Z, over which a lens is taken for straight
 
 
@@ -93,15 +96,11 @@ class EgoMotion:
     Raises ``ValueError`` beyond 3e8 m/s or 1e5 degrees/s.
     """
 
-    velocity_m_s: Vector = (0.0, 0.0, 0.0)
-    rotation_deg_s: Vector = (0.0, 0.0, 0.0)
+    velocity_m_s: Annotated[tuple[_Speed, _Speed, _Speed], f"{_AXES} from -3e8 to 3e8"] = (0.0, 0.0, 0.0)
+    rotation_deg_s: Annotated[tuple[_Turn, _Turn, _Turn], f"{_AXES} from -1e5 to 1e5"] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name, entry in (("velocity_m_s", self.velocity_m_s), ("rotation_deg_s", self.rotation_deg_s)):
-            if len(entry) != 3:
-                raise ValueError(f"{name} = {entry!r}: must be three numbers (X, Y, Z)")
-            for value in entry:
-                limited(name, value)
+        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -111,13 +110,12 @@ class Mount:
     Raises ``ValueError`` for a height <= 0, a pitch beyond 90 or a heading beyond 360 degrees.
     """
 
-    height_m: float
-    pitch_deg: float = 0.0
-    heading_deg: float = 0.0
+    height_m: Annotated[float, within("camera_height_m")]
+    pitch_deg: Annotated[float, within("pitch_deg")] = 0.0
+    heading_deg: Annotated[float, within("heading_deg")] = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("height_m", "pitch_deg", "heading_deg"):
-            limited(name, getattr(self, name), "camera_height_m" if name == "height_m" else None)
+        check_fields(self)
 
     @property
     def down(self) -> Floats:
@@ -155,17 +153,15 @@ class View:
     the limits; a rectilinear lens needs hfov_deg < 180.
     """
 
-    width_px: int
-    height_px: int
-    hfov_deg: float
+    width_px: Annotated[int, within("width_px")]
+    height_px: Annotated[int, within("width_px")]
+    hfov_deg: Annotated[float, within("hfov_deg")]
     lens: Lens = "f-theta"
     calibrated: Field | None = None
 
     def __post_init__(self) -> None:
-        counted("width_px", self.width_px)
-        counted("height_px", self.height_px, "width_px")
-        limited("hfov_deg", self.hfov_deg)
-        if one_of("lens", self.lens, ("f-theta", "rectilinear")) == "rectilinear":
+        check_fields(self)
+        if self.lens == "rectilinear":
             _pinhole_px(self.width_px, self.hfov_deg)
 
     @property
@@ -279,20 +275,17 @@ class Vehicle(Mount):
     f-theta. yaw_deg_s, pitch_deg_s: it turns to the right, and up. Raises ``ValueError`` that names the field.
     """
 
-    height_m: float = 1.5
-    hfov_deg: float | None = None
+    height_m: Annotated[float, within("camera_height_m")] = 1.5
+    hfov_deg: Annotated[float | None, within("hfov_deg")] = None
     lens: Lens | None = None
-    plane_m: float | None = None
-    yaw_deg_s: float = 0.0
-    pitch_deg_s: float = 0.0
+    plane_m: Annotated[float | None, within("depth_m")] = None
+    yaw_deg_s: _Turn = 0.0
+    pitch_deg_s: _Turn = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        View(1, 1, 60.0 if self.hfov_deg is None else self.hfov_deg, self.lens or "f-theta")
-        for name in ("yaw_deg_s", "pitch_deg_s"):
-            limited(name, getattr(self, name), "rotation_deg_s")
-        if self.plane_m is not None:
-            limited("plane_m", self.plane_m, "depth_m")
+        if self.lens == "rectilinear" and self.hfov_deg is not None:
+            _pinhole_px(1.0, self.hfov_deg)
 
     @property
     def turns(self) -> bool:

@@ -47,12 +47,6 @@ class Polyline:
         """Smallest x and y, largest x and y, px."""
         return min(self.x_px), min(self.y_px), max(self.x_px), max(self.y_px)
 
-    @property
-    def reach_px(self) -> tuple[float, float]:
-        """How far it goes along x and y, to either side."""
-        left, top, right, bottom = self.box
-        return max(-left, right, 0.0), max(-top, bottom, 0.0)
-
     @cached_property
     def centroid_px(self) -> tuple[float, float]:
         """Its mean over time."""

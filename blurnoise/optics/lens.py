@@ -281,24 +281,6 @@ class Field:
         (x, y), (axis_x, axis_y) = _pixels(size), self.axis_px(size)
         return np.hypot(x - axis_x, y - axis_y) / (self.corner_px * self.per_sensor_px(size))
 
-    def light(self, size: Size) -> Floats:
-        """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
-        curve = self.lens.relative_illumination
-        if curve is not None:
-            return curve.at(self.heights(size), self.corner_px * self.pixel_pitch_um / 1e3)
-        x, y = self.directions(*_pixels(size), size)
-        return np.asarray((1 + x * x + y * y) ** (-self.lens.falloff_power / 2))
-
-    def sources(self, size: Size) -> tuple[Floats, Floats]:
-        """Where the pinhole's picture has what each pixel sees, (x, y), (H, W) each."""
-        return self._seen_at(*self.directions(*_pixels(size), size), size)
-
-    def larger(self, share: float, size: Size) -> tuple[Floats, Floats]:
-        """Where the picture has what each pixel sees in one that is larger by a share, (x, y), (H, W) each."""
-        x, y = _pixels(size)
-        axis_x, axis_y = self.axis_px(size)
-        return axis_x + (x - axis_x) / (1 + share), axis_y + (y - axis_y) / (1 + share)
-
     def moved(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
         """Where the lens images points of the pinhole's picture."""
         return self.imaged(*self._normalised(x, y, size), size) if self.lens.distortion else (x, y)
@@ -354,12 +336,36 @@ def farthest_px(field: Field) -> float:
     return float(np.hypot(seen_x - x, seen_y - y).max())
 
 
+@lru_cache(maxsize=8)
+def light(field: Field, size: Size) -> Floats:
+    """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
+    curve = field.lens.relative_illumination
+    if curve is not None:
+        return curve.at(field.heights(size), field.corner_px * field.pixel_pitch_um / 1e3)
+    x, y = field.directions(*_pixels(size), size)
+    return np.asarray((1 + x * x + y * y) ** (-field.lens.falloff_power / 2))
+
+
+@lru_cache(maxsize=2)
+def sources(field: Field, size: Size) -> tuple[Floats, Floats]:
+    """Where the pinhole's picture has what each pixel sees, (x, y), (H, W) each."""
+    return field._seen_at(*field.directions(*_pixels(size), size), size)
+
+
+@lru_cache(maxsize=4)
+def larger(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
+    """Where the picture has what each pixel sees in one that is larger by a share, (x, y), (H, W) each."""
+    x, y = _pixels(size)
+    axis_x, axis_y = field.axis_px(size)
+    return axis_x + (x - axis_x) / (1 + share), axis_y + (y - axis_y) / (1 + share)
+
+
 @lru_cache(maxsize=256)
 def least_light(field: Field) -> float:
     """The least relative illumination in a picture of the sensor's size."""
     height, width = field.size
     step = max(1, min(height, width) // 256)
-    return float(field.light((max(1, height // step), max(1, width // step))).min())
+    return float(light(field, (max(1, height // step), max(1, width // step))).min())
 
 
 def _pixels(size: Size) -> tuple[Floats, Floats]:

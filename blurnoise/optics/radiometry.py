@@ -24,10 +24,7 @@ BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))
 """Red, green and blue of a picture, as bands of the spectrum."""
 _LEAST_GREEN = 0.05
 Number = TypeVar("Number", float, Tensor)
-_MOST_DOUBLINGS, _MOST_E = (
-    100.0,
-    1e15,
-)  # single precision holds their products; no well holds that many electrons
+_MOST_DOUBLINGS, _MOST_E = 100.0, 1e15  # single precision holds their products
 
 
 def photoelectrons(
@@ -51,12 +48,10 @@ def photoelectrons(
     check_illuminant(illuminant)
     if not isinstance(ir_cut, Curve):
         ir_cut = in_range("ir_cut", ir_cut, 0.0, 1.0)
-    ends = real_tensor("band_nm", band_nm)
-    if ends.shape != (2,):
+    ends = real_tensor("band_nm", band_nm).flatten().tolist()
+    if len(ends) != 2:
         raise ValueError(f"band_nm = {shown(band_nm)}: must be two increasing wavelengths in nm")
-    low_nm, high_nm = ends.tolist()
-    band_nm = (low_nm, high_nm)
-    return lux * exposure * electrons_per_lux_s(camera, illuminant, ir_cut, band_nm)
+    return lux * exposure * electrons_per_lux_s(camera, illuminant, ir_cut, (ends[0], ends[1]))
 
 
 @lru_cache(maxsize=64)

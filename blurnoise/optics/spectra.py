@@ -60,12 +60,6 @@ class Curve:
         nm, values = read_samples(path, column, "a wavelength in nm")
         return cls(nm, values)
 
-    def within(self, low_nm: float, high_nm: float) -> Curve:
-        """The samples from low_nm to high_nm, both included."""
-        pairs = zip(self.wavelengths_nm, self.values, strict=True)
-        kept = [(nm, value) for nm, value in pairs if low_nm <= nm <= high_nm]
-        return Curve(tuple(nm for nm, _ in kept), tuple(value for _, value in kept))
-
     def at(self, nm: Floats) -> Floats:
         """Values at ``nm``, zero outside the curve."""
         return np.interp(nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
@@ -86,22 +80,13 @@ Spectrum = float | Curve
 """A curve, or a number that holds over the whole integration band."""
 
 
-def photopic() -> Curve:
-    """CIE 1924 photopic luminous efficiency V, 380-780 nm, peak 1 at 555 nm."""
-    return _table("v_lambda.csv", 1)
-
-
 def planck(kelvin: float) -> Curve:
     """Relative radiance of a black body per wavelength, 300-1100 nm, 1 at 560 nm. Temperature in K."""
     limited("kelvin", kelvin)
     nm = np.arange(300.0, 1101.0)
-
-    def radiance(at_nm: Floats) -> Floats:
-        metres = at_nm * 1e-9
-        exponent = PLANCK_J_S * LIGHT_M_S / (metres * BOLTZMANN_J_K * kelvin)
-        return metres**-5 / np.expm1(exponent)
-
-    return Curve(tuple(nm), tuple(radiance(nm) / radiance(np.array([560.0]))))
+    metres = nm * 1e-9
+    radiance = metres**-5 / np.expm1(PLANCK_J_S * LIGHT_M_S / (metres * BOLTZMANN_J_K * kelvin))
+    return Curve(tuple(nm), tuple(radiance / radiance[nm == 560]))
 
 
 def daylight(kelvin: float) -> Curve:
@@ -157,16 +142,15 @@ def photons_per_lux_s_um2(
     """Photons per (lux s um^2) of illuminance on a surface, weighted by every one of ``responses``.
 
     integral W R1 R2 ... lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors 2024, 24,
-    5135, eq. 9-11. The first integral runs over ``band_nm``, both ends included, the second over all of V,
-    because a lux counts all visible light; the paper's tool cuts both at 650 nm and so counts 1.6 % more,
-    which an illuminant cut by :meth:`Curve.within` reproduces. With no response it counts the photons
-    themselves. ``responses`` must be a tuple (results are cached).
+    5135, eq. 9-11. The first integral runs over ``band_nm``, both ends included, the second over all of V, because a
+    lux counts all visible light (the paper's tool cuts both at 650 nm and so counts 1.6 % more). With no response it
+    counts the photons themselves. ``responses`` must be a tuple (results are cached).
     """
     low, high = band_nm
     if not (math.isfinite(low) and math.isfinite(high) and 0 < low < high):
         raise ValueError(f"band_nm = {band_nm!r}: must be two increasing wavelengths in nm")
     lit = illuminant(source)
-    luminous = _integral((lit, photopic()), (0.0, math.inf))
+    luminous = _integral((lit, _table("v_lambda.csv", 1)), (0.0, math.inf))
     if luminous <= 0:
         raise ValueError(f"illuminant = {source!r}: gives no visible light")
     photons = _integral((lit, *responses), band_nm, power_of_nm=1) * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
@@ -177,8 +161,7 @@ def photons_per_lux_s_um2(
 def cut_short(response: Curve) -> str:
     """Where a response ends within ``VISIBLE_NM`` above 5 % of its peak, and what that is worth; "" if it does not.
 
-    It counts as 0 beyond its samples all the same: what it would be there nobody has stated. The worth is what D55
-    white would gain if its last value held to the end of the band.
+    It counts as 0 beyond its samples. The worth is what D55 white would gain if its last value held.
     """
     nm, values, peak = response.wavelengths_nm, response.values, max(response.values)
     ends: list[str] = []

@@ -212,7 +212,7 @@ def test_fisheye_sees_nothing_beyond_180_degrees() -> None:
         (lambda: EgoMotion(rotation_deg_s=(0, math.nan, 0)), "rotation_deg_s"),
         (lambda: View(0, 10, 60), "width_px"),
         (lambda: View(10, 0, 60), "height_px"),
-        (lambda: View(10, 10, 180, "rectilinear"), "hfov_deg = 180: must be < 180"),
+        (lambda: View(10, 10, 180, "rectilinear"), "hfov_deg = 180.0: must be < 180"),
         (lambda: View(10, 10, 60, "fisheye"), "lens"),  # type: ignore[arg-type]
         (lambda: longest_exposure_s(np.ones((2, 1)), 0), "blur_px"),
         (lambda: range_of_depth_m(np.ones((3, 2)), -1.0), "depth_m: the smallest is -1; must be > 0"),

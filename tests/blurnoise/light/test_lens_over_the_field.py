@@ -24,6 +24,7 @@ from blurnoise.light.lens import (
     VIGNETTING,
 )
 from blurnoise.light.motion import MOTION
+from blurnoise.optics import lens as lenses
 from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 from blurnoise.optics.transfer import Optics
 
@@ -157,7 +158,7 @@ def test_lateral_colour_moves_red_and_blue_against_green() -> None:
 
 def test_vignetting_is_the_field_s() -> None:
     light, camera = picture(torch.float32), of(Lens(falloff_power=4.0))
-    expected = light * torch.from_numpy(camera.field.light((H, W))).float()
+    expected = light * torch.from_numpy(lenses.light(camera.field, (H, W))).float()
     assert torch.equal(effects.through(light, at(camera)), expected)
     own = replace(camera, width_px=W, height_px=H)
     lost = 1 - float(effects.through(torch.ones(1, 1, H, W), at(own)).min())
@@ -185,7 +186,7 @@ def test_distortion_shows_the_scene_where_the_field_says() -> None:
         return 0.5 + 0.3 * torch.sin(torch.as_tensor(x) * 0.3) * torch.cos(torch.as_tensor(y) * 0.2)
 
     y, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64) for n in (H, W)), indexing="ij")
-    source_x, source_y = camera.field.sources((H, W))
+    source_x, source_y = lenses.sources(camera.field, (H, W))
     seen = effects.through(scene(x, y)[None, None], at(camera))[0, 0]
     inside = torch.from_numpy((source_x > 12) & (source_x < W - 13) & (source_y > 12) & (source_y < H - 13))
     assert float((seen - scene(source_x, source_y))[inside].abs().max()) < 1e-4
