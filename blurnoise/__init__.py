@@ -4,6 +4,7 @@
 the digital numbers that ``camera`` would give; ``develop`` turns those into a picture again.
 """
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from blurnoise._core import former_names
@@ -46,18 +47,13 @@ __all__ = [
     "slanted_edge",
     "velocity_px_s",
 ]
+_LATE = {"RandomExposure": "blurnoise.training.augmentation", "slanted_edge": "blurnoise.metrics"}
 __version__ = "0.1.0"
 former_names.register()
 
 
 def __getattr__(name: str) -> Any:
     """What few need and all would wait for: Kornia's augmentations, the metrics."""
-    if name == "RandomExposure":
-        from blurnoise.training.augmentation import RandomExposure
-
-        return RandomExposure
-    if name == "slanted_edge":
-        from blurnoise.metrics import slanted_edge
-
-        return slanted_edge
+    if name in _LATE:
+        return getattr(importlib.import_module(_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

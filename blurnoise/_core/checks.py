@@ -106,7 +106,6 @@ LIMITS: Mapping[str, Limit] = {
     "frequency_hz": Limit(1e-3, 1e9),
     "row_time_s": Limit(0.0, 1.0),
     "phase_rad": Limit(-1e6, 1e6),
-    "acceleration_px_s2": Limit(-1e13, 1e13),  # 1e5 px from rest within 0.14 ms
     # spectra
     "kelvin": Limit(300.0, 1e6),
     "wavelength_nm": Limit(1.0, 1e6),

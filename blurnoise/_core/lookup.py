@@ -28,16 +28,16 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
     out = np.empty(len(numbers), values.dtype)
     highest = last if dn.is_floating_point() else min(last, np.iinfo(numbers.dtype).max)
 
-    def look_up(piece: slice) -> None:
+    def one(piece: slice) -> None:
         inside = np.clip(numbers[piece], 0, highest)  # before integers, which large floats would overflow
         np.take(values, inside.astype(np.int32), mode="clip", out=out[piece])
 
-    in_pieces(look_up, len(numbers), torch.get_num_threads())
+    in_pieces(one, len(numbers), torch.get_num_threads())
     return torch.from_numpy(out).view(dn.shape)
 
 
 def look_up_codes(table: NDArray[Any], codes: NDArray[np.uint16], out: NDArray[Any]) -> None:
-    """Write ``table``'s value for each code of 16 bits, all of which it has, to ``out``."""
+    """Write the value for each code of 16 bits, of a table of all of them, to ``out``."""
     if _LOOKS_UP_16_BITS and codes.shape[1] > 1:  # the strides of a single pixel are no layout of OpenCV's
         cv2.LUT(codes, table[None], dst=out)
     else:

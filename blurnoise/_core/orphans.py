@@ -36,11 +36,11 @@ def interrupts_held() -> Iterator[None]:
 def end_with_parent() -> None:
     """In a worker, first of all: leave interrupts to the process that began this one, and end as soon as it has."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

@@ -2,8 +2,7 @@
 
 Convention: numpy planes (h, w), float32 or float64. A packed spectrum is a real plane of the same size: in each
 row the real and imaginary parts of neighbouring columns, (Re 0, Re 1, Im 1, Re 2, ...); its first column, and
-for even w its last, are packed likewise downwards. Twice as fast as a general transform, and without threads of
-its own that would wait for each other on a busy machine: callers run planes side by side instead.
+for even w its last, are packed likewise downwards. Twice as fast as a general transform, without threads of its own.
 """
 
 from __future__ import annotations
@@ -33,19 +32,15 @@ def pack(response: Plane, out: Plane) -> None:
 def multiply(plane: Plane, factors: Plane, scratch: Sequence[Plane], *, rows_alone: bool = False) -> Plane:
     """The plane times the packed ``factors``, in the second of two ``scratch`` planes of the plane's size.
 
-    factors: what ``pack`` laid out. rows_alone: only rows are transformed, and ``factors`` are theirs, one row or
-    as many as the plane's, which is faster.
+    rows_alone: only rows are transformed, which is faster; ``factors`` are one row, or as many as the plane has.
     """
-    spectrum, blurred = scratch
     rows = cv2.DFT_ROWS if rows_alone else 0
-    cv2.dft(plane, spectrum, rows)
-    np.multiply(spectrum, factors, out=spectrum)
-    cv2.dft(spectrum, blurred, rows | cv2.DFT_INVERSE)
-    return blurred
+    cv2.dft(plane, scratch[0], rows)
+    return back(scratch[0], factors, scratch, rows)
 
 
 def multiply_complex(plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
-    """The plane times a transfer function that is a packed ``spectrum`` itself, as :func:`multiply` otherwise."""
+    """The plane times a packed ``spectrum``, as :func:`multiply` otherwise."""
     own, blurred = scratch
     cv2.dft(plane, own)
     cv2.mulSpectrums(own, spectrum, 0, own)
@@ -58,9 +53,12 @@ def forward(plane: Plane, spectrum: Plane) -> None:
     cv2.dft(plane, spectrum)
 
 
-def back(spectrum: Plane, factors: Plane, scratch: Sequence[Plane]) -> Plane:
-    """The plane of ``spectrum`` times the packed ``factors``, in the second of two ``scratch`` planes."""
+def back(spectrum: Plane, factors: Plane, scratch: Sequence[Plane], rows: int = 0) -> Plane:
+    """The plane of ``spectrum`` times the packed ``factors``, in the second of two ``scratch`` planes.
+
+    rows: ``cv2.DFT_ROWS`` where only rows are transformed.
+    """
     weighted, blurred = scratch
     np.multiply(spectrum, factors, out=weighted)
-    cv2.dft(weighted, blurred, cv2.DFT_INVERSE)
+    cv2.dft(weighted, blurred, rows | cv2.DFT_INVERSE)
     return blurred

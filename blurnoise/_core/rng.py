@@ -7,7 +7,7 @@ from different generators, so their fields agree in law, not bit for bit.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -41,13 +41,8 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
         device = "cpu" if randomness is None else randomness.device
         drawn = torch.randint(LAST_SEED, (batch,), generator=randomness, device=device)
         return [int(seed) for seed in drawn.tolist()]
-    if isinstance(randomness, (int, np.integer)):
-        seeds: list[Any] = [randomness]
-    else:
-        try:
-            seeds = randomness.tolist() if isinstance(randomness, Tensor) else list(randomness)
-        except TypeError:
-            seeds = [None]
+    seeds: Any = randomness.tolist() if isinstance(randomness, Tensor) else randomness
+    seeds = list(seeds) if isinstance(seeds, Iterable) else [seeds]
     if not all(_is_seed(seed) for seed in seeds):
         raise TypeError(
             f"generator = {shown(randomness)}: must be a torch.Generator or integers in [0, 2**63)"
@@ -58,7 +53,7 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
 
 
 def derived(seed: int, stream: str) -> int:
-    """The seed in [0, 2**63) that a seed becomes for one purpose; those of other streams are independent of it."""
+    """A seed in [0, 2**63) for one purpose, independent of those of other streams."""
     digest = hashlib.blake2b(f"{stream} {seed}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
 

@@ -6,14 +6,12 @@ its centroid, so what moves is swept half the displacement to either side of its
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Self, Unpack
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
-from kornia.augmentation.random_generator import RandomGeneratorBase, UniformDistribution
 from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
@@ -30,42 +28,10 @@ _FAR = [[False, False], [True, False], [True, True], [False, True]]
 """Which corners of Kornia's boxes lie at the right, at the bottom."""
 
 
-class ExposureGenerator(RandomGeneratorBase):  # type: ignore[misc]  # kornia is not followed by mypy
-    """Draws from ``ranges``, or a table, by torch's global generator, as all of Kornia does: conditions, noise seeds.
-
-    Returns, for a batch of B, (B,) tensors: those of ``ranges.conditions``, and ``noise_seed``, int64. Under
-    ``same_on_batch`` they are equal, the noise seed too, so equal pictures stay equal.
-    """
-
-    def __init__(self, ranges: Draws) -> None:
-        super().__init__()
-        self.ranges = ranges
-
-    def __repr__(self) -> str:
-        return str(self.ranges)
-
-    def make_samplers(self, device: torch.device, dtype: torch.dtype) -> None:
-        """Samplers on ``device``, at least float32: half precision has too few exposures and directions."""
-        ends = torch.tensor([0.0, 1.0], device=device, dtype=torch.promote_types(dtype, torch.float32))
-        self.unit = UniformDistribution(ends[0], ends[1], validate_args=False)
-
-    def forward(self, batch_shape: tuple[int, ...], same_on_batch: bool = False) -> Params:
-        """Parameters for a batch of shape (B, C, H, W)."""
-        batch = batch_shape[0]
-        count = min(batch, 1) if same_on_batch else batch
-        drawn = self.ranges.conditions(self.unit.rsample((count, self.ranges.draws)))
-        drawn["noise_seed"] = torch.randint(2**63 - 1, (count,), device=self.device)
-        return {name: value.expand(batch).clone() for name, value in drawn.items()}
-
-
 class OverConditions:
     """What the augmentations of Kornia and torchvision share: where their conditions come from, and the exposure."""
 
     ranges: Draws
-
-    @abstractmethod
-    def _draw_from(self, ranges: Draws) -> None:
-        """Draw conditions from these from now on."""
 
     @classmethod
     def for_run(cls, run: Any, *, direction_deg: Range | None = None, **options: Any) -> Self:
@@ -85,8 +51,15 @@ class OverConditions:
         for name in {each.name for each in fields(ExposureRanges)} & options.keys():
             raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
         augmentation = cls(**options)
-        augmentation._draw_from(table)
+        augmentation.ranges = table
         return augmentation
+
+    def _drawn(
+        self, count: int, device: torch.device | None = None, dtype: torch.dtype = torch.float32
+    ) -> Params:
+        """Conditions and noise seeds of so many pictures, (count,) each, by torch's global generator."""
+        drawn = self.ranges.conditions(torch.rand(count, self.ranges.draws, device=device, dtype=dtype))
+        return {**drawn, "noise_seed": torch.randint(2**63 - 1, (count,), device=device)}
 
     def _exposed(
         self, pictures: Tensor, params: Params, of: list[int], seeds: Sequence[int], how: Mapping[str, Any]
@@ -149,11 +122,19 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         **ranges: Unpack[Ranges],
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
-        self._draw_from(ExposureRanges(camera, **ranges))
+        self.ranges = ExposureRanges(camera, **ranges)
         self.flags = checked_flags(encoding, fidelity, grow_boxes)
 
-    def _draw_from(self, ranges: Draws) -> None:
-        self.ranges, self._param_generator = ranges, ExposureGenerator(ranges)
+    def __repr__(self) -> str:
+        return str(super().__repr__().replace("(", f"({self.ranges}, ", 1))
+
+    def generate_parameters(self, batch_shape: tuple[int, ...]) -> Params:
+        """Conditions and noise seeds for a batch, (B,) each; under ``same_on_batch`` they are equal."""
+        batch = batch_shape[0]
+        # half precision has too few exposures and directions
+        dtype = torch.promote_types(self.dtype, torch.float32)
+        drawn = self._drawn(min(batch, 1) if self.same_on_batch else batch, self.device, dtype)
+        return {name: value.expand(batch).clone() for name, value in drawn.items()}
 
     def forward(
         self, input: Tensor, params: Params | None = None, masks: Tensor | None = None, **kwargs: Any

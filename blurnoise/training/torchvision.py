@@ -18,9 +18,9 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.augmentation import ExposureGenerator, OverConditions, checked_flags
+from blurnoise.training.augmentation import OverConditions, checked_flags
 from blurnoise.training.expose import boxes_after
-from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Ranges
+from blurnoise.training.ranges import Cameras, ExposureRanges, Ranges
 
 
 class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
@@ -46,13 +46,10 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         **ranges: Unpack[Ranges],
     ) -> None:
         super().__init__()
-        self._draw_from(ExposureRanges(camera, **ranges))
+        self.ranges = ExposureRanges(camera, **ranges)
         for name, value in checked_flags(encoding, fidelity, grow_boxes).items():
             setattr(self, name, value)  # which its repr shows
         self.p = in_range("p", p, 0.0, 1.0)
-
-    def _draw_from(self, ranges: Draws) -> None:
-        self.ranges, self._generator = ranges, ExposureGenerator(ranges)
 
     def extra_repr(self) -> str:
         """The ranges, then the rest."""
@@ -60,7 +57,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         """Conditions and noise seed, (1,) each, whether they apply, and the masks, if parts are to move."""
-        drawn = {**self._generator((1,)), "applies": bool(torch.rand(()) < self.p)}
+        drawn = {**self._drawn(1), "applies": bool(torch.rand(()) < self.p)}
         found = [each for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
         if found and self.ranges.moves != ("all",):
             masks = [each.as_subclass(Tensor).reshape(-1, *each.shape[-2:]) for each in found]

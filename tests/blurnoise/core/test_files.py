@@ -10,7 +10,6 @@ import pytest
 
 from blurnoise._core import files
 from blurnoise._core.files import read_document, read_samples
-from blurnoise.motion import causes
 from blurnoise.motion.causes import StatedTrajectory
 
 
@@ -18,7 +17,6 @@ from blurnoise.motion.causes import StatedTrajectory
 @pytest.mark.parametrize(
     "read",
     [
-        causes.from_csv,
         read_document,
         lambda path: read_samples(path, 1, "wavelength"),
         lambda path: StatedTrajectory.parse(str(path)),
