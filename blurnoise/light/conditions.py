@@ -114,11 +114,11 @@ class Conditions(Generic[Number]):
                 variation_px=variation_px,
             )
 
-    def part(self: Conditions[Tensor], of: list[int] | slice) -> Conditions[Tensor]:
+    def part(self: Conditions[Tensor], of: list[int]) -> Conditions[Tensor]:
         """Those of some frames."""
 
         def some(of_each: tuple[Any, ...]) -> tuple[Any, ...]:
-            own = of_each[of] if isinstance(of, slice) else tuple(of_each[item] for item in of if of_each)
+            own = tuple(of_each[item] for item in of if of_each)
             return own if any(own) else ()
 
         return replace(

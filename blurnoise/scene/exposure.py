@@ -27,12 +27,6 @@ _OfBoxes = Callable[[Tensor, Conditions[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
-def places_of(boxes_xyxy: Tensor) -> Tensor:
-    """Of boxes (N, 4) the corners, the sides' middles and their own, (N, 9, 2), (x, y)."""
-    x, y = (boxes_xyxy[:, [side, side + 2]] @ boxes_xyxy.new_tensor(_THIRDS) for side in (0, 1))
-    return torch.stack([x[:, :, None].expand(-1, -1, 3), y[:, None].expand(-1, 3, -1)], -1).flatten(1, 2)
-
-
 @dataclass(frozen=True)
 class Exposure:
     """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
@@ -128,11 +122,12 @@ class Exposure:
         at = Conditions(self.camera, *numbers, size=size, trajectories=paths)
         if not self.drives or not len(boxes_xyxy):
             return effect(boxes_xyxy, at)
-        places = places_of(boxes_xyxy).view(-1, 2)
+        thirds = boxes_xyxy.new_tensor(_THIRDS)
+        across, down = boxes_xyxy[:, 0::2] @ thirds, boxes_xyxy[:, 1::2] @ thirds
+        nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
+        places = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(places, size)
-        if (
-            self.trajectory is None and not self.camera.row_time_s
-        ):  # all at once: motion comes after distortion
+        if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
             half = motion.swept_half_px(moved) * (effect is effects.swept_boxes)
             seen = [effect(places.repeat(1, 2), at) + torch.cat([-half, half], 1)]
         else:

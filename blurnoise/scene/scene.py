@@ -1,4 +1,4 @@
-"""None"""
+"""Scenes in linear light, exposed: a batch of pictures, one picture many times, or all in one call."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -49,6 +49,7 @@ class Frame(NamedTuple):
     simulate_ms: float
 
 
+@dataclass(eq=False, repr=False)
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
@@ -57,19 +58,18 @@ class ExposedScene:
     ``TypeError`` or ``ValueError`` naming the argument.
     """
 
-    def __init__(
-        self,
-        light: Tensor,
-        *,
-        border: Border = "reflect",
-        illuminant: str | Curve = "D55",
-        pattern_seed: int = 0,
-        fidelity: Fidelity = "auto",
-        tolerance_dn: float = TOLERANCE_DN,
-        layers: Layers = (),
-    ) -> None:
-        self.light = image_batch("light", light)
-        own = of_each(layers, light)
+    light: Tensor
+    _: KW_ONLY
+    border: Border = "reflect"
+    illuminant: str | Curve = "D55"
+    pattern_seed: int = 0
+    fidelity: Fidelity = "auto"
+    tolerance_dn: float = TOLERANCE_DN
+    layers: Layers = ()
+
+    def __post_init__(self) -> None:
+        light = image_batch("light", self.light)
+        own = of_each(self.layers, light)
         self._layers = own if any(own) else ()
         seen = light.detach().flatten(1)
         brightest = seen.amax(1).tolist() if seen.device.type != "cpu" else seen.numpy().max(1).tolist()
@@ -77,13 +77,11 @@ class ExposedScene:
             max(1.0, most, *(float(layer.light.detach().amax()) for layer in some))
             for most, some in zip(brightest, own, strict=True)
         ]
-        self.fidelity: Fidelity = one_of("fidelity", fidelity, ("auto", "full"))  # type: ignore[assignment]
-        one_of("border", border, BORDERS)
-        check_illuminant(illuminant)
-        integer("pattern_seed", pattern_seed, 0, rng.LAST_SEED)
-        limited("tolerance_dn", tolerance_dn)
-        self._border, self._illuminant, self._pattern_seed = border, illuminant, pattern_seed
-        self._tolerance_dn = tolerance_dn
+        one_of("fidelity", self.fidelity, ("auto", "full"))
+        one_of("border", self.border, BORDERS)
+        check_illuminant(self.illuminant)
+        integer("pattern_seed", self.pattern_seed, 0, rng.LAST_SEED)
+        limited("tolerance_dn", self.tolerance_dn)
         self._fields: OrderedDict[tuple[int, str, int], Tensor] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -101,36 +99,18 @@ class ExposedScene:
         self,
         camera: Camera,
         *,
-        exposure_s: Numbers,
-        illuminance_lux: Numbers,
-        velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
-        trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
-        temperature_c: Numbers = 25.0,
         generator: rng.Randomness = None,
         noise: bool = True,
         quantised: bool = True,
+        **conditions: Any,
     ) -> Tensor:
         """Frame i of picture i, digital numbers (B, C, H, W), of a mosaic or one plane (B, 1, H, W).
 
-        Arguments as :func:`blurnoise.simulate` takes them.
+        conditions: exposure_s, illuminance_lux, velocity_px_s, trajectory and temperature_c. All arguments as
+        :func:`blurnoise.simulate` takes them.
         """
-        at = Conditions.of(
-            self.light,
-            camera,
-            exposure_s=exposure_s,
-            illuminance_lux=illuminance_lux,
-            velocity_px_s=velocity_px_s,
-            temperature_c=temperature_c,
-            illuminant=self._illuminant,
-            trajectory=trajectory,
-            objects=self._layers,
-        )
-        return self.under(at, rng.item_seeds(generator, len(self.light)), noise=noise, quantised=quantised)
-
-    def under(
-        self, at: Conditions[Tensor], seeds: list[int], *, noise: bool = True, quantised: bool = True
-    ) -> Tensor:
-        """:meth:`expose` under conditions, with one seed of the noise for each frame."""
+        at = Conditions.of(self.light, camera, illuminant=self.illuminant, objects=self._layers, **conditions)
+        seeds = rng.item_seeds(generator, len(self.light))
         moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
         asked = differentiable(self.light, at.exposure_s, at.white_e, moved, at.temperature_c)
         asked |= torch.is_grad_enabled() and any(layer.requires_grad for own in self._layers for layer in own)
@@ -143,8 +123,8 @@ class ExposedScene:
             every = len(of) == len(self.light)
             light, some = (self.light, at) if every else (self.light[of], at.part(of))
             reduced = needs.reduced(some)
-            moved = effects.through(light, reduced, border=self._border, without=needs.without)
-            sensed = mosaic.on_sensor(moved, needs.camera, self._illuminant)
+            moved = effects.through(light, reduced, border=self.border, without=needs.without)
+            sensed = mosaic.on_sensor(moved, needs.camera, self.illuminant)
             options = self._readout(needs, [seeds[item] for item in of])
             own = sensed if sensed is not light and sensed.is_contiguous() else None
             noisy = noise and needs.noisy
@@ -176,9 +156,9 @@ class ExposedScene:
             if alike.light not in after_effects:
                 reduced = needs.reduced(points[0])
                 after_effects[alike.light] = effects.through(
-                    self.light, reduced, border=self._border, without=needs.without
+                    self.light, reduced, border=self.border, without=needs.without
                 )
-            sensed = mosaic.on_sensor(after_effects[alike.light], needs.camera, self._illuminant)
+            sensed = mosaic.on_sensor(after_effects[alike.light], needs.camera, self.illuminant)
             pictures = self._developed(sensed, alike, points)
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(points)
             yield from (Frame(picture, simulate_ms) for picture in pictures)
@@ -192,12 +172,12 @@ class ExposedScene:
             illuminance_lux=exposure.illuminance_lux,
             velocity_px_s=self._velocity(exposure),
             temperature_c=exposure.temperature_c,
-            illuminant=self._illuminant,
+            illuminant=self.illuminant,
             trajectory=exposure.trajectory,
             objects=(self._objects(exposure),) if self._layers else (),
         )
         (one,) = at.each()
-        magnified = max(1.0, 10 ** (digital_db / 20)) * magnification(camera, self._illuminant)
+        magnified = max(1.0, 10 ** (digital_db / 20)) * magnification(camera, self.illuminant)
         needs = self._plan(one, self._brightest[0], magnified)
         drives = (exposure.vehicle, exposure.ego_speed_m_s) if exposure.drives else None
         light = effects.key(needs.reduced(one), needs.without), drives
@@ -207,8 +187,8 @@ class ExposedScene:
         """What is modelled of a picture with such light, whose errors gain and colours magnify later."""
         if self.fidelity == "full":
             return Plan((), one.camera)
-        brightest *= mosaic.peak(one.camera, self._illuminant)
-        return plan_at(replace(one, white_e=one.white_e * brightest), self._tolerance_dn / magnified)
+        brightest *= mosaic.peak(one.camera, self.illuminant)
+        return plan_at(replace(one, white_e=one.white_e * brightest), self.tolerance_dn / magnified)
 
     def _developed(
         self, sensed: Tensor, alike: _Alike, points: Sequence[Conditions[Tensor]]
@@ -227,13 +207,13 @@ class ExposedScene:
         if tabulated(alike.delivering):
             seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
             developed = seen.permute(0, 3, 1, 2)
-            tones = tones_8bit(alike.delivering, alike.digital_db, self._illuminant)
+            tones = tones_8bit(alike.delivering, alike.digital_db, self.illuminant)
             digitised(expanded, at, replace(options, tones=tones, out=developed))
             if planes == colours:
                 return list(seen.numpy())
         else:
             dn = digitised(expanded, at, options)
-            developed = develop_8bit(dn, alike.delivering, alike.digital_db, self._illuminant)
+            developed = develop_8bit(dn, alike.delivering, alike.digital_db, self.illuminant)
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
     def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
@@ -256,7 +236,7 @@ class ExposedScene:
         camera, pattern = needs.camera, None
         if camera.prnu or camera.dsnu_e:
             _, colours, *size = self.light.shape
-            pattern = camera.fixed_pattern((mosaic.planes(camera, colours), *size), self._pattern_seed)
+            pattern = camera.fixed_pattern((mosaic.planes(camera, colours), *size), self.pattern_seed)
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:

@@ -229,9 +229,9 @@ def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch)
     calls: list[Optics] = []
     real = convolution.exposure_blur
 
-    def watched(image: Any, moved: Any, optics: Optics, **options: Any) -> Any:
+    def watched(image: Any, moved: Any, optics: Optics, *paths: Any, **options: Any) -> Any:
         calls.append(optics)
-        return real(image, moved, optics, **options)
+        return real(image, moved, optics, *paths, **options)
 
     monkeypatch.setattr(convolution, "exposure_blur", watched)
     light = picture().double()

@@ -20,16 +20,15 @@ GIVEN: dict[str, Any] = {"temperature_c": 25.0, "illuminant": "D55"}
 GIVEN |= {"exposure_s": [0.01, 0.02, 0.03, 0.04], "illuminance_lux": [1.0, 2.0, 3.0, 4.0]}
 
 
-@pytest.mark.parametrize("of", [[2], [3, 0], [1, 1], slice(1, 3), slice(2, 3)])
-def test_layers_and_trajectories_go_with_their_pictures(of: list[int] | slice) -> None:
+@pytest.mark.parametrize("of", [[2], [3, 0], [1, 1]])
+def test_layers_and_trajectories_go_with_their_pictures(of: list[int]) -> None:
     velocities = [(float(k), -float(k)) for k in range(4)]
     every = Conditions.of(LIGHT, CAMERA, velocity_px_s=velocities, trajectory=PATHS, objects=LAYERS, **GIVEN)
     some = every.part(of)
-    chosen = list(range(4))[of] if isinstance(of, slice) else of
-    assert some.exposure_s.tolist() == pytest.approx([0.01 * (k + 1) for k in chosen])
-    assert (some.trajectories or (None,) * len(chosen)) == tuple(PATHS[k] for k in chosen)
-    assert some.objects == tuple(LAYERS[k] for k in chosen)
-    for k, at in zip(chosen, some.each(), strict=True):
+    assert some.exposure_s.tolist() == pytest.approx([0.01 * (k + 1) for k in of])
+    assert (some.trajectories or (None,) * len(of)) == tuple(PATHS[k] for k in of)
+    assert some.objects == tuple(LAYERS[k] for k in of)
+    for k, at in zip(of, some.each(), strict=True):
         assert at.displacement_px == pytest.approx((0.01 * (k + 1) * k, -0.01 * (k + 1) * k))
         assert at.trajectory is PATHS[k]
         assert [each.displacement_px[0] for each in at.objects] == pytest.approx([k * (k + 1)] if k else [])  # type: ignore[union-attr]
@@ -41,8 +40,8 @@ def test_nothing_is_left_where_those_taken_out_have_none() -> None:
     assert every.part([0]).objects == ()
 
 
-@pytest.mark.parametrize("of", [[2], [3, 0], slice(1, 3)])
-def test_flows_go_with_their_pictures(of: list[int] | slice) -> None:
+@pytest.mark.parametrize("of", [[2], [3, 0]])
+def test_flows_go_with_their_pictures(of: list[int]) -> None:
     flow = torch.rand(4, 2, 7, 9, generator=torch.Generator().manual_seed(1)) * 100
     every = Conditions.of(LIGHT, CAMERA, velocity_px_s=flow, **GIVEN)
     some = every.part(of)
