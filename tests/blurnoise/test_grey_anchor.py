@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
 
 from blurnoise import Camera, ExposedScene, simulate
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
-from blurnoise.scene.metering import GreyAnchor, reflectance_text, share_above_white
+from blurnoise.scene.metering import GreyAnchor
 
 CAMERA = Camera.preset("imx250")
 ANCHORS = ["mean", "p50", "p99.5", "12,5,40,30"]

@@ -203,10 +203,10 @@ def trajectory(
     text: str | None, camera: Camera, light: Tensor, exposure_s: float, seed: int
 ) -> Trajectory | None:
     """As :mod:`blurnoise.motion.causes` has it, for a picture's exposure."""
-    from blurnoise.motion.causes import StatedTrajectory
+    from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
     size = (light.shape[-2], light.shape[-1])
-    return None if text is None else StatedTrajectory.parse(text).of(camera, size, exposure_s, seed)
+    return None if text is None else TrajectorySpec.parse(text).of(camera, size, exposure_s, seed)
 
 
 def rolling(line_time_us: float | None, camera: Camera) -> Camera:

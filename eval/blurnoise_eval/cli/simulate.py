@@ -192,9 +192,10 @@ def simulate(
     from blurnoise.optics.radiometry import filter_electrons, photoelectrons
     from blurnoise.picture.develop import develop_8bit, in_channels
     from blurnoise.scene.hdr import captured, developed, fuse
-    from blurnoise.scene.metering import mean_luma, reflectance_text, share_above_white
+    from blurnoise.scene.metering import mean_luma
     from blurnoise.sensor.mosaic import outside_share
     from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
     from blurnoise_eval.sweep.default_camera import is_grey_light
 
     integer("seed", seed, 0, LAST_SEED)

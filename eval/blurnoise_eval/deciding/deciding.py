@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import in_range, integer
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, check_cut
@@ -36,6 +35,7 @@ from blurnoise_eval.grid.axes import EGO, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
@@ -148,7 +148,7 @@ def decided(
         )
     cluster_of("", cluster)
     temperature = question.further.get("temperature_c", 25.0)
-    path = None if trajectory is None else StatedTrajectory.parse(trajectory)
+    path = None if trajectory is None else TrajectorySpec.parse(trajectory)
     drives = bool(question.further.get(EGO.name)) or ego is not None
     because = question.not_on_a_plane or what_breaks(
         camera, question.exposures_s, question.lines, temperature, path, drives

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from blurnoise.light.conditions import Conditions
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.deciding.nodes import Line, by_direction
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
 
 def what_breaks(
@@ -23,7 +23,7 @@ def what_breaks(
     exposures_s: tuple[float, float],
     lines: Sequence[Line],
     temperature_c: float = 25.0,
-    trajectory: StatedTrajectory | None = None,
+    trajectory: TrajectorySpec | None = None,
     drives: bool = False,
 ) -> list[str]:
     """Why the plane does not hold between two exposures, a reason each; empty where it holds.

@@ -16,7 +16,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import AutoExposure
@@ -29,6 +28,7 @@ from blurnoise_eval.detectors.session import TIMEOUT_S
 from blurnoise_eval.grid.axes import AXES, CORE, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
@@ -201,12 +201,12 @@ class Run:
         return frame
 
     @property
-    def _path(self) -> tuple[StatedTrajectory, float] | None:
+    def _path(self) -> tuple[TrajectorySpec, float] | None:
         told = self._plan.get("trajectory")
         if told is None:
             return None
         with suppress(ValueError):
-            stated = StatedTrajectory(told)
+            stated = TrajectorySpec(told)
             longest = max(self._plan["grid"]["exposure_s"])
             return stated, self._auto.limit_s if longest == math.inf else longest
         raise ValueError(f"run = {str(self.folder)!r}: moved along {told!r}, a file that it does not keep")

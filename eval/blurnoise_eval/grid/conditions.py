@@ -18,7 +18,6 @@ import numpy as np
 from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise._core.limits import limited
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
@@ -38,6 +37,7 @@ from blurnoise_eval.grid.axes import (
     velocity_of,
 )
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
@@ -198,7 +198,7 @@ class SweepPlan:
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
-    trajectory: str | StatedTrajectory | None = None
+    trajectory: str | TrajectorySpec | None = None
     ego: Vehicle | None = None
     only: tuple[Conditions, ...] = ()
 
@@ -206,7 +206,7 @@ class SweepPlan:
         if isinstance(self.ego, Mapping):
             object.__setattr__(self, "ego", Vehicle(**self.ego))
         if isinstance(self.trajectory, str):
-            object.__setattr__(self, "trajectory", StatedTrajectory.parse(self.trajectory))
+            object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
         if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
             object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
         if isinstance(self.objects, Mapping):
@@ -258,10 +258,10 @@ class SweepPlan:
         return self.auto_exposure.limit_s if longest == AUTOMATIC else longest
 
     @property
-    def path(self) -> tuple[StatedTrajectory, float] | None:
+    def path(self) -> tuple[TrajectorySpec, float] | None:
         """The trajectory and the longest exposure along it."""
         stated = self.trajectory
-        return (stated, self.longest_s) if isinstance(stated, StatedTrajectory) else None
+        return (stated, self.longest_s) if isinstance(stated, TrajectorySpec) else None
 
     def values(self, name: str) -> tuple[float, ...]:
         """The values on an axis, increasing; none where the camera's own stands."""

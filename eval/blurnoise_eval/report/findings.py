@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
-from blurnoise.scene.metering import reflectance_text
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.grid.reflectance import reflectance_text
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.report.data import RunData
 from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
 
@@ -163,7 +163,7 @@ def reflectance(data: RunData) -> str | None:
     return None if rendered and anchor is None else reflectance_text(anchor)
 
 
-def path_text(path: StatedTrajectory, longest_s: float) -> str:
+def path_text(path: TrajectorySpec, longest_s: float) -> str:
     """What pictures do beside their velocity, as the manifest keeps it."""
     of_each = (
         f", another in every picture, so far in {1e3 * longest_s:g} ms"

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from blurnoise.blur.layers import boxes_in_motion
 from blurnoise.light import effects
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
@@ -32,6 +31,7 @@ from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import MoveBoxes, swept_within
 
 BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]
@@ -161,7 +161,7 @@ def frames(
     cells: Sequence[Cell],
     camera: Camera,
     auto_exposure: AutoExposure = USUAL,
-    path: tuple[StatedTrajectory, float] | None = None,
+    path: tuple[TrajectorySpec, float] | None = None,
     ego: Vehicle | None = None,
 ) -> Iterator[Frame]:
     """The picture of each cell; a cell without conditions is the picture as it is, and stands first.

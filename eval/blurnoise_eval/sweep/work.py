@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
@@ -20,6 +19,7 @@ from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_c
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.on_picture import Model, View, view
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
@@ -38,7 +38,7 @@ class Work:
     grey_anchor: str | None = None
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
-    path: tuple[StatedTrajectory, float] | None = None
+    path: tuple[TrajectorySpec, float] | None = None
     ego: Vehicle | None = None
 
     def open(self, pictures_held: int) -> Worker:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
 from blurnoise._core import files
 from blurnoise._core.files import read_document, read_samples
-from blurnoise.motion.causes import StatedTrajectory
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
@@ -19,7 +19,7 @@ from blurnoise.motion.causes import StatedTrajectory
     [
         read_document,
         lambda path: read_samples(path, 1, "wavelength"),
-        lambda path: StatedTrajectory.parse(str(path)),
+        lambda path: TrajectorySpec.parse(str(path)),
     ],
 )
 def test_pipes_and_devices_are_refused(tmp_path: Path, read: Callable[[Path], object]) -> None:
@@ -42,4 +42,4 @@ def test_a_table_is_of_limited_size(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_other_bytes_are_no_text(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"1,2\n\xff")
     with pytest.raises(ValueError, match=r"a\.csv: not UTF-8 text \(byte 4\)"):
-        StatedTrajectory.parse(str(tmp_path / "a.csv"))
+        TrajectorySpec.parse(str(tmp_path / "a.csv"))

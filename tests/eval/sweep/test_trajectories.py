@@ -15,6 +15,7 @@ from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -23,7 +24,6 @@ from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 
 from blurnoise import Exposure, mattes, simulate
 from blurnoise.motion import causes
-from blurnoise.motion.causes import StatedTrajectory
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene.cut_scene import CutScene
 
@@ -38,7 +38,7 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
 
 def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
     picture = noise(41, 53)
-    path = StatedTrajectory.parse("shake:9"), 0.02
+    path = TrajectorySpec.parse("shake:9"), 0.02
     for exposure_s in (0.004, 0.02):
         at = Conditions(exposure_s=exposure_s, illuminance_lux=100.0, velocity_x_px_s=200.0)
         first, other = (
@@ -157,7 +157,7 @@ def test_what_is_no_trajectory(text: str) -> None:
 
 
 def test_the_plane_does_not_hold_along_one() -> None:
-    (reason,) = what_breaks(CAMERA, (0.001, 0.09), [], trajectory=StatedTrajectory.parse("shake:6"))
+    (reason,) = what_breaks(CAMERA, (0.001, 0.09), [], trajectory=TrajectorySpec.parse("shake:6"))
     assert "along shake:6" in reason
 
 
@@ -178,7 +178,7 @@ def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest
 def test_a_log_that_is_no_text_is_named(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_bytes(b"time_s\xcb\xff")
     with pytest.raises(ValueError, match=r"trajectory = .*log\.csv: not UTF-8 text"):
-        StatedTrajectory.parse(str(tmp_path / "log.csv"))
+        TrajectorySpec.parse(str(tmp_path / "log.csv"))
 
 
 def test_half_of_the_exposure_is_told_of_straight_motion_alone() -> None:
