@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import repeat
 from typing import Literal, cast
 
 import numpy as np
@@ -69,12 +68,26 @@ def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -
     return exposure_blur(image, (0.0, 0.0), optics, border=border)
 
 
-def path_blur(image: Tensor, path: Polyline, optics: Optics = SHARP, *, border: Border = "reflect") -> Tensor:
+@uncompiled
+def path_blur(
+    image: Tensor, path: Polyline | Tensor, optics: Optics = SHARP, *, border: Border = "reflect"
+) -> Tensor:
     """Every picture blurred by one path, and one lens; ``image`` itself where that is too small to be seen.
 
-    Differentiable in the pictures. Raises ``TypeError`` or ``ValueError``.
+    path: as an exposure sees it, or knots (K, 2), px, at equal times, (0, 0) where the picture shows the place.
+    Differentiable in the pictures and the knots. Raises ``TypeError`` or ``ValueError``.
     """
-    return exposure_blur(image, (0.0, 0.0), optics, (path,) * len(image), border=border)
+    if isinstance(path, Polyline):
+        return exposure_blur(image, (0.0, 0.0), optics, (path,) * len(image), border=border)
+    image_batch("image", image)
+    one_of("border", border, BORDERS)
+    knots = real_tensor("path", path)
+    if knots.ndim != 2 or knots.shape[1] != 2 or len(knots) < 2:
+        raise ValueError(f"path: shape must be (K, 2) of K >= 2, got {tuple(knots.shape)}")
+    limited_motion("path", knots)
+    shares = torch.full((len(knots) - 1,), 1 / (len(knots) - 1), dtype=torch.float64)
+    knots = knots if differentiable(knots) else knots.detach()
+    return _applied(image, [Path(knots.double().cpu().T, shares, optics)] * len(image), border)
 
 
 def exposure_blur(
@@ -102,10 +115,9 @@ def exposure_blur(
     moved = moved if moving else moved.detach()
     together = image.device.type != "cpu" and not any(paths)
     responses: list[fourier.Response | None] = []
-    for group, path in zip(
-        torch.split(moved, len(image) if together else 1), paths or repeat(None), strict=False
-    ):
-        if path is not None:
+    groups = torch.split(moved, len(image) if together else 1)
+    for group, path in zip(groups, paths or (None,) * len(groups), strict=True):
+        if path is not None and path.shares:
             left_out = path.error + optics.error
             knots, shares = (torch.from_numpy(each) for each in (path.knots, np.array(path.shares)))
             response: fourier.Response = Path(knots, shares, optics)
@@ -117,42 +129,6 @@ def exposure_blur(
         nothing = method == "none" or negligible or not any(response.reach_px)
         responses.append(None if nothing else response)
     return _applied(image, responses, border, tiled=method != "transfer")
-
-
-@uncompiled
-def polyline_blur(
-    image: Tensor,
-    knots_px: Tensor,
-    durations: Tensor | None = None,
-    optics: Optics = SHARP,
-    *,
-    border: Border = "reflect",
-) -> Tensor:
-    """Blur each picture by a path that may be optimised: straight between knots, as long in each segment as it says.
-
-    image: (B, C, H, W). knots_px: (K, 2) or (B, K, 2), K >= 2, px, (0, 0) where the picture shows the place.
-    durations: (K - 1,), > 0 in any unit; None: equal. Differentiable in all three. Raises ``TypeError`` or
-    ``ValueError``.
-    """
-    image_batch("image", image)
-    one_of("border", border, BORDERS)
-    knots = real_tensor("knots_px", knots_px)
-    if knots.ndim not in (2, 3) or knots.shape[-1] != 2 or knots.shape[-2] < 2:
-        raise ValueError(f"knots_px: shape must be (K, 2) or (B, K, 2) of K >= 2, got {tuple(knots.shape)}")
-    if knots.ndim == 3 and len(knots) != len(image):
-        raise ValueError(
-            f"knots_px: got {len(knots)} paths for a batch of {len(image)}; must be one per picture"
-        )
-    limited_motion("knots_px", knots)
-    segments = knots.shape[-2] - 1
-    spent = torch.ones(segments) if durations is None else real_tensor("durations", durations)
-    if spent.shape != (segments,) or not bool((spent.detach() > 0).all()):
-        raise ValueError(f"durations: must be {segments} numbers > 0, one per segment")
-    shares = (spent / spent.sum()).double().cpu()
-    each = knots.double().cpu().expand(len(image), segments + 1, 2)
-    if not differentiable(each, shares):
-        each, shares = each.detach(), shares.detach()
-    return _applied(image, [Path(path.T, shares, optics) for path in each], border)
 
 
 def _applied(

@@ -73,7 +73,7 @@ class Layout:
     @property
     def packs(self) -> bool:
         """Whether OpenCV's packed transform serves it."""
-        lengths = [{-2: self.y, -1: self.x}[dim].length for dim in self.dims]
+        lengths = [self.lengths[dim] for dim in self.dims]
         return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
 
@@ -179,9 +179,10 @@ def apply(
     plane = extended(image, (y.before, x.before), (y.span, x.span), border)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    lengths = [{-2: y, -1: x}[dim].length for dim in layout.dims]
+    lengths = [layout.lengths[dim] for dim in layout.dims]
     for top, left in product(y.starts, x.starts):
-        spectrum = torch.fft.rfftn(plane[..., top : top + y.length, left : left + x.length], dim=layout.dims)
+        tile = plane[..., top : top + y.length, left : left + x.length]
+        spectrum = torch.fft.rfftn(tile, dim=layout.dims)
         spectrum = spectrum * factors if factors.requires_grad else spectrum.mul_(factors)
         tile = torch.fft.irfftn(spectrum, s=lengths, dim=layout.dims)
         target = out[..., top : top + y.core, left : left + x.core]
@@ -245,6 +246,7 @@ class Straight:
     displacement_px: Tensor
     optics: Optics = SHARP
     every_axis: bool = False
+    multiply = staticmethod(packed.multiply)
 
     def __str__(self) -> str:
         return f"displacement_px = {self.displacement_px.tolist()}"
@@ -265,9 +267,6 @@ class Straight:
         if 1 in lengths:
             return row_factors((x, y), self.optics, lengths, out.dtype)
         return _packed((x, y), self.optics, lengths, out)
-
-    def multiply(self, plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
-        return packed.multiply(plane, spectrum, scratch)
 
     def at(self, lengths: tuple[int, int], image: Tensor) -> Tensor:
         moved = self.displacement_px

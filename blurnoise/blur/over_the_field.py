@@ -13,7 +13,7 @@ import math
 from bisect import bisect_left
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import packed_fft as packed
-from blurnoise._core.borders import Border, continued, extended
+from blurnoise._core.borders import Border, extended
+from blurnoise._core.packed_fft import Plane
 from blurnoise._core.scratch import borrowed
 from blurnoise._core.threads import plain, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.optics import transfer
 
 Floats = NDArray[np.float64]
-_Array = TypeVar("_Array", Tensor, NDArray[Any])
 TOLERANCE = 1e-4
 """RMS error, in units of white, that a pixel's disc may have in white noise: as a Fourier transform's margin has."""
 _MOST = 64  # discs of a tile
@@ -54,6 +54,11 @@ class Tile(NamedTuple):
         height, width = (fourier.fast_length(size + 2 * self.margin) for size in sizes)
         return height, width
 
+    def window(self, before: int) -> tuple[slice, slice]:
+        """The tile with its margin in the picture continued ``before`` px above and to the left."""
+        top, left = (before + side.start - self.margin for side in (self.rows, self.columns))
+        return slice(top, top + self.spans[0]), slice(left, left + self.spans[1])
+
 
 def defocus(
     image: Tensor, radius_px: Floats, *, border: Border = "reflect", tiles: Sequence[Tile] | None = None
@@ -64,25 +69,48 @@ def defocus(
     """
     tiles = plan(radius_px) if tiles is None else tiles
     before = max(tile.margin for tile in tiles)
-    after = [max(side) for side in zip(*(_ends(tile, before) for tile in tiles), strict=True)]
-    u = radius_px**2
-    if plain(image):
-        return _packed(image.detach(), u, tiles, before, (after[0], after[1]), border)
-    plane = extended(image, (before, before), (after[0], after[1]), border)
+    height, width = (
+        max(side.stop for side in axis) for axis in zip(*(tile.window(before) for tile in tiles), strict=True)
+    )
+    packs = plain(image)
+    plane = extended(image.detach() if packs else image, (before, before), (height, width), border)
     out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    for tile in tiles:
-        rows, columns = _window(tile, before)
-        spectrum = torch.fft.rfft2(plane[..., rows, columns])
-        weights = _weights(torch.from_numpy(u[tile.rows, tile.columns]).to(image), tile.radii_px)
-        parts = []
-        for radius, weight in zip(tile.radii_px, weights, strict=True):
-            response = torch.from_numpy(_response(radius, tile.spans)).to(image)
-            seen = torch.fft.irfft2(spectrum * response, s=tile.spans)
-            parts.append(
-                weight * seen[..., tile.margin :, tile.margin :][..., : len(weight), : weight.shape[1]]
-            )
-        out[..., tile.rows, tile.columns] = torch.stack(parts).sum(0)
+    kind = np.dtype(np.float32 if image.dtype == torch.float32 else np.float64)
+
+    def blur(tile: Tile) -> None:
+        seen, target = plane[(..., *tile.window(before))], out[..., tile.rows, tile.columns]
+        weights = _weights((radius_px[tile.rows, tile.columns] ** 2).astype(kind), tile.radii_px)
+        if packs:
+            _blend_packed(seen.flatten(0, 1).numpy(), tile, weights, target.flatten(0, 1).numpy())
+        else:
+            target.copy_(_blended(seen, tile, weights))
+
+    side_by_side(blur, tiles, threads_for(image) if packs else 1)
     return out
+
+
+def _blend_packed(sources: Plane, tile: Tile, weights: list[Plane], targets: Plane) -> None:
+    """Planes of a tile with its margin, by OpenCV's packed transform."""
+    factors = [_factors(radius, tile.spans, sources.dtype) for radius in tile.radii_px]
+    _, height, width = targets.shape
+    with borrowed([tile.spans] * 3, sources.dtype) as (spectrum, *scratch):
+        for source, target in zip(sources, targets, strict=True):
+            packed.forward(source, spectrum)
+            target[:] = 0
+            for factor, weight in zip(factors, weights, strict=True):
+                seen = packed.back(spectrum, factor, scratch)[tile.margin :, tile.margin :]
+                target += seen[:height, :width] * weight
+
+
+def _blended(image: Tensor, tile: Tile, weights: list[Plane]) -> Tensor:
+    """The same of pictures, differentiable."""
+    spectrum, total = torch.fft.rfft2(image), image.new_zeros(())
+    for radius, weight in zip(tile.radii_px, weights, strict=True):
+        response = torch.from_numpy(_response(radius, tile.spans)).to(image)
+        seen = torch.fft.irfft2(spectrum * response, s=tile.spans)[..., tile.margin :, tile.margin :]
+        height, width = weight.shape
+        total = total + seen[..., :height, :width] * torch.from_numpy(weight).to(image)
+    return total
 
 
 def plan(radius_px: Floats, tolerance: float = TOLERANCE) -> list[Tile]:
@@ -138,7 +166,7 @@ def _points(least_px: float, most_px: float, count: int) -> tuple[float, ...]:
     return tuple(np.sqrt(np.maximum(middle + half * cosines, 0.0)).tolist())
 
 
-def _weights(u: _Array, radii_px: tuple[float, ...]) -> list[_Array]:
+def _weights(u: Plane, radii_px: tuple[float, ...]) -> list[Plane]:
     """Lagrange's polynomials, one for each radius, at squares of radii."""
     nodes = [radius**2 for radius in radii_px]
     unit = max(1e-9, (nodes[0] - nodes[-1]) / 4)  # products of any number of factors stay of the order of 1
@@ -173,47 +201,8 @@ def _cost_ns(tiles: list[Tile]) -> float:
     return sum((1 + len(tile.radii_px)) * (_NS * math.prod(tile.spans) + _TILE_NS) for tile in tiles)
 
 
-def _window(tile: Tile, before: int) -> tuple[slice, slice]:
-    """The tile with its margin in the picture continued ``before`` px above and to the left."""
-    top, left = (before + side.start - tile.margin for side in (tile.rows, tile.columns))
-    return slice(top, top + tile.spans[0]), slice(left, left + tile.spans[1])
-
-
-def _ends(tile: Tile, before: int) -> tuple[int, int]:
-    rows, columns = _window(tile, before)
-    return rows.stop, columns.stop
-
-
-def _packed(
-    image: Tensor, u: Floats, tiles: Sequence[Tile], before: int, spans: tuple[int, int], border: Border
-) -> Tensor:
-    """By OpenCV's packed transform, tile by tile side by side."""
-    out = torch.empty_like(image, memory_format=torch.contiguous_format)
-    sources, targets = image.flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    threads = threads_for(image)
-    with borrowed([(len(sources), *spans)], sources.dtype) as (planes,):
-        for source, plane in zip(sources, planes, strict=True):
-            continued(source, plane, (before, before), border)
-
-        def blur(tile: Tile) -> None:
-            weights = _weights(u[tile.rows, tile.columns].astype(sources.dtype), tile.radii_px)
-            factors = [_factors(radius, tile.spans, sources.dtype) for radius in tile.radii_px]
-            height, width = weights[0].shape
-            with borrowed([tile.spans] * 3, sources.dtype) as (spectrum, *scratch):
-                for plane, target in zip(planes, targets, strict=True):
-                    packed.forward(plane[_window(tile, before)], spectrum)
-                    total = target[tile.rows, tile.columns]
-                    total[:] = 0
-                    for factor, weight in zip(factors, weights, strict=True):
-                        seen = packed.back(spectrum, factor, scratch)[tile.margin :, tile.margin :]
-                        total += seen[:height, :width] * weight
-
-        side_by_side(blur, tiles, threads)
-    return out
-
-
 @lru_cache(maxsize=64)
-def _factors(radius_px: float, spans: tuple[int, int], kind: np.dtype[Any]) -> NDArray[Any]:
+def _factors(radius_px: float, spans: tuple[int, int], kind: np.dtype[Any]) -> Plane:
     """A disc's packed factors, not to be written to; a camera keeps its lens."""
     factors = np.empty(spans, kind)
     packed.pack(_response(radius_px, spans), factors)
@@ -221,5 +210,5 @@ def _factors(radius_px: float, spans: tuple[int, int], kind: np.dtype[Any]) -> N
 
 
 def _response(radius_px: float, spans: tuple[int, int]) -> Floats:
-    fy, fx = np.fft.fftfreq(spans[0]), np.fft.rfftfreq(spans[1])
+    fy, fx = fourier.frequencies(spans)
     return np.asarray(transfer.disc(torch.from_numpy(np.hypot(fy[:, None], fx)), radius_px).numpy())

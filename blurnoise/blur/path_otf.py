@@ -1,15 +1,14 @@
 """Transfer functions of paths of straight segments, each at uniform speed; complex, since a path has a sense.
 
-Convention: frequencies in cycles/px, x right, y down, and H = mean over time of exp(-2 pi i f . x), x in px. H is not
-evaluated at every frequency of a picture: a grid as large as the path and its band-limited ends need gives the point
-spread, which is laid into a tile of the picture and transformed there. Half the RMS of what that changes of H, the
-RMS error of a white picture of full contrast, is 1e-4.
+Convention: frequencies in cycles/px, x right, y down, and H = mean over time of exp(-2 pi i f . x), x in px. A grid
+as large as the path and its band-limited ends need gives the point spread, which is laid into a tile of the picture:
+an RMS error of 1e-4 of white, in white noise of full contrast.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -42,13 +41,14 @@ class Path:
     knots_px: Tensor
     shares: Tensor
     optics: Optics = SHARP
+    multiply = staticmethod(packed_fft.multiply_complex)
 
     def __str__(self) -> str:
         return f"knots_px of a path over {self.knots_px.abs().amax(1).tolist()} px to either side"
 
     @property
     def variable(self) -> Tensor:
-        return self.knots_px if self.knots_px.requires_grad else self.shares
+        return self.knots_px
 
     @property
     def reach_px(self) -> tuple[float, float]:
@@ -59,15 +59,12 @@ class Path:
         knots, shares = (each.detach().numpy().tobytes() for each in (self.knots_px, self.shares))
         return _packed(knots, shares, self.optics, lengths, out.dtype)
 
-    def multiply(self, plane: Plane, spectrum: Plane, scratch: Sequence[Plane]) -> Plane:
-        return packed_fft.multiply_complex(plane, spectrum, scratch)
-
     def at(self, lengths: tuple[int, int], image: Tensor) -> Tensor:
         dims = [dim for dim, length in zip((-2, -1), lengths, strict=True) if length > 1]
         response: Tensor = torch.fft.rfftn(spread_in(lengths, self.knots_px, self.shares), dim=dims or [-1])
         if self.optics != SHARP:
-            fy, fx = (torch.from_numpy(f) for f in fourier.frequencies(lengths))
-            response = response * self.optics.response(fx, fy[:, None])
+            lens = fourier.lens_response(self.optics, lengths, np.dtype(np.float64))
+            response = response * torch.from_numpy(lens)
         kind = torch.complex64 if image.dtype == torch.float32 else torch.complex128
         return response.to(device=image.device, dtype=kind)[None, None]
 
@@ -96,14 +93,12 @@ def spread_in(lengths: tuple[int, int], knots_px: Tensor, shares: Tensor) -> Ten
         fourier.fast_length(max(_LEAST_PX, math.ceil(2 * reach) + _ROOM_PX))
         for reach in knots_px.detach().abs().amax(1).tolist()
     )
-    small = height * width <= max(_LARGE, math.prod(lengths))
-    sides = (height, width) if small else lengths
+    sides = height, width
+    if height * width > max(_LARGE, math.prod(lengths)):
+        sides = max(2, lengths[0]), max(2, lengths[1])
     fy, fx = (torch.from_numpy(f) for f in fourier.frequencies(sides))
     response: Tensor = fourier.joined(transfer_on(sides, knots_px, shares), fx, fy, sides)
-    dims = (-2, -1) if sides[1] > 1 else (-1, -2)
-    spread: Tensor = torch.fft.irfftn(response, s=[sides[dim] for dim in dims], dim=dims)
-    if not small:
-        return spread
+    spread: Tensor = torch.fft.irfft2(response, s=sides)
     rows, columns = (
         ((torch.arange(side) + side // 2) % side - side // 2) % length
         for side, length in zip(sides, lengths, strict=True)

@@ -43,16 +43,14 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
     if plain(image) and image.dtype == torch.float32 and _remaps_exactly():
         return _remapped(image.detach(), across, down, spans, strips, border)
     at_once = 1 if image.device.type == "cpu" else len(image)  # whose bits then depend on no other picture
-    planes = [
-        _coefficients(extended(some, (_MARGIN, _MARGIN), spans, border))
-        for some in torch.split(image, at_once)
-    ]
+    factors = torch.from_numpy(_prefilter_plane(*spans)).to(image)
+    planes = []
+    for some in torch.split(image, at_once):
+        plane = extended(some, (_MARGIN, _MARGIN), spans, border)
+        planes.append(torch.fft.irfft2(torch.fft.rfft2(plane) * factors, s=spans))
     parts = []
     for strip in strips:
-        pairs = (_pairs(each[strip], np.float64) for each in (down, across))
-        along_y, along_x = (
-            [tuple(torch.from_numpy(each) for each in pair) for pair in axis] for axis in pairs
-        )
+        along_y, along_x = (_pairs(each[strip], np.float64) for each in (down, across))
         parts.append(torch.cat([_strip(plane, along_y, along_x) for plane in planes]))
     return torch.cat(parts, dim=-2)
 
@@ -64,16 +62,9 @@ def response(f: float, shift_px: float = 0.5) -> complex:
     return seen * float(_prefilter(np.array(f)))
 
 
-def _coefficients(plane: Tensor) -> Tensor:
-    """The spline's coefficients; what wraps round stays in the margin."""
-    height, width = plane.shape[-2:]
-    factors = torch.from_numpy(_prefilter_plane(height, width)).to(plane)
-    whole: Tensor = torch.fft.irfft2(torch.fft.rfft2(plane) * factors, s=(height, width))
-    return whole
-
-
 @lru_cache(maxsize=4)
 def _prefilter_plane(height: int, width: int) -> Floats:
+    """What gives the spline's coefficients; what wraps round stays in the margin."""
     return _prefilter(np.fft.fftfreq(height))[:, None] * _prefilter(np.fft.rfftfreq(width))
 
 
@@ -144,16 +135,18 @@ def _remaps_exactly() -> bool:
     return float(np.abs(cv2.remap(ramp, x, np.zeros_like(x), cv2.INTER_LINEAR) - x).max()) < 1e-4
 
 
-def _strip(plane: Tensor, along_y: list[Any], along_x: list[Any]) -> Tensor:
+def _strip(
+    plane: Tensor, along_y: list[tuple[Floats, Floats]], along_x: list[tuple[Floats, Floats]]
+) -> Tensor:
     """Six taps along each axis, two at a time by a bilinear sample between them, since no weight is negative."""
     height, width = plane.shape[-2:]
     seen = plane.new_zeros(())
     for place_y, weight_y in along_y:
         for place_x, weight_x in along_x:
-            grid = torch.stack([place_x * (2 / (width - 1)) - 1, place_y * (2 / (height - 1)) - 1], -1)
-            grid = grid.to(plane).expand(len(plane), -1, -1, -1)
-            tap = functional.grid_sample(plane, grid, "bilinear", "border", align_corners=True)
-            seen = seen + tap * (weight_x * weight_y).to(plane)
+            grid = np.stack([place_x * (2 / (width - 1)) - 1, place_y * (2 / (height - 1)) - 1], -1)
+            places = torch.from_numpy(grid).to(plane).expand(len(plane), -1, -1, -1)
+            tap = functional.grid_sample(plane, places, "bilinear", "border", align_corners=True)
+            seen = seen + tap * torch.from_numpy(weight_x * weight_y).to(plane)
     return seen
 
 

@@ -317,7 +317,7 @@ def simulate(
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
     as :mod:`blurnoise.motion.ego` gives it for a moving camera. illuminant: the light's spectrum.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
-    added to the velocity, whose gradient it stops; :func:`.convolution.polyline_blur` has one of its own.
+    added to the velocity, whose gradient it stops; :func:`.convolution.path_blur` has one by knots.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 

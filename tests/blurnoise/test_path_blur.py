@@ -13,7 +13,7 @@ from path_oracle import polyline_grid
 
 from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier
-from blurnoise.blur.convolution import path_blur, polyline_blur
+from blurnoise.blur.convolution import path_blur
 from blurnoise.blur.path_otf import spread_in
 from blurnoise.motion.causes import shake
 from blurnoise.motion.trajectory import Polyline
@@ -62,9 +62,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
     off = path_blur(light, seen, border=border) - straight
     assert float(off.square().mean().sqrt()) < 1e-4
     knots = torch.tensor([[-x / 2, -y / 2], [x / 2, y / 2]], dtype=torch.float64)
-    torch.testing.assert_close(
-        polyline_blur(light, knots, border=border), path_blur(light, seen, border=border)
-    )
+    torch.testing.assert_close(path_blur(light, knots, border=border), path_blur(light, seen, border=border))
     torch.testing.assert_close(
         path_blur(light.float(), seen, border=border).double(),
         path_blur(light, seen, border=border),
@@ -128,17 +126,16 @@ def test_paths_much_longer_than_the_picture() -> None:
     np.testing.assert_allclose(seen.numpy(), expected, atol=1e-5)
 
 
-def test_gradients_of_picture_knots_and_durations() -> None:
+def test_gradients_of_picture_and_knots() -> None:
     light = picture(13, 17).requires_grad_()
     knots = torch.tensor([[-1.5, 0.4], [0.3, -1.0], [1.8, 0.9]], dtype=torch.float64, requires_grad=True)
-    spent = torch.tensor([1.0, 2.5], dtype=torch.float64, requires_grad=True)
     weights = torch.rand(1, 1, 13, 17, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
 
-    def seen(light: torch.Tensor, knots: torch.Tensor, spent: torch.Tensor) -> torch.Tensor:
-        return (polyline_blur(light, knots, spent) * weights).sum()
+    def seen(light: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
+        return (path_blur(light, knots) * weights).sum()
 
-    assert torch.autograd.gradcheck(seen, (light, knots, spent), fast_mode=True)
-    (of_knots,) = torch.autograd.grad(seen(light, knots, spent), knots)
+    assert torch.autograd.gradcheck(seen, (light, knots), fast_mode=True)
+    (of_knots,) = torch.autograd.grad(seen(light, knots), knots)
     assert float(of_knots.abs().min()) > 1e-6
 
 
