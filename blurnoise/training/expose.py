@@ -7,7 +7,7 @@ down. Without a gain, little light gives a dark picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -28,7 +28,7 @@ from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure, mean_luma
 from blurnoise.scene.scene import MOVES, scene_reflectance, simulate
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.ranges import Cameras, Draws, Params, cameras_of, check_vehicle, shakes
+from blurnoise.training.ranges import Cameras, Draws, Params, cameras_of, check_vehicle
 
 T = TypeVar("T")
 Gains = Numbers | AutoExposure | Sequence[float | AutoExposure]
@@ -221,35 +221,27 @@ def boxes_after(
     return moved
 
 
-def _taken(params: Params, ranges: Draws) -> list[Exposure]:
+def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:
     """The exposures of each picture's targets; the gain is left out."""
-    cameras = [ranges.cameras[index] for index in params["camera_index"].tolist()]
-    numbers = (params[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
-    velocities = velocity_px_s(params["speed_px_s"], params["direction_deg"]).tolist()
-    ego = params["ego_kmh"].tolist() if "ego_kmh" in params else [None] * len(cameras)
-    found = []
-    for item, (camera, exposure_s, lux, celsius, velocity, kmh, path) in enumerate(
-        zip(cameras, *numbers, velocities, ego, shakes(params, cameras, slice(None)), strict=True)
+    given = ranges.arguments(params)
+    numbers = (given[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
+    velocities = velocity_px_s(given["speed_px_s"], given["direction_deg"]).tolist()
+    masks, ego = given["masks"], given["ego_kmh"]
+    for item, (camera, exposure_s, lux, celsius, velocity, moves, path) in enumerate(
+        zip(given["camera"], *numbers, velocities, given["moves"], given["trajectory"], strict=True)
     ):
-        followed = (
-            ranges.moving(params, [item]) == ["background"]
-            and "masks" in params
-            and matte_of(params["masks"][item]) is not None
+        followed = moves == "background" and masks is not None and matte_of(masks[item]) is not None
+        drives = ego is not None and not followed
+        yield Exposure(
+            camera,
+            exposure_s,
+            lux,
+            (0.0, 0.0) if followed else (velocity[0], velocity[1]),
+            celsius,
+            trajectory=path,
+            ego_speed_m_s=ego[item].item() / 3.6 if drives else 0.0,
+            vehicle=ranges.vehicle if drives else USUAL_VEHICLE,
         )
-        drives = kmh is not None and not followed
-        found.append(
-            Exposure(
-                camera,
-                exposure_s,
-                lux,
-                (0.0, 0.0) if followed else (velocity[0], velocity[1]),
-                celsius,
-                trajectory=path,
-                ego_speed_m_s=kmh / 3.6 if drives else 0.0,
-                vehicle=ranges.vehicle if drives else USUAL_VEHICLE,
-            )
-        )
-    return found
 
 
 def _for_each(name: str, given: Sequence[T], batch: int) -> list[T]:
