@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from blurnoise._core import former_names
 from blurnoise.blur.convolution import defocus, motion_blur
-from blurnoise.blur.layered import expose_layers
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layers import Layer, expose_layers
 from blurnoise.motion.ego import blur_pixels, velocity_px_s
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera

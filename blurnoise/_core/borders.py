@@ -53,13 +53,17 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
 
 def index_of(size: int, before: int, span: int, border: Border) -> Tensor:
     """Source of each of ``span`` pixels along an axis, ``before`` of them ahead of ``size``; not for "constant"."""
-    index = torch.arange(-before, span - before)
+    return folded(torch.arange(-before, span - before), size, border)
+
+
+def folded(places: Tensor, size: int, border: Border) -> Tensor:
+    """Where among ``size`` pixels is what is seen at ``places``, beyond them too; not for "constant"."""
     if border == "replicate" or size == 1:
-        return index.clamp(0, size - 1)
+        return places.clamp(0, size - 1)
     if border == "circular":
-        return index % size
-    folded = index % (2 * size - 2)
-    return torch.minimum(folded, 2 * size - 2 - folded)
+        return places % size
+    inside = places % (2 * size - 2)
+    return torch.minimum(inside, 2 * size - 2 - inside)
 
 
 class Window(NamedTuple):

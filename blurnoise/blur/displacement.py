@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from blurnoise._core.borders import Window
 from blurnoise._core.threads import differentiable
-from blurnoise._core.windows import Window
 from blurnoise.motion.trajectory import Polyline, Trajectory
 
 Floats = NDArray[np.float64]
 Way = Literal["transfer", "rows", "sub-exposures"]
-_AT_ONCE_PX2 = 0.02  # of a path in a row's window: a phase of 0.02 of the finest detail
-ALIKE_PX = 1e-4
-"""Motions that differ by less are one."""
+_AT_ONCE_PX2 = 0.15  # of a path in a part of a row's window
+_MOST_PARTS = 6  # of a row's window: beyond that sub-exposures are as fast, and as good
+STILL_PX = 1e-4
+"""Less than this is no motion, and motions that differ by less are one: 3e-4 of the finest detail."""
 TAIL_PX = 8
 """Of a band-limited line beyond its ends, as in :mod:`blurnoise.blur.fourier`; more than interpolation reaches."""
 
@@ -96,18 +97,14 @@ class Displacement:
         """How it is computed; the only place that says so.
 
         One displacement for all pixels in one window of time is a transfer function. Rows that are exposed one after
-        another see the same blur of a uniform motion, each displaced; of a path that in no window goes along rows and
-        down them at once, each has its own. Everything else is a mean of sub-exposures.
+        another see the same blur of a uniform motion, each displaced; of a path that in no window goes far along rows
+        and down them at once, each has its own. Everything else is a mean of sub-exposures.
         """
         by_rows = self.readout.row_s != 0
         if self.flows:
             return "sub-exposures"
         if by_rows and self.each_row_differs:
-            return (
-                "sub-exposures"
-                if differentiable(self.even_px) or self._at_once_px2 > _AT_ONCE_PX2
-                else "rows"
-            )
+            return "sub-exposures" if differentiable(self.even_px) or self.parts > _MOST_PARTS else "rows"
         return "rows" if by_rows and bool(self.exposure_s) and not self.still else "transfer"
 
     @property
@@ -118,15 +115,15 @@ class Displacement:
     @property
     def still(self) -> bool:
         """Whether nothing moves, for anybody who asks."""
-        if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= ALIKE_PX:
+        if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= STILL_PX:
             return False
-        return float(np.abs(self._track[1]).max()) < ALIKE_PX
+        return float(np.abs(self._track[1]).max()) < STILL_PX
 
     def moves_like(self, other: Displacement) -> bool:
         """Whether both move alike, before the same camera."""
         if self.flows or other.flows or differentiable(self.even_px, other.even_px):
             return False
-        return float((self.even_px - other.even_px).abs().amax()) < ALIKE_PX
+        return float((self.even_px - other.even_px).abs().amax()) < STILL_PX
 
     @property
     def velocity_px_s(self) -> tuple[float, float]:
@@ -153,31 +150,39 @@ class Displacement:
             return None, by.expand(2, window.height, 1)
         return self._rate(by) * _column(middle, by), self._rate(by) * _column(lasting, by)
 
-    def during(self, row: float) -> tuple[Floats, Floats, Floats]:
-        """Mean, least and largest displacement (x, y) in the window of a row, or of the nearest in the picture."""
-        start, stop = (
-            float(np.interp(row, np.arange(self.readout.rows), each)) for each in self.readout.windows_s
+    def during(self, rows: Floats) -> tuple[Floats, Floats, Floats]:
+        """Mean, least and largest displacement (2, n) in the windows of rows (n,), or of places between them."""
+        starts, stops = (
+            np.interp(rows, np.arange(self.readout.rows), ends) for ends in self.readout.windows_s
         )
-        straight = Trajectory.straight((0.0, 0.0), 2 * max(abs(start), abs(stop)) + 1e-9)
-        knots, durations = (self.path or straight).window(start, stop)
-        origin = self.path.origin_px(self.readout.exposure_s) if self.path else (0.0, 0.0)
-        time = start + np.concatenate([[0.0], np.cumsum(durations)])
-        places = knots - np.array(origin)[:, None] + np.outer(self.velocity_px_s, time)
-        if not len(durations):
-            return places[:, 0], places[:, 0], places[:, 0]
-        mean = ((places[:, 1:] + places[:, :-1]) / 2 * durations).sum(1) / durations.sum()
-        return mean, places.min(1), places.max(1)
+        times, knots = self.track
+        passed = np.cumsum((knots[:, 1:] + knots[:, :-1]) / 2 * np.diff(times), 1)
+        passed = np.concatenate([np.zeros((2, 1)), passed], 1)
 
-    def seen_row(self, row: float) -> float:
-        """In which row a place of the scene's row is seen on average: where r - y(r) = row, by bisection."""
-        least, largest = self.extremes_px(Window(0, 0, self.readout.rows, 1))
-        reach = max(float(largest[1].max()), -float(least[1].min())) + 1
-        low, high = row - reach, row + reach
+        def places(at: Floats) -> Floats:
+            return np.stack([np.interp(at, times, along) for along in knots])
+
+        def until(at: Floats) -> Floats:
+            knot = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+            return passed[:, knot] + (at - times[knot]) * (knots[:, knot] + places(at)) / 2
+
+        first, last, lasting = places(starts), places(stops), stops - starts
+        mean = np.where(lasting > 1e-9, (until(stops) - until(starts)) / np.maximum(lasting, 1e-9), first)
+        inside = (times > starts[:, None]) & (times < stops[:, None])
+        least = np.where(inside, knots[:, None], np.inf).min(-1)
+        largest = np.where(inside, knots[:, None], -np.inf).max(-1)
+        return mean, np.minimum(least, np.minimum(first, last)), np.maximum(largest, np.maximum(first, last))
+
+    def seen_rows(self, rows: Floats) -> Floats:
+        """In which rows places of the scene's rows are seen on average: where r - y(r) = row, by bisection."""
+        low_px, high_px = self.range_px(Window(0, 0, self.readout.rows, 1))
+        reach = max(high_px[1], -low_px[1]) + 1
+        low, high = rows - reach, rows + reach
         for _ in range(60):
             middle = (low + high) / 2
-            before = middle - self.during(middle)[0][1] < row
-            low, high = (middle, high) if before else (low, middle)
-        return (low + high) / 2
+            before = middle - self.during(middle)[0][1] < rows
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        return np.asarray((low + high) / 2)
 
     def along_path(self, window: Window, times: Floats) -> Floats | None:
         """Where the path is (n, 2, h) for a window's rows, at times (n,) of theirs from -1/2 to 1/2."""
@@ -205,7 +210,7 @@ class Displacement:
         base, along = self.even(window)
         half = along.detach().abs() / 2
         if differentiable(self.even_px):  # the slope along an axis on which nothing moves
-            half = half.clamp_min(ALIKE_PX)
+            half = half.clamp_min(STILL_PX)
         if base is None:
             largest = half.amax(-1).double().cpu().numpy()
             least = -largest
@@ -266,14 +271,14 @@ class Displacement:
         return base, _carried(rate, base) * _column(lasting, by)
 
     @cached_property
-    def _at_once_px2(self) -> float:
-        """How far anything goes along rows times how far down them in one window, at most."""
+    def parts(self) -> int:
+        """Parts of each row's window, so many that in none anything goes far along rows and down them at once."""
         gone = np.concatenate([np.zeros((2, 1)), np.cumsum(np.abs(np.diff(self.track[1])), 1)], 1)
-        passed = [
-            np.subtract(*(np.interp(at, self.track[0], along) for at in self.readout.windows_s[::-1]))
-            for along in gone
-        ]
-        return float((passed[0] * passed[1]).max())
+        starts, stops = self.readout.windows_s
+        x, y = (
+            np.interp(stops, self.track[0], each) - np.interp(starts, self.track[0], each) for each in gone
+        )
+        return max(1, math.ceil(math.sqrt(float((x * y).max()) / _AT_ONCE_PX2)))
 
     @cached_property
     def track(self) -> tuple[Floats, Floats]:
@@ -323,4 +328,4 @@ def _column(of_rows: Floats, like: Tensor) -> Tensor:
 
 
 def _spread(along_px: float) -> int:
-    return math.ceil(along_px) + TAIL_PX if abs(along_px) >= ALIKE_PX else 0
+    return math.ceil(along_px) + TAIL_PX if abs(along_px) >= STILL_PX else 0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from blurnoise._core.borders import Border, extended
+from blurnoise._core.borders import Border, extended, folded
 from blurnoise._core.scratch import borrowed
 
 Plane = NDArray[np.float32]
@@ -22,16 +22,12 @@ _LOST = (-0.053220, 0.026210, -0.008303)  # by a mean of linear interpolations a
 _GIVEN_BACK = np.array([*_LOST[::-1], 1 - 2 * sum(_LOST), *_LOST])  # to 1 % up to 0.4 cycles/px
 
 
-def led(picture: Tensor, border: Border) -> tuple[Tensor, int]:
-    """A picture (C, H, W), and how many pixels it begins before itself: where black is beyond."""
-    black = border == "constant"
-    return (functional.pad(picture, (1, 0, 1, 0)), 1) if black else (picture, 0)
-
-
-def with_margin(picture: Tensor, border: Border) -> Tensor:
-    """A picture (C, H, W) continued as far as the taps reach."""
-    height, width = (side + 2 * MARGIN for side in picture.shape[-2:])
-    return extended(picture[None], (MARGIN, MARGIN), (height, width), border)[0]
+def with_margin(planes: Tensor, border: Border) -> tuple[Tensor, int]:
+    """Planes (C, H, W) continued as far as the taps reach, and by how many pixels more before them: where black is
+    beyond, there are values between the first pixel and that."""
+    before = int(border == "constant")
+    height, width = (side + before + 2 * MARGIN for side in planes.shape[-2:])
+    return extended(planes[None], (MARGIN + before,) * 2, (height, width), border)[0], before
 
 
 def given_back(planes: Plane, axes: tuple[bool, bool]) -> Plane:
@@ -101,8 +97,11 @@ def seen_torch(values: Tensor, x: Tensor, y: Tensor, border: Border) -> Tensor:
     """Finer values (1, C, H, W), two more on every side, at places in them."""
     height, width = values.shape[-2:]
     size = (y.shape[0], x.shape[1])
-    x = (_folded(x, width - 4, border) + 2).expand(size)
-    y = (_folded(y, height - 4, border) + 2).expand(size)
+    x, y = (
+        (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
+        for place, inside in ((x, width - 4), (y, height - 4))
+    )
+    x, y = x.expand(size), y.expand(size)
     grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
     return functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)
 
@@ -116,15 +115,3 @@ def _between(plane: Tensor, factor: int) -> Tensor:
         taps = torch.from_numpy(_taps(part / factor)).to(plane)
         parts.append(functional.conv1d(lines, taps[None, None])[:, 0].reshape(*parts[0].shape[:2], -1))
     return torch.stack(parts, -1).flatten(-2)
-
-
-def _folded(place: Tensor, size: int, border: Border) -> Tensor:
-    """Positions among ``size`` values of a finer side, or two beyond, that show what lies at ``place``."""
-    if border == "constant":
-        return place.clamp(-2, size + 1)
-    if border == "circular":
-        return place % size
-    if border == "replicate" or size == 1:
-        return place.clamp(0, size - 1)
-    inside = place % (2 * size - 2)
-    return torch.minimum(inside, 2 * size - 2 - inside)

@@ -1,7 +1,19 @@
-"""Layers: objects with a matte that move for themselves before a picture, and what is known of each without it.
+"""Layered exposures: objects with a matte, each in a motion of its own, before a background that moves otherwise.
 
-Domain: linear light, white is 1; px, x right, y down; motion straight and centred, so that at mid-exposure an object
-is where its ``place_px`` says. What they make of a picture is in :mod:`blurnoise.blur.layered`.
+Domain: linear light, white is 1; px, x right, y down; at mid-exposure everything is where the picture at rest has it,
+unless the camera shakes or reads row by row. Layers come back to front: the last is in front.
+
+One object of light F and matte alpha before a background B makes, the exposure being T,
+
+    I = h_F * (alpha F) + 1/T integral of (1 - alpha(p - d_F(t))) B(p - d_B(t)) dt.
+
+The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
+time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
+overlap that move differently, it is a mean of sub-exposures (:mod:`.sub_exposures`) in a window around what
+the objects pass; the rest of the picture knows the background alone, and what of that is uncovered there is as
+exact as in the rest. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
+
+Where a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
@@ -9,21 +21,32 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, cast
+from functools import reduce
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor
 
-from blurnoise._core.borders import Border
-from blurnoise._core.checks import an_instance, finite, integer, one_of, real_tensor, shown
-from blurnoise._core.limits import LIMITS
-from blurnoise._core.windows import Window, cut, placed
-from blurnoise.blur import convolution
-from blurnoise.blur.displacement import ALIKE_PX, TAIL_PX
+from blurnoise._core.borders import BORDERS, Border, Window, continued_in, cut, placed
+from blurnoise._core.checks import (
+    Numbers,
+    an_instance,
+    finite,
+    image_batch,
+    in_range,
+    integer,
+    one_of,
+    real_tensor,
+    shown,
+)
+from blurnoise._core.limits import LIMITS, limited_motion, limited_per_image
+from blurnoise._core.threads import differentiable
+from blurnoise.blur import convolution, fourier, rows, sub_exposures
+from blurnoise.blur.displacement import STILL_PX, TAIL_PX, Displacement, Readout
+from blurnoise.blur.sub_exposures import SPACING_PX, Sheet
 
-BoxKind = Literal["object", "half", "swept"]
-BOX_KINDS = ("object", "half", "swept")
 _PLACE_PX = 1 << 20
+_LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,36 +63,31 @@ class Layer:
     place_px: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        for name, dims in (("light", 3), ("alpha", 2)):
+        for name, dims, must in (("light", 3, "(C, h, w)"), ("alpha", 2, "(h, w)")):
             value = getattr(self, name)
             an_instance(f"layer: {name}", value, Tensor)
             if value.dtype not in (torch.float32, torch.float64):
                 raise TypeError(f"layer: {name}: must be float32 or float64, got {value.dtype}")
             if value.ndim != dims or 0 in value.shape:
-                must = "(C, h, w)" if dims == 3 else "(h, w)"
-                raise ValueError(
-                    f"layer: {name}: shape must be {must}, none of them 0, got {tuple(value.shape)}"
-                )
+                shape = tuple(value.shape)
+                raise ValueError(f"layer: {name}: shape must be {must}, none of them 0, got {shape}")
             finite(f"layer: {name}", value)
-        if self.light.shape[1:] != self.alpha.shape:
-            raise ValueError(
-                f"layer: alpha is {tuple(self.alpha.shape)}, light {tuple(self.light.shape[1:])}; must be equal"
-            )
+        size, own = tuple(self.alpha.shape), tuple(self.light.shape[1:])
+        if own != size:
+            raise ValueError(f"layer: alpha is {size}, light {own}; must be equal")
         low, high = (float(edge) for edge in self.alpha.detach().aminmax())
         if low < 0 or high > 1:
             raise ValueError(f"layer: alpha: values span [{low:g}, {high:g}]; must lie within [0, 1]")
         velocity = real_tensor("layer: velocity_px_s", self.velocity_px_s)
-        most = LIMITS["velocity_px_s"].high
-        if velocity.shape != (2,) or not bool((velocity.detach().abs() <= most).all()):
-            raise ValueError(
-                f"layer: velocity_px_s = {shown(velocity)}: must be two numbers (x, y) of at most {most:g}"
-            )
+        if velocity.shape != (2,):
+            raise ValueError(f"layer: velocity_px_s = {shown(velocity)}: must be two numbers (x, y)")
+        for along in velocity.detach().tolist():
+            in_range("layer: velocity_px_s", along, *LIMITS["velocity_px_s"][:2])
         object.__setattr__(self, "velocity_px_s", velocity)
-        if not isinstance(self.place_px, (tuple, list)) or len(self.place_px) != 2:
-            raise ValueError(
-                f"layer: place_px = {shown(self.place_px)}: must be two whole numbers (left, top)"
-            )
-        for along in self.place_px:
+        place = self.place_px
+        if not isinstance(place, (tuple, list)) or len(place) != 2:
+            raise ValueError(f"layer: place_px = {shown(place)}: must be two whole numbers (left, top)")
+        for along in place:
             integer("layer: place_px", along, -_PLACE_PX, _PLACE_PX)
 
     def displacement_px(self, exposure_s: Tensor) -> Tensor:
@@ -80,16 +98,15 @@ class Layer:
     @property
     def requires_grad(self) -> bool:
         """Whether gradients are asked of any part of it."""
-        return any(
-            torch.as_tensor(each).requires_grad for each in (self.light, self.alpha, self.velocity_px_s)
-        )
+        parts = self.light, self.alpha, torch.as_tensor(self.velocity_px_s)
+        return any(part.requires_grad for part in parts)
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
 """Layers of every picture of a batch, or a sequence of them for each."""
 
 
-def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
+def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]:
     """The layers of each picture (B, C, H, W), checked against it. Raises ``TypeError`` or ``ValueError``."""
     must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
     if not isinstance(layers, (tuple, list)):
@@ -110,16 +127,212 @@ def of_each(layers: Layers, background: Tensor) -> tuple[tuple[Layer, ...], ...]
     return found
 
 
-def as_one(layers: Sequence[Layer]) -> Layer:
+def expose_layers(
+    background: Tensor,
+    layers: Layers,
+    *,
+    exposure_s: Numbers,
+    velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
+    border: Border = "reflect",
+    step_px: float = SPACING_PX,
+) -> Tensor:
+    """The mean light (B, C, H, W) of an exposure of backgrounds (B, C, H, W), float32 or float64, and their layers.
+
+    exposure_s: a number or (B,). velocity_px_s: of the background, (2,) or (B, 2). Differentiable in every light,
+    matte, velocity and exposure. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    """
+    image_batch("background", background)
+    one_of("border", border, BORDERS)
+    in_range("step_px", step_px, 0.05, 1e5)
+    per_picture = layers_per_picture(layers, background)
+    exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
+    moved_px = convolution.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
+    limited_motion("displacement_px: velocity times exposure", moved_px)
+    height = background.shape[-2]
+    seen = []
+    for picture, own, lasting, by in zip(
+        torch.split(background, 1), per_picture, exposure, moved_px, strict=True
+    ):
+        moves = Displacement(by, lasting, Readout(height, 0.0, float(lasting)))
+        seen.append(exposed(picture, own, moves, border, step_px))
+    return seen[0] if len(seen) == 1 else torch.cat(seen)
+
+
+def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
+    """A picture (1, C, H, W) with its layers before it, nothing moving."""
+    still = Displacement(
+        background.new_zeros(2), background.new_zeros(()), Readout(background.shape[-2], 0.0, 0.0)
+    )
+    return exposed(background, layers, still)
+
+
+def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
+    """A picture (1, C, H, W) as an exposure sees it; no brighter where rows are exposed longer."""
+    if moves.still:
+        return picture
+    if moves.way == "sub-exposures":
+        return sub_exposures.moved_picture(picture[0], moves, border)[None]
+    if moves.way == "rows" and moves.each_row_differs:
+        return rows.exposed(picture, moves, border)
+    if moves.way == "rows":
+        return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
+    if (path := moves.polyline) is not None:
+        return convolution.path_blur(picture, path, border=border)
+    return convolution.motion_blur(picture, moves.even_px[None], border=border)
+
+
+def exposed(
+    background: Tensor,
+    layers: Sequence[Layer],
+    moves: Displacement,
+    border: Border = "reflect",
+    step_px: float = SPACING_PX,
+) -> Tensor:
+    """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
+    size = (background.shape[-2], background.shape[-1])
+    everything = Window(0, 0, *size)
+    placed_layers = []
+    for layer in map(trimmed, layers):
+        displacement = layer.displacement_px(moves.exposure_s).to(background)
+        limited_motion("displacement_px: a layer's velocity times exposure", displacement)
+        own = replace(moves, even_px=displacement)
+        window = everything if border == "circular" else own.passed(window_at_rest(layer)).clipped(size)
+        if window.height > 0 and window.width > 0:
+            placed_layers.append(_PlacedLayers((layer,), own, window))
+    ground = background
+    while placed_layers and placed_layers[0].moves.moves_like(moves):  # it is part of the background
+        first = placed_layers.pop(0)
+        rest = first.window if border == "circular" else window_at_rest(first.layers[0]).clipped(size)
+        if rest.height > 0 and rest.width > 0:
+            ground = background.clone() if ground is background else ground
+            plane = first.plane(rest, background, border)
+            behind = ground[..., *rest.within].clone()
+            ground[..., *rest.within] = plane[:, :-1] + (1 - plane[:, -1:]) * behind
+    blurred = moved(ground, moves, border)
+    if not placed_layers:
+        return blurred
+    follows = differentiable(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
+    out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and follows) else blurred
+    for window, members in meeting([each.window for each in placed_layers]):
+        group: list[_PlacedLayers] = []
+        for each in (placed_layers[place] for place in members):
+            if group and group[-1].moves.moves_like(each.moves):
+                last = group.pop()
+                each = _PlacedLayers((*last.layers, *each.layers), last.moves, window)
+            group.append(each)
+        if len(group) > 1 or not (moves.still or group[0].moves.still):
+            seen = _sub_exposed(group, window, ground, blurred, moves, border, step_px)
+        else:
+            colour, share = _blurred(group[0], window, background, border)
+            seen = colour + (1 - share) * blurred[..., *window.within]
+        out[..., *window.within] = seen
+    return out
+
+
+class _PlacedLayers(NamedTuple):
+    """Layers that move alike, back to front, how they move, and the pixels of the picture that they may cover."""
+
+    layers: tuple[Layer, ...]
+    moves: Displacement
+    window: Window
+
+    def plane(self, work: Window, like: Tensor, border: Border) -> Tensor:
+        """:func:`plane_of` all as one."""
+        plane = plane_of(self.layers[0], work, like, border)
+        for layer in self.layers[1:]:
+            before = plane_of(layer, work, like, border)
+            plane = before + (1 - before[:, -1:]) * plane
+        return plane
+
+
+def _blurred(own: _PlacedLayers, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
+    """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    moves = own.moves
+    work = _work(window, [moves])
+    plane = own.plane(work, like, border)
+    if moves.each_row_differs and not moves.still:
+        seen = sub_exposures.exposed([Sheet(plane[0], moves, work.top, work.left)], window).light[None]
+    elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
+        seen = convolution.motion_blur(plane, moves.even_px[None], border="circular")
+        middle = (like.shape[-2] - 1) / 2 - work.top
+        velocity = moves.even_px / moves.exposure_s.to(moves.even_px)
+        seen = cut(rows.warped(seen, velocity, moves.readout.row_s, "circular", middle=middle), work, window)
+    else:
+        seen = cut(moved(plane, moves, "circular"), work, window)
+    return seen[:, :-1], seen[:, -1:].clamp(0, 1)
+
+
+def _sub_exposed(
+    group: Sequence[_PlacedLayers],
+    window: Window,
+    ground: Tensor,
+    blurred: Tensor,
+    moves: Displacement,
+    border: Border,
+    step_px: float,
+) -> Tensor:
+    """The window (1, C, h, w) as a mean of sub-exposures of what varies together; what does not, the light of the
+    foremost and what is uncovered of the background, is as exact as elsewhere."""
+    every = [moves, *(each.moves for each in group)]
+    longest = max(float(each.length_px(window).max()) for each in every)
+    if longest > _LONGEST_PX:
+        raise ValueError(
+            f"displacement_px: {longest:.4g} px; a layer before others in motion takes at most {_LONGEST_PX:g}"
+        )
+    work = _work(window, every)
+    sheets = [Sheet(continued_in(ground, work, border)[0], moves, work.top, work.left, "replicate")]
+    front = group[-1]
+    for each in group:
+        plane = each.plane(work, ground, border)[0]
+        if each is front and not front.moves.each_row_differs:
+            plane = plane[-1:]
+        sheets.append(Sheet(plane, each.moves, work.top, work.left, covers=True))
+    seen = sub_exposures.exposed(sheets, window, step_px)
+    light, uncovered = seen.light - seen.uncovered * seen.hindmost, seen.uncovered
+    if not front.moves.each_row_differs:
+        colour, share = _blurred(front, window, ground, border)
+        light = light + colour[0]
+        uncovered = 1 - share[0] if len(group) == 1 else uncovered
+    return (light + uncovered * blurred[0, :, *window.within])[None]
+
+
+def _work(window: Window, moves: Sequence[Displacement]) -> Window:
+    """The window with all that moves through it, and what is left over to make lengths that transforms like."""
+    down, across = (max(reach) for reach in zip(*(each.reach_px(window) for each in moves), strict=True))
+    grown = window.grown(down, across)
+    height = fourier.fast_length(grown.height) if down else grown.height
+    width = fourier.fast_length(grown.width) if across else grown.width
+    if height * width > fourier.LARGEST_PLANE:
+        raise ValueError(
+            f"displacement_px: {max(across, down)} px to either side; a layer needs a plane of {height}x{width} "
+            f"pixels, at most {fourier.LARGEST_PLANE} are allowed"
+        )
+    return grown._replace(height=height, width=width)
+
+
+def meeting(windows: Sequence[Window]) -> list[tuple[Window, list[int]]]:
+    """Groups of windows that meet, by way of others too: the window of all, and their places in order."""
+    groups: list[tuple[Window, list[int]]] = []
+    for place, window in enumerate(windows):
+        members = [place]
+        while met := [group for group in groups if group[0].meets(window)]:
+            groups = [group for group in groups if group not in met]
+            for other, places in met:
+                window, members = window.joined(other), [*members, *places]
+        groups.append((window, sorted(members)))
+    return groups
+
+
+def flattened(layers: Sequence[Layer]) -> Layer:
     """Layers that move as the first does, back to front, as one layer."""
+    if len(layers) == 1:
+        return layers[0]
     windows = [window_at_rest(layer) for layer in layers]
-    window = windows[0]
-    for each in windows[1:]:
-        window = window.joined(each)
+    window = reduce(Window.joined, windows)
     like = layers[0].light[None]
     whole = like.new_zeros(1, like.shape[1] + 1, window.height, window.width)
     for layer, own in zip(layers, windows, strict=True):
-        part = whole[..., own.top - window.top :, own.left - window.left :][..., : own.height, : own.width]
+        part = cut(whole, window, own)
         plane = torch.cat([layer.light * layer.alpha, layer.alpha[None]])
         part[:] = plane + (1 - layer.alpha) * part
     alpha = whole[0, -1]
@@ -152,117 +365,58 @@ def window_at_rest(layer: Layer) -> Window:
 
 
 def seen_behind(
-    layer: Layer,
-    displacement_px: Iterable[float],
-    *,
-    size: tuple[int, int] | None = None,
-    movers: Sequence[tuple[Layer, Iterable[float]]] | None = None,
+    layer: Layer, movers: Sequence[tuple[Layer, Iterable[float]]], size: tuple[int, int]
 ) -> float:
     """Of what is behind the object, at mid-exposure, the share that is seen: sum of alpha (1 - a) / sum of alpha.
 
-    displacement_px: of the object against what is behind it. a is the share of the exposure for which it covers a
-    pixel. For a w px wide object that moves L along its width L / 4w up to L = 2w, then 1 - w / L.
-
-    size: of the picture (H, W) whose border an object that ends there goes on beyond, as its reflection does; None:
-    it ends. movers: everything before the background, the object too, each with its displacement; those of different
-    motions as if they came in each other's way at random. None: the object alone.
+    a is the share of the exposure for which a pixel is covered. For a w px wide object that moves L along its width
+    L / 4w up to L = 2w, then 1 - w / L. movers: everything before the background, the object too, each with its
+    displacement against that; those of different motions as if they came in each other's way at random. size: of
+    the picture (H, W), whose border an object that ends there goes on beyond, as its reflection does.
     """
-    movers = [(trimmed(each), by) for each, by in ([(layer, displacement_px)] if movers is None else movers)]
+
+    def matte(of: Layer, window: Window) -> Tensor:
+        return placed(of.alpha.detach().double()[None, None], of.place_px, window, size, "reflect")
+
     layer = trimmed(layer)
-    rest = window_at_rest(layer)
-    if size is not None:
-        rest = rest.clipped(size)
+    rest = window_at_rest(layer).clipped(size)
     if rest.height <= 0 or rest.width <= 0:
         return 0.0
-    alpha = _matte_in(layer, rest, size)
-    total = float(alpha.sum())
-    if total == 0:
-        return 0.0
+    alpha = matte(layer, rest)
     clear = torch.ones_like(alpha)
-    for each, moved in movers:
+    for each, moved in ((trimmed(each), moved) for each, moved in movers):
         motion = real_tensor("displacement_px", moved).detach().double()
         down, across = (reach_px(along) for along in motion.tolist()[::-1])
         work = rest.grown(down, across)
         if window_at_rest(each).meets(work):
-            covered = convolution.motion_blur(_matte_in(each, work, size), motion, border="constant")
+            covered = convolution.motion_blur(matte(each, work), motion, border="constant")
             clear = clear * (1 - cut(covered, work, rest).clamp(0, 1))
-    return float((alpha * clear).sum()) / total
+    total = float(alpha.sum())
+    return float((alpha * clear).sum()) / total if total else 0.0
 
 
-def _matte_in(layer: Layer, window: Window, size: tuple[int, int] | None) -> Tensor:
-    """The matte in a window, (1, 1, h, w) float64, going on beyond the border of a picture of that size."""
-    alpha = layer.alpha.detach().double()[None, None]
-    if size is not None:
-        return placed(alpha, layer.place_px, window, size, "reflect")
-    left, top = (
-        along - start for along, start in zip(layer.place_px, (window.left, window.top), strict=True)
-    )
-    size = (window.height, window.width)
-    return placed(alpha, (left, top), Window(0, 0, *size), size, "constant")
-
-
-def boxes_in_motion(
-    boxes_xyxy: Tensor, displacement_px: Tensor | Iterable[float], kind: BoxKind = "object"
-) -> Tensor:
-    """Boxes (N, 4) of objects that move by (2,) or (N, 2) px: three answers to where they are, as truth.
-
-    "object": where they are at mid-exposure. "swept": all that they pass, half the motion more to either side, whose
-    IoU with the object's is w / (w + L). "half": where they are for half of the exposure or more, which is the
-    object's own box up to a motion of twice its size along either axis, and nowhere beyond: NaN. Raises
-    ``ValueError``.
-    """
-    one_of("kind", kind, BOX_KINDS)
-    if boxes_xyxy.ndim != 2 or boxes_xyxy.shape[1] != 4:
-        raise ValueError(f"boxes_xyxy: shape must be (N, 4), got {tuple(boxes_xyxy.shape)}")
-    moved = real_tensor("displacement_px", displacement_px).to(boxes_xyxy)
-    if moved.shape not in {(2,), tuple(boxes_xyxy[:, :2].shape)}:
-        raise ValueError(
-            f"displacement_px: shape must be (2,) or ({len(boxes_xyxy)}, 2), got {tuple(moved.shape)}"
-        )
-    if kind == "object":
-        return boxes_xyxy
-    passed = moved.abs().expand(len(boxes_xyxy), 2)
-    if kind == "swept":
-        return boxes_xyxy + torch.cat([-passed / 2, passed / 2], 1)
-    there = (passed <= 2 * (boxes_xyxy[:, 2:] - boxes_xyxy[:, :2])).all(1, keepdim=True)
-    return torch.where(there, boxes_xyxy, torch.nan)
-
-
-class Passing(NamedTuple):
+class ObjectMotion(NamedTuple):
     """What an object does to a frame: how far it moves, and the share of the picture that its window takes."""
 
     displacement_px: tuple[float, float]
     share: float
 
 
-def passing(layer: Layer, exposure_s: float, size: tuple[int, int]) -> Passing:
+def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
     """What a layer does to a picture (H, W)."""
-    moved = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).detach()
-    x, y = moved.tolist()
-    window = window_of(layer, moved, size, "reflect")
-    return Passing((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
-
-
-def window_of(layer: Layer, displacement_px: Tensor, size: tuple[int, int], border: Border) -> Window:
-    """Of a picture (H, W) the pixels that a layer may cover in the course of its displacement (2,)."""
-    if border == "circular":  # it comes back in at the other side
-        return Window(0, 0, *size)
-    across, down = (reach_px(along) for along in displacement_px.detach().tolist())
-    return window_at_rest(layer).grown(down, across).clipped(size)
+    x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
+    window = window_at_rest(layer).grown(reach_px(y), reach_px(x)).clipped(size)
+    return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
 
 
 def reach_px(along_px: float) -> int:
     """How far a motion spreads what moves, the tail of the band-limited line included."""
-    return math.ceil(abs(along_px) / 2) + TAIL_PX if abs(along_px) >= ALIKE_PX else 0
+    return math.ceil(abs(along_px) / 2) + TAIL_PX if abs(along_px) >= STILL_PX else 0
 
 
-def on_canvas(layer: Layer, size: tuple[int, int], like: Tensor) -> Tensor:
-    """Light times matte, and the matte, (1, C + 1, H, W) in a picture of that size and of ``like``'s channels."""
-    return plane_of(layer, Window(0, 0, *size), size, "constant", like)
-
-
-def plane_of(layer: Layer, work: Window, size: tuple[int, int], border: Border, like: Tensor) -> Tensor:
-    """Light times matte, and the matte, (1, C + 1, h, w) in ``work``."""
+def plane_of(layer: Layer, work: Window, like: Tensor, border: Border) -> Tensor:
+    """Light times matte, and the matte, (1, C + 1, h, w) in ``work`` of a picture such as ``like``."""
     alpha = layer.alpha.to(like)[None]
     light = layer.light.to(like).expand(like.shape[1], -1, -1)
+    size = (like.shape[-2], like.shape[-1])
     return placed(torch.cat([light * alpha, alpha])[None], layer.place_px, work, size, border)

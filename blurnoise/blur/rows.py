@@ -3,13 +3,15 @@
 Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
 twelve taps. A picture in uniform motion v is first blurred, as if all rows were exposed together, and then
 :func:`warped`. (Warped first, it would have to be blurred by v T / (1 - v_y row_s).) The blur of a picture that ends
-at its border is not quite what is seen there: :func:`rolled` continues it before.
+at its border is not quite what is seen there: :func:`rolled` continues it before. Rows that see parts of a path are
+blurred along and across by these, each in its own window: exact but for what the path does along both at once, hence
+in as many parts of the windows as leave little of that.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -19,15 +21,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.borders import Border, continued, extended, index_of
-from blurnoise._core.checks import finite
+from blurnoise._core.borders import BORDERS, Border, continued, extended
+from blurnoise._core.checks import finite, image_batch, one_of
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, differentiable, plain, side_by_side
+from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
-from blurnoise.blur.displacement import stretch
+from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
 from blurnoise.optics.transfer import SHARP
 
-Floats = NDArray[np.float64]
 Band = tuple[slice, slice, NDArray[Any]]
 LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
 _MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distance
@@ -36,9 +37,27 @@ _BEYOND_PX = 16  # rows of a continued picture: of the blur's ends, and of the t
 _STRIP = 1 << 16  # values of a strip of rows
 _BLOCK = 32  # rows whose phases are a product
 _TOGETHER = 16  # rows mixed at once: a product of matrices, of which half are zeros
-_STILL_PX = 1e-3  # motion across that is not worth its transform
 _LONGEST_TAPS_PX = 256  # beyond that a transform is faster
-_FINE = 4096  # places within a pixel at which the window's integral is known
+_LEAST_SAMPLES = 16  # of a row's exposure, however little moves
+_SAMPLES_PER_PX, _LONGEST_PX = 4, 4096.0  # of the way up and down; beyond that they thin out
+_PHASES = 4096  # places within a pixel at which taps are known
+_ROOM_PX = 64  # of a row's band-limited ends
+
+
+def exposed(light: Tensor, moves: Displacement, border: Border) -> Tensor:
+    """Pictures (B, C, H, W) of which each row is the mean of its own window; differentiable in the light."""
+    (starts, stops), (time, (x_px, y_px)) = moves.readout.windows_s, moves.track
+    across, down = np.abs(x_px).max() > STILL_PX, np.abs(y_px).max() > STILL_PX
+    seen, parts = light, moves.parts
+    for part in range(parts):
+        lasting = (stops - starts) / parts
+        own, windows_s = light, (starts + part * lasting, starts + (part + 1) * lasting)
+        if down:
+            own = mixed(own, *_window_taps(time, y_px, windows_s), border)
+        if across:
+            own = _rows_blurred(own, time, x_px, windows_s, border)
+        seen = seen + own if part else own
+    return seen / parts if parts > 1 else seen
 
 
 def rolled(
@@ -59,12 +78,13 @@ def rolled(
     skew_px = (velocity.detach() * row_s).abs() * (height - 1) / 2
     across, down = (skew_px + displacement_px.detach().abs() / 2).tolist()
     on_numpy = plain(light, displacement_px, exposure_s)
-    if on_numpy and down <= _STILL_PX:
+    if on_numpy and down <= STILL_PX:
         return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
-    if on_numpy and across <= _STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
-        return mixed(
-            light, *_swept_taps((-velocity[1] * tau).numpy(), float(displacement_px[1].abs())), border
-        )
+    if on_numpy and across <= STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
+        middle, half_s = tau.numpy(), abs(float(exposure_s)) / 2
+        time = np.array([-1.0, 1.0]) * (float(tau.abs().max()) + half_s)
+        taps = _window_taps(time, float(velocity[1]) * time, (middle - half_s, middle + half_s))
+        return mixed(light, *taps, border)
     before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
     high, wide = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
     if high * wide > fourier.LARGEST_PLANE:
@@ -79,7 +99,7 @@ def rolled(
     plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
     moved = displacement_px[None].expand(len(light), 2)
     plane = convolution.motion_blur(plane, moved, method="transfer", border="circular")
-    plane = shifted_rows(_resampled(plane, places, "replicate"), shift_px, "circular", wraps=True)
+    plane = shifted_rows(mixed(plane, *_lanczos_taps(places), "replicate"), shift_px, "circular", wraps=True)
     return plane[..., before[1] : before[1] + width].contiguous()
 
 
@@ -108,7 +128,7 @@ def _at_once(
     wave = np.complex64 if kind == np.float32 else np.complex128
     phases = _row_phases(shift_px.numpy(), wide, wave) / wave(wide)
     first, weights = _lanczos_taps(places)
-    bands = _bands(first.numpy(), weights.numpy(), high, "replicate", kind)
+    bands = _bands(first.numpy(), weights.numpy(), kind)
 
     def see(place: int) -> None:
         with borrowed([(high, wide), (high, wide + 2), (height, wide + 2)], kind) as (plane, waves, seen):
@@ -128,8 +148,7 @@ def _at_once(
             cv2.dft(seen[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
             targets[place] = plane[:height, before[1] : before[1] + width]
 
-    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
-    side_by_side(see, range(len(targets)), threads)
+    side_by_side(see, range(len(targets)), threads_for(light))
     return out
 
 
@@ -154,9 +173,9 @@ def warped(
     tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
     follows = differentiable(velocity)
     readout_s = float(tau.abs().max())
-    if follows or abs(float(velocity[1].detach())) * readout_s > _STILL_PX:
-        light = _resampled(light, -velocity[1] * tau, border)
-    if follows or abs(float(velocity[0].detach())) * readout_s > _STILL_PX:
+    if follows or abs(float(velocity[1].detach())) * readout_s > STILL_PX:
+        light = mixed(light, *_lanczos_taps(-velocity[1] * tau), border)
+    if follows or abs(float(velocity[0].detach())) * readout_s > STILL_PX:
         light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
     return light
 
@@ -218,10 +237,8 @@ def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Bord
             cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
             target[:] = plane[:, margin : margin + width]
 
-    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
-    side_by_side(
-        move, [(place, top) for place in range(len(sources)) for top in range(0, height, strip)], threads
-    )
+    jobs = [(place, top) for place in range(len(sources)) for top in range(0, height, strip)]
+    side_by_side(move, jobs, threads_for(light))
     return out
 
 
@@ -256,85 +273,65 @@ def _row_phases(shift_px: Floats, length: int, kind: type[np.complexfloating]) -
     return np.asarray((blocks[:, None] * within).reshape(-1, len(turn))[: len(shift_px)])
 
 
-def _resampled(light: Tensor, shift_px: Tensor, border: Border) -> Tensor:
-    """Row i as seen at i + shift_px, for every i of those, between rows by Lanczos's taps."""
-    first, weights = _lanczos_taps(shift_px)
-    if not plain(light, weights):
-        return _gathered(light, first, weights, border)
-    return mixed(light, first.numpy(), weights.numpy(), border)
-
-
-def lanczos(x: Any) -> Any:
-    """Lanczos's window of six lobes, of an array or a tensor."""
-    if isinstance(x, Tensor):
-        return torch.where(x.abs() < LOBES, torch.sinc(x) * torch.sinc(x / LOBES), torch.zeros_like(x))
-    return np.where(np.abs(x) < LOBES, np.sinc(x) * np.sinc(x / LOBES), 0.0)
-
-
 def _lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
     """Where each row's taps begin, from itself, to see it at i + shift_px (H,), and their weights."""
     whole = torch.floor(shift_px.detach())
     taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=shift_px.device)
-    weights = lanczos((shift_px - whole)[:, None] - taps)
+    off = (shift_px - whole)[:, None] - taps
+    weights = torch.where(off.abs() < LOBES, torch.sinc(off) * torch.sinc(off / LOBES), 0.0)
     return whole.long() + 1 - LOBES, weights / weights.sum(1, keepdim=True)
 
 
-def _swept_taps(middle_px: Floats, along_px: float) -> tuple[NDArray[np.int64], Floats]:
-    """Where each row's taps begin, from itself: means of Lanczos's window over along_px >= 0 about middle_px (H,).
-
-    By the window's integral, a table linear to 1e-8 between its places: exact for any motion that is worth a blur.
-    """
-    first = np.floor(middle_px - along_px / 2).astype(np.int64) + 1 - LOBES
-    off = first[:, None] - middle_px[:, None] + np.arange(math.ceil(along_px) + 2 * LOBES)
-    if along_px < _STILL_PX:
-        weights = lanczos(off)
-    else:
-        places, integral = _integral()
-        far, near = (np.interp(off + by, places, integral) for by in (along_px / 2, -along_px / 2))
-        weights = far - near
-    return first, weights / weights.sum(1, keepdims=True)
+def _window_taps(time: Floats, y_px: Floats, windows_s: tuple[Floats, Floats]) -> tuple[Tensor, Tensor]:
+    """Where each row's taps begin, from itself, and their means over its window of a path y_px (K,)."""
+    starts, stops = windows_s
+    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(y_px)))])  # a vibration goes there and back
+    longest = float((np.interp(stops, time, gone) - np.interp(starts, time, gone)).max())
+    count = max(_LEAST_SAMPLES, math.ceil(_SAMPLES_PER_PX * min(longest, _LONGEST_PX)))
+    at = starts[:, None] + (stops - starts)[:, None] * (np.arange(count) + 0.5) / count
+    seen = np.rint(-_PHASES * np.interp(at, time, y_px)).astype(np.int64)  # at row i is what was at i + seen
+    whole, phase = np.divmod(seen, _PHASES)
+    first = whole.min(1)
+    height, width = len(first), int((whole.max(1) - first).max()) + 2 * LOBES
+    begins = whole - first[:, None] + width * np.arange(height)[:, None]
+    places = begins[..., None] + np.arange(2 * LOBES)
+    weights = np.bincount(places.ravel(), _tap_table()[phase].ravel(), height * width) / count
+    return torch.from_numpy(first + 1 - LOBES), torch.from_numpy(weights.reshape(height, width))
 
 
 @lru_cache(maxsize=1)
-def _integral() -> tuple[Floats, Floats]:
-    """Places over Lanczos's window, and its integral up to them."""
-    places = np.linspace(-LOBES, LOBES, 2 * LOBES * _FINE + 1)
-    values = lanczos(places)
-    return places, np.concatenate([[0.0], np.cumsum(values[1:] + values[:-1])]) / (2 * _FINE)
+def _tap_table() -> Floats:
+    """Lanczos's taps (n, 12) at places within a pixel."""
+    _, weights = _lanczos_taps(torch.arange(_PHASES, dtype=torch.float64) / _PHASES)
+    return np.asarray(weights.numpy())
 
 
-def _gathered(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
+def mixed(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tensor:
     """Row i, as many as first: the sum over k of weights[i, k] times row i + first[i] + k."""
     (height, width), (count, taps) = light.shape[-2:], weights.shape
-    before, after = max(0, -int(first.min())), max(0, count + int(first.max()) + taps - height)
+    begins = torch.arange(count, device=first.device) + first
+    before, after = max(0, -int(begins.min())), max(0, int(begins.max()) + taps - height)
     plane = extended(light, (before, 0), (before + height + after, width), border)
-    rows = torch.arange(count, device=light.device) + first + before
-    total = light.new_zeros(())
-    for tap, weight in enumerate(weights.to(light).unbind(1)):
-        total = total + plane.index_select(-2, rows + tap) * weight[:, None]
-    return total
-
-
-def mixed(light: Tensor, first: NDArray[Any], weights: NDArray[Any], border: Border) -> Tensor:
-    """The same, a few rows at a time as the product of a band of weights and the rows it needs."""
-    (height, width), count = light.shape[-2:], len(first)
-    sources = light.detach().contiguous().flatten(0, 1).numpy()
+    if not plain(light, weights):
+        total = light.new_zeros(())
+        rows = (begins + before).to(light.device)
+        for tap, weight in enumerate(weights.to(light).unbind(1)):
+            total = total + plane.index_select(-2, rows + tap) * weight[:, None]
+        return total
+    sources = plane.detach().contiguous().flatten(0, 1).numpy()
     out = light.new_empty(*light.shape[:2], count, width)
     targets = out.flatten(0, 1).numpy()
-    bands = _bands(first, weights, height, border, sources.dtype)
-    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
 
-    def mix(at: tuple[int, Band]) -> None:
+    def mix(at: tuple[int, Band]) -> None:  # a few rows at a time: a band of weights and the rows it needs
         place, (rows, needed, band) = at
         np.matmul(band, sources[place][needed], out=targets[place][rows])
 
-    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads)
+    bands = _bands(first.numpy() + before, weights.numpy(), sources.dtype)
+    side_by_side(mix, [(place, band) for place in range(len(targets)) for band in bands], threads_for(light))
     return out
 
 
-def _bands(
-    first: NDArray[Any], weights: Floats, height: int, border: Border, kind: np.dtype[Any]
-) -> Sequence[Band]:
+def _bands(first: NDArray[Any], weights: Floats, kind: np.dtype[Any]) -> Sequence[Band]:
     """Taps (N, n) of rows of a picture, a few at a time: these rows, those that they need, and by how much."""
     count, taps = weights.shape
     begins = first + np.arange(count)
@@ -345,21 +342,84 @@ def _bands(
         needed = slice(begin, int(begins[rows].max()) + taps)
         band = np.zeros((rows.stop - top, needed.stop - begin), kind)
         band[np.arange(len(band))[:, None], begins[rows, None] - begin + np.arange(taps)] = weights[rows]
-        if begin < 0 or needed.stop > height:
-            band, needed = _folded(band, begin, height, border)
         bands.append((rows, needed, band))
     return bands
 
 
-def _folded(band: NDArray[Any], begin: int, height: int, border: Border) -> tuple[NDArray[Any], slice]:
-    """A band of weights of rows from ``begin`` on, those that the border shows counted where they are."""
-    count = band.shape[1]
-    shown = index_of(height, -begin, count, border).numpy()
-    if border == "constant":
-        outside = np.arange(begin, begin + count)
-        band[:, (outside < 0) | (outside >= height)] = 0
-        shown = shown.clip(0, height - 1)
-    needed = slice(int(shown.min()), int(shown.max()) + 1)
-    folded = np.zeros((needed.stop - needed.start, len(band)), band.dtype)
-    np.add.at(folded, shown - needed.start, band.T)
-    return np.ascontiguousarray(folded.T), needed
+def _rows_blurred(
+    light: Tensor, time: Floats, x_px: Floats, windows_s: tuple[Floats, Floats], border: Border
+) -> Tensor:
+    """Rows times the transfer functions of their own windows of a path x_px (K,), exact."""
+    reach = math.ceil(float(np.abs(x_px).max()))
+    side = fourier.fast_length(2 * reach + _ROOM_PX)
+    margin = side // 2
+    length = fourier.fast_length(light.shape[-1] + 2 * margin)
+    _, f = fourier.frequencies((1, side))
+
+    def motion(fx: Floats, fy: Floats) -> NDArray[np.complex128]:
+        return row_responses(fx, time, x_px, windows_s)[:, None]
+
+    spread = np.fft.irfft(fourier.joined(motion, f, np.zeros(1), (1, side))[:, 0], n=side)
+    kernels = np.zeros((len(spread), length))
+    kernels[:, (np.arange(side) + side // 2) % side - side // 2] = spread
+    factors: NDArray[Any] = np.fft.rfft(kernels)
+    if not plain(light):
+        return times(light, torch.from_numpy(factors).to(light.device), margin, length, border)
+    packed = packed_factors(factors, length, light.detach().numpy().dtype)
+    return times_packed(light, packed, margin, border)
+
+
+def row_responses(
+    f: Floats, time: Floats, x_px: Floats, windows_s: tuple[Floats, Floats]
+) -> NDArray[np.complex128]:
+    """(H, n): at frequencies f (n,), cycles/px, of the path x_px (K,) seen in each row's window; exact.
+
+    The integral of exp(-2 pi i f x) up to any time, by segments, at a window's end less that at its start.
+    """
+    starts, stops = windows_s
+    if not (stops > starts).any():
+        return np.asarray(np.exp(-2j * np.pi * np.outer(np.interp(starts, time, x_px), f)))
+
+    def segment(first: Floats, last: Floats, spent: Floats) -> NDArray[np.complex128]:
+        wave = np.exp(-1j * np.pi * np.outer(first + last, f))
+        return np.asarray(wave * np.sinc(np.outer(last - first, f)) * spent[:, None])
+
+    whole = np.cumsum(segment(x_px[:-1], x_px[1:], np.diff(time)), axis=0)
+    whole = np.concatenate([np.zeros((1, len(f))), whole])
+
+    def until(at: Floats) -> NDArray[np.complex128]:
+        knot = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
+        return np.asarray(whole[knot] + segment(x_px[knot], np.interp(at, time, x_px), at - time[knot]))
+
+    lasting = np.maximum(stops - starts, 1e-300)
+    return (until(stops) - until(starts)) / lasting[:, None]
+
+
+def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border = "reflect") -> Tensor:
+    """Pictures (B, C, H, W) displaced by (x, y) px, (2,) or (B, 2); ``light`` itself where that is nothing.
+
+    Whole pixels are copied; the rest is a phase, exact for what the samples hold: beside a step that they do not
+    resolve it rings. Differentiable in the light. Raises ``TypeError`` or ``ValueError``.
+    """
+    image_batch("light", light)
+    one_of("border", border, BORDERS)
+    shifts = convolution.motions("displacement_px", shift_px, light).detach().tolist()
+    if all(abs(along) < STILL_PX for shift in shifts for along in shift):
+        return light
+    seen = []
+    for picture, (x, y) in zip(torch.split(light, 1), shifts, strict=True):
+        size, whole = picture.shape[-2:], (round(y), round(x))
+        rest = [along - steps for along, steps in zip((y, x), whole, strict=True)]
+        margins = [_MARGIN_PX if abs(part) >= STILL_PX else 0 for part in rest]
+        before = [max(0, steps) + margin for steps, margin in zip(whole, margins, strict=True)]
+        spans = [n + abs(steps) + 2 * margin for n, steps, margin in zip(size, whole, margins, strict=True)]
+        plane = extended(picture, (before[0], before[1]), (spans[0], spans[1]), border)
+        for dim, part, margin in zip((-2, -1), rest, margins, strict=True):
+            if margin:
+                turns = part * torch.fft.rfftfreq(spans[dim], dtype=light.dtype, device=light.device)
+                phases = torch.polar(torch.ones_like(turns), -2 * torch.pi * turns)
+                spectrum = torch.fft.rfft(plane, dim=dim) * (phases[:, None] if dim == -2 else phases)
+                plane = torch.fft.irfft(spectrum, n=spans[dim], dim=dim)
+        top, left = (first - steps for first, steps in zip(before, whole, strict=True))
+        seen.append(plane[..., top : top + size[0], left : left + size[1]])
+    return torch.cat(seen)

@@ -16,7 +16,7 @@ the samples are three times as many, and what a mean still loses along the axes 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import lru_cache
 from typing import Literal, NamedTuple
@@ -27,22 +27,19 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.borders import BORDERS, OPENCV, Border
+from blurnoise._core.borders import BORDERS, OPENCV, Border, Window
 from blurnoise._core.checks import finite, image_batch, one_of, real_tensor
 from blurnoise._core.limits import limited_motion
 from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import WORTH_IT, differentiable, side_by_side
+from blurnoise._core.threads import differentiable, side_by_side, threads_for
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise._core.windows import Window
-from blurnoise.blur.displacement import Displacement, Readout
-from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, led, seen_torch, with_margin
+from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
+from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, seen_torch, with_margin
 
 SPACING_PX = 2.0
-_LEAST_PX = 1e-3
-"""Longest path of a band of rows that stays as it is: its blur takes 4e-7 of the finest detail."""
 _FINER_PX = 0.6  # spacing where a path bends, or rows see other parts of the motion
 _ALL_PLACES_PX = 0.5
-_BAND = 16  # rows
+_BAND, _BAND_VALUES = 16, 1 << 14  # rows at least, values at most
 _STEPS = 128  # of a table of paths, to each finer value
 _LONGEST = 24  # finer values: beyond, linear interpolation widens a path by less than 0.2 %
 
@@ -50,29 +47,31 @@ _LONGEST = 24  # finer values: beyond, linear interpolation widens a path by les
 Loss = Literal["counted", "given back", "lost"]
 """Of linear interpolation: as a part of the motion's blur, before it, or not made good."""
 _FACTOR: dict[Loss, int] = {"counted": 2, "given back": 3, "lost": 2}
+Bands = list[tuple[slice, list[float]]]
+"""Rows of a window, and the times of their sub-exposures, the exposure being from -1/2 to 1/2."""
 
 
 class Sheet(NamedTuple):
-    """Light (C, h, w), times its matte where it has one, (1, h, w), how it moves, and where it begins in the picture.
+    """What moves: planes (C, h, w) of light, how they move, and where they begin in the picture.
 
-    border: how it goes on beyond its sides.
+    covers: the last plane is a matte, times which the light is, or which covers alone. border: how it goes on beyond
+    its sides.
     """
 
-    light: Tensor
+    planes: Tensor
     moves: Displacement
     top: int = 0
     left: int = 0
     border: Border = "constant"
-    matte: Tensor | None = None
+    covers: bool = False
 
 
 class Exposed(NamedTuple):
-    """Means over an exposure, (C, h, w): of all sheets, of the hindmost and the foremost alone, and how much of the
-    hindmost is uncovered, (1, h, w)."""
+    """Means over an exposure, (C, h, w): of all sheets, of the hindmost alone, and how much of that is uncovered,
+    (1, h, w)."""
 
     light: Tensor
     hindmost: Tensor
-    foremost: Tensor
     uncovered: Tensor
 
 
@@ -90,13 +89,13 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     limited_motion("displacement_px", moved)
     if not differentiable(moved) and not bool(moved.any()):
         return image
-    once = torch.ones(())
-    rows = Readout(image.shape[-2], 0.0, 1.0)
-    parts = [
-        moved_picture(picture, Displacement(by, once, rows), border)
-        for picture, by in zip(image, moved, strict=True)
-    ]
-    return torch.stack(parts)
+    once, rows = torch.ones(()), Readout(image.shape[-2], 0.0, 1.0)
+    return torch.stack(
+        [
+            moved_picture(picture, Displacement(by, once, rows), border)
+            for picture, by in zip(image, moved, strict=True)
+        ]
+    )
 
 
 def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
@@ -104,11 +103,12 @@ def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     image_batch("image", image)
     moved = flows("displacement_px", displacement_px, image)
     once, rows = torch.ones(()), Readout(image.shape[-2], 0.0, 1.0)
-    window, parts = Window(0, 0, image.shape[-2], image.shape[-1]), []
-    for picture, by in zip(image, moved, strict=True):
-        sheet = Sheet(picture, Displacement(by, once, rows), border=border)
-        parts.append(_exposed([sheet], window, SPACING_PX, "lost", [1.0]).light)
-    return torch.stack(parts)
+    window, at_the_end = Window(0, 0, image.shape[-2], image.shape[-1]), [(slice(0, image.shape[-2]), [1.0])]
+    sheets = [
+        Sheet(picture, Displacement(by, once, rows), border=border)
+        for picture, by in zip(image, moved, strict=True)
+    ]
+    return torch.stack([_exposed([sheet], window, at_the_end, "lost").light for sheet in sheets])
 
 
 def flows(name: str, value: object, image: Tensor) -> Tensor:
@@ -127,22 +127,25 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
 def moved_picture(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     """A picture (C, H, W) as an exposure sees it; no brighter where rows are exposed longer."""
     window = Window(0, 0, picture.shape[-2], picture.shape[-1])
-    flow_alone = moves.path is None and not moves.readout.row_s
-    return moved_sheet(Sheet(picture, moves, border=border), window, flow_alone=flow_alone)
+    return exposed([Sheet(picture, moves, border=border)], window).light
 
 
-def moved_sheet(sheet: Sheet, window: Window, *, flow_alone: bool = False) -> Tensor:
-    """The same of a sheet (C, h, w) in a window of the picture."""
-    if flow_alone:
-        return _exposed([sheet], window, SPACING_PX, "counted").light
-    return _exposed([sheet], window, _FINER_PX, "given back").light
-
-
-def layers_over(sheets: Sequence[Sheet], window: Window, spacing_px: float) -> Exposed:
+def exposed(sheets: Sequence[Sheet], window: Window, spacing_px: float = SPACING_PX) -> Exposed:
     """Sheets, hindmost first, in a window of the picture, at most ``spacing_px`` between two sub-exposures."""
-    if any(each.moves.each_row_differs for each in sheets):  # of which nothing is known more exactly
-        return _exposed(sheets, window, min(spacing_px, _FINER_PX), "given back")
-    return _exposed(sheets, window, spacing_px, "lost")
+    every = [sheet.moves for sheet in sheets]
+    loss: Loss = "lost" if len(sheets) > 1 else "given back"
+    if len(sheets) == 1 and every[0].path is None and not every[0].readout.row_s:
+        loss = "counted"
+    elif len(sheets) == 1 or any(moves.each_row_differs for moves in every):
+        loss, spacing_px = "given back", min(spacing_px, _FINER_PX)
+    return _exposed(sheets, window, _bands(every, window, spacing_px), loss)
+
+
+def _exposed(sheets: Sequence[Sheet], window: Window, bands: Bands, loss: Loss) -> Exposed:
+    first = sheets[0].planes
+    follows = differentiable(*(each for sheet in sheets for each in (sheet.planes, sheet.moves.even_px)))
+    fast = not follows and first.device.type == "cpu" and first.dtype == torch.float32
+    return (_by_opencv if fast else _by_torch)(sheets, window, bands, loss)
 
 
 def _lossy(moves: Displacement, window: Window, loss: Loss) -> tuple[bool, bool]:
@@ -154,40 +157,30 @@ def _lossy(moves: Displacement, window: Window, loss: Loss) -> tuple[bool, bool]
     return bool(x), bool(y)
 
 
-def _exposed(
-    sheets: Sequence[Sheet],
-    window: Window,
-    spacing_px: float,
-    loss: Loss,
-    times: list[float] | None = None,
-) -> Exposed:
-    bands = _bands([sheet.moves for sheet in sheets], window, spacing_px, times)
-    first = sheets[0].light
-    tensors = [each for sheet in sheets for each in (sheet.light, sheet.moves.even_px, sheet.matte)]
-    follows = differentiable(*(each for each in tensors if each is not None))
-    if not follows and first.device.type == "cpu" and first.dtype == torch.float32:
-        return _by_opencv(sheets, window, bands, loss)
-    return _by_torch(sheets, window, bands, loss)
-
-
-def _bands(
-    moves: Sequence[Displacement], window: Window, spacing_px: float, times: list[float] | None
-) -> list[tuple[slice, list[float]]]:
-    """Rows of a window, and the times of the sub-exposures that they need; all at stated ones."""
+def _bands(moves: Sequence[Displacement], window: Window, spacing_px: float) -> Bands:
     longest = np.max([each.length_px(window) for each in moves], 0)
-    bands = [slice(top, min(top + _BAND, window.height)) for top in range(0, window.height, _BAND)]
-    return [(rows, times or _times(float(longest[rows].max()), spacing_px)) for rows in bands]
+    bands: Bands = []
+    for top in range(0, window.height, _BAND):
+        rows = slice(top, min(top + _BAND, window.height))
+        times = _times(float(longest[rows].max()), spacing_px)
+        if (
+            bands
+            and bands[-1][1] == times
+            and (rows.stop - bands[-1][0].start) * window.width <= _BAND_VALUES
+        ):
+            rows = slice(bands.pop()[0].start, rows.stop)
+        bands.append((rows, times))
+    return bands
 
 
 def _times(length_px: float, spacing_px: float) -> list[float]:
-    """Times of sub-exposures, the exposure being from -1/2 to 1/2; their variance is 1/12, as its."""
-    if length_px <= _LEAST_PX:
+    if length_px <= STILL_PX:
         return [0.0]
     return _spread(1 + max(1, math.ceil(length_px / spacing_px - 1e-6)))
 
 
 def _spread(count: int) -> list[float]:
-    """Even times whose variance is 1/12."""
+    """Even times whose variance is an exposure's, 1/12."""
     spread = 1 / math.sqrt(count * count - 1)
     return [(place + 0.5 - count / 2) * spread for place in range(count)]
 
@@ -214,32 +207,64 @@ def _paths(count: int) -> NDArray[np.float64]:
 
 
 class _Finer(NamedTuple):
-    """A sheet at twice its samples, up to four channels in one array, and where the window begins in it."""
+    """A sheet at more samples, up to four channels in one array; its displacement in the window in finer values, in
+    the middle of exposures and during them; where the window begins in it."""
 
     groups: list[Plane]
     matte: Plane | None
     moves: Displacement
     factor: int
-    even: tuple[
-        Tensor | None, Tensor
-    ]  # its displacement in the window, in finer values: in the middle, and what passes
+    even: tuple[Tensor | None, Tensor]
     begins: tuple[int, int]
     border: int
 
+    def way(
+        self, window: Window, band: tuple[slice, list[float]], loss: Loss, begins: Sequence[Plane]
+    ) -> Callable[[int, Sequence[Plane]], None]:
+        """What writes the places (x, y) that a band sees at one of its times; ``begins``: memory of its own."""
+        (base, along), (x, y), (rows, times) = self.even, begins, band
+        x[:] = self.factor * np.arange(x.shape[1], dtype=np.float32) + self.begins[0]
+        y[:] = (self.factor * np.arange(rows.start, rows.stop, dtype=np.float32) + self.begins[1])[:, None]
+        if base is not None:
+            x -= base[0, rows].numpy()
+            y -= base[1, rows].numpy()
+        counted = loss == "counted"
+        passed = (_shortened(along[:, rows], len(times)) if counted else along[:, rows]).numpy()
+        by_pixel = passed.shape[1:] == x.shape
+        part = window._replace(top=window.top + rows.start, height=rows.stop - rows.start)
+        path = self.moves.along_path(part, np.array(times))
+        later = None if path is None else self.factor * path[..., None]
+        if not by_pixel:
+            even = np.multiply.outer(times, passed.astype(np.float64))
+            later = even if later is None else even + later
+        later = None if later is None else later.astype(np.float32)
 
-def _by_opencv(
-    sheets: Sequence[Sheet], window: Window, bands: list[tuple[slice, list[float]]], loss: Loss
-) -> Exposed:
+        def at(moment: int, into: Sequence[Plane]) -> None:
+            for axis, (begin, found) in enumerate(zip(begins, into, strict=True)):
+                if by_pixel:
+                    cv2.scaleAdd(passed[axis], -times[moment], begin, found)
+                    begin = found
+                if later is not None:
+                    np.subtract(begin, later[moment, axis], out=found)
+
+        return at
+
+    def look(self, values: Plane, x: Plane, y: Plane, into: Plane) -> None:
+        """The values at places."""
+        found = into if into.shape[2] > 1 else into[..., 0]
+        cv2.remap(values, x, y, cv2.INTER_LINEAR, found, self.border, 0)
+
+
+def _by_opencv(sheets: Sequence[Sheet], window: Window, bands: Bands, loss: Loss) -> Exposed:
     """On the CPU: four channels at a time, a third of the time of three, or one."""
-    picture, moves = sheets[0].light.detach(), sheets[0].moves
+    picture, moves = sheets[0].planes.detach(), sheets[0].moves
     layered, together = len(sheets) > 1, 1 if len(picture) == 1 else 4
     stays = not layered and moves.path is None and not moves.readout.row_s  # where the way is short
     if stays and all(times == [0.0] for _, times in bands):
-        return Exposed(picture, picture, picture, picture[:1])
-    size = (window.height, window.width)
-    light = picture.new_empty(len(picture), *size)
-    bare, front = (torch.empty_like(light), torch.empty_like(light)) if layered else (light, light)
-    uncovered = light.new_empty(1, *size)
+        return Exposed(picture, picture, picture[:1])
+    light = picture.new_empty(len(picture), window.height, window.width)
+    bare = torch.empty_like(light) if layered else light
+    uncovered = torch.empty_like(light[:1])
 
     def expose(finely: list[_Finer], band: tuple[slice, list[float]]) -> None:
         rows, times = band
@@ -249,173 +274,100 @@ def _by_opencv(
         flat, count = (rows.stop - rows.start, window.width), len(finely[0].groups)
         with (
             borrowed([flat] * (2 + 2 * len(finely)), np.float32) as (x, y, *begins),
-            borrowed([(*flat, together)] * (4 + 4 * count), np.float32) as (own, matte, clear, bares, *kept),
+            borrowed([(*flat, together)] * (4 + 3 * count), np.float32) as (own, matte, clear, clears, *kept),
         ):
-            seen, sums, hind, fore = (kept[part * count :][:count] for part in range(4))
-            totals = [(light, sums)]
-            totals += [(bare, hind), (front, fore), (uncovered, [bares])] if layered else []
+            seen, sums, hind = (kept[part * count :][:count] for part in range(3))
+            totals = [(light, sums), *([(bare, hind), (uncovered, [clears])] if layered else [])]
             for total in (each for _, some in totals for each in some):
                 total[:] = 0
             ways = [
-                _Way.of(sheet, window, rows, times, loss, begins[2 * place : 2 * place + 2])
+                sheet.way(window, band, loss, begins[2 * place : 2 * place + 2])
                 for place, sheet in enumerate(finely)
             ]
-            for moment, time in enumerate(times):
+            for moment in range(len(times)):
                 for sheet, way in zip(finely, ways, strict=True):
-                    way.at(moment, time, (x, y))
+                    way(moment, (x, y))
                     if sheet.matte is None:
-                        for values, found in zip(sheet.groups, seen, strict=True):
-                            _look(values, x, y, found, sheet.border)
-                        if layered:
-                            for found, total in zip(seen, hind, strict=True):
+                        for values, found, total in zip(sheet.groups, seen, hind, strict=True):
+                            sheet.look(values, x, y, found)
+                            if layered:
                                 cv2.accumulate(found, total)
-                            clear[:] = 1
+                        clear[:] = 1
                         continue
-                    _look(sheet.matte, x, y, matte, sheet.border)
+                    sheet.look(sheet.matte, x, y, matte)
                     np.subtract(1, matte, out=matte)
                     np.multiply(clear, matte, out=clear)
-                    for values, found, total in zip(sheet.groups, seen, fore, strict=True):
-                        _look(values, x, y, own, sheet.border)
+                    for found in seen:
                         np.multiply(found, matte, out=found)
+                    for values, found in zip(sheet.groups, seen, strict=False):
+                        sheet.look(values, x, y, own)
                         np.add(found, own, out=found)
-                        if sheet is finely[-1]:
-                            cv2.accumulate(own, total)
                 for found, total in zip(seen, sums, strict=True):
                     cv2.accumulate(found, total)
                 if layered:
-                    cv2.accumulate(clear, bares)
+                    cv2.accumulate(clear, clears)
             for target, means in totals:
                 for place, total in enumerate(means):
                     some = target[place * together : (place + 1) * together, rows]
                     some[:] = torch.from_numpy(total).permute(2, 0, 1)[: len(some)]
                     some /= len(times)
 
-    threads = torch.get_num_threads() if light.numel() >= WORTH_IT else 1
     with ExitStack() as memory:
         finely = [_prepared(sheet, window, bands, together, loss, memory) for sheet in sheets]
-        side_by_side(lambda band: expose(finely, band), bands, threads)
-    return Exposed(light, bare, front, uncovered)
-
-
-class _Way(NamedTuple):
-    """Where a band of rows sees a sheet, in values of the finer one; ``begins``: in the middle of exposures."""
-
-    begins: Sequence[Plane]
-    passed: Plane | None  # (2, h, w) in an exposure, of each pixel
-    later: NDArray[np.float32] | None  # (moments, 2, h, 1), of all pixels of a row alike
-
-    @classmethod
-    def of(
-        cls,
-        sheet: _Finer,
-        window: Window,
-        rows: slice,
-        times: list[float],
-        loss: Loss,
-        begins: Sequence[Plane],
-    ) -> _Way:
-        """Of the rows of a window, at times from -1/2 to 1/2 of theirs; into the memory of ``begins``."""
-        (base, along), (x, y) = sheet.even, begins
-        x[:] = sheet.factor * np.arange(x.shape[1], dtype=np.float32) + sheet.begins[0]
-        lines = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None]
-        y[:] = sheet.factor * lines + sheet.begins[1]
-        if base is not None:
-            x -= base[0, rows].numpy()
-            y -= base[1, rows].numpy()
-        passed = along[:, rows]
-        passed = _shortened(passed, len(times)) if loss == "counted" else passed
-        band = window._replace(top=window.top + rows.start, height=rows.stop - rows.start)
-        path = sheet.moves.along_path(band, np.array(times))
-        later = None if path is None else sheet.factor * path[..., None]
-        if passed.shape[1:] == x.shape:
-            return cls(begins, passed.numpy(), None if later is None else later.astype(np.float32))
-        even = np.multiply.outer(times, passed.double().numpy())
-        return cls(begins, None, (even if later is None else even + later).astype(np.float32))
-
-    def at(self, moment: int, time: float, into: Sequence[Plane]) -> None:
-        """The places at one of the times."""
-        for axis, (begin, found) in enumerate(zip(self.begins, into, strict=True)):
-            if self.passed is not None:
-                cv2.scaleAdd(self.passed[axis], -time, begin, found)
-                begin = found
-            if self.later is not None:
-                np.subtract(begin, self.later[moment, axis], out=found)
-
-
-def _look(values: Plane, x: Plane, y: Plane, into: Plane, border: int) -> None:
-    cv2.remap(values, x, y, cv2.INTER_LINEAR, into if into.shape[2] > 1 else into[..., 0], border, 0)
+        side_by_side(lambda band: expose(finely, band), bands, threads_for(light))
+    return Exposed(light, bare, uncovered)
 
 
 def _prepared(
-    sheet: Sheet,
-    window: Window,
-    bands: list[tuple[slice, list[float]]],
-    together: int,
-    loss: Loss,
-    memory: ExitStack,
+    sheet: Sheet, window: Window, bands: Bands, together: int, loss: Loss, memory: ExitStack
 ) -> _Finer:
-    light = sheet.light.detach()
-    top, bottom = 0, light.shape[1]
-    if sheet.matte is None and sheet.border in ("reflect", "replicate"):  # others show the other side
-        top, bottom = _seen_rows(sheet.moves, window, bands, sheet.top, bottom)
-    source, before = led(light, sheet.border)
-    axes = _lossy(sheet.moves, window, loss)
-    plane = given_back(with_margin(source, sheet.border).numpy(), axes)
-    plane = plane[:, top : plane.shape[1] - light.shape[1] + bottom]
-    planes = [plane[first : first + together] for first in range(0, len(plane), together)]
-    if sheet.matte is not None:
-        matte, _ = led(sheet.matte.detach(), sheet.border)
-        planes.append(given_back(with_margin(matte, sheet.border).numpy(), axes))
-    factor = _FACTOR[loss]
-    size = (factor * (plane.shape[1] - 2 * MARGIN), factor * (plane.shape[2] - 2 * MARGIN), together)
-    kept = memory.enter_context(borrowed([size] * len(planes), np.float32))
-    groups = [finer(each, into, sheet.border, factor) for each, into in zip(planes, kept, strict=True)]
-    found = groups.pop() if sheet.matte is not None else None
-    if found is not None:
-        np.clip(found, 0, 1, out=found)
+    height, factor = sheet.planes.shape[1], _FACTOR[loss]
+    top, bottom = 0, height
+    if not sheet.covers and sheet.border in ("reflect", "replicate"):  # others show the other side
+        top, bottom = _seen_rows(sheet.moves, window, bands, sheet.top, height)
+    wide, before = with_margin(sheet.planes.detach(), sheet.border)
+    planes = given_back(wide.numpy(), _lossy(sheet.moves, window, loss))
+    planes = planes[:, top : planes.shape[1] - height + bottom]
+    light = planes[:-1] if sheet.covers else planes
+    groups = [light[first : first + together] for first in range(0, len(light), together)]
+    groups += [planes[-1:]] if sheet.covers else []
+    size = (*(factor * (side - 2 * MARGIN) for side in planes.shape[1:]), together)
+    kept = memory.enter_context(borrowed([size] * len(groups), np.float32))
+    found = [finer(each, into, sheet.border, factor) for each, into in zip(groups, kept, strict=True)]
+    matte = np.clip(found[-1], 0, 1, out=found[-1]) if sheet.covers else None
     base, along = sheet.moves.even(window)
     even = None if base is None else factor * base.detach().float(), factor * along.detach().float()
     begins = factor * (window.left - sheet.left + before), factor * (window.top - sheet.top - top + before)
-    return _Finer(groups, found, sheet.moves, factor, even, begins, OPENCV[sheet.border])
+    light_alone = found[:-1] if sheet.covers else found
+    return _Finer(light_alone, matte, sheet.moves, factor, even, begins, OPENCV[sheet.border])
 
 
-def _seen_rows(
-    moves: Displacement, window: Window, bands: list[tuple[slice, list[float]]], first: int, height: int
-) -> tuple[int, int]:
+def _seen_rows(moves: Displacement, window: Window, bands: Bands, first: int, height: int) -> tuple[int, int]:
     """The rows of a sheet of so many, from ``first`` on, that what moves is seen in, from and to."""
     stays = moves.path is None and not moves.readout.row_s
     least, largest = (each[1] for each in moves.extremes_px(window))
-    top, bottom = height, 0
-    for rows, times in bands:
-        if not (stays and times == [0.0]):
-            shown = window.top + rows.start - largest[rows].max(), window.top + rows.stop - least[rows].min()
-            top, bottom = (
-                min(top, math.floor(shown[0]) - first - 3),
-                max(bottom, math.ceil(shown[1]) - first + 3),
-            )
-    top, bottom = max(0, min(top, height - 1)), min(height, max(bottom, 1))
+    seen = [rows for rows, times in bands if not (stays and times == [0.0])]
+    top = min((window.top + rows.start - largest[rows].max() for rows in seen), default=first + height)
+    bottom = max((window.top + rows.stop - least[rows].min() for rows in seen), default=first)
+    top, bottom = max(0, math.floor(top) - first - 3), min(height, math.ceil(bottom) - first + 3)
     return (top, bottom) if top < bottom else (0, height)
 
 
-def _by_torch(
-    sheets: Sequence[Sheet], window: Window, bands: list[tuple[slice, list[float]]], loss: Loss
-) -> Exposed:
+def _by_torch(sheets: Sequence[Sheet], window: Window, bands: Bands, loss: Loss) -> Exposed:
     """The same by ``grid_sample``, on any device, with gradients."""
     factor, finely = _FACTOR[loss], []
     for sheet in sheets:
-        planes = sheet.light if sheet.matte is None else torch.cat([sheet.light, sheet.matte])
-        source, before = led(planes, sheet.border)
-        axes = _lossy(sheet.moves, window, loss)
-        values = finer_torch(with_margin(source, sheet.border), sheet.border, factor, axes)
-        if sheet.matte is not None:
+        wide, before = with_margin(sheet.planes, sheet.border)
+        values = finer_torch(wide, sheet.border, factor, _lossy(sheet.moves, window, loss))
+        if sheet.covers:
             values = torch.cat([values[:, :-1], values[:, -1:].clamp(0, 1)], 1)
         finely.append((values, before, sheet.moves.even(window)))
-    like, parts = sheets[0].light, []
+    like, parts = sheets[0].planes, []
     columns = torch.arange(window.width).to(like)
     for rows, times in bands:
         lines = torch.arange(rows.start, rows.stop).to(like)[:, None]
         band = window._replace(top=window.top + rows.start, height=rows.stop - rows.start)
-        sums = [like.new_zeros(())] * 4
+        sums = [like.new_zeros(())] * 3
         paths = [sheet.moves.along_path(band, np.array(times)) for sheet in sheets]
         for moment, time in enumerate(times):
             for sheet, path, (values, before, (base, along)) in zip(sheets, paths, finely, strict=True):
@@ -427,12 +379,12 @@ def _by_torch(
                 x = factor * columns - by[0] + factor * (window.left - sheet.left + before)
                 y = factor * lines - by[1] + factor * (window.top - sheet.top + before)
                 found = seen_torch(values, x, y, sheet.border)
-                if sheet.matte is None:
-                    seen, bare, front, clear = found, found, found, torch.ones_like(found[:, :1])
-                else:
-                    through = 1 - found[:, -1:]
-                    front = found[:, :-1]
-                    seen, clear = front + through * seen, clear * through
-            sums = [total + each for total, each in zip(sums, (seen, bare, front, clear), strict=True)]
+                if not sheet.covers:
+                    seen, bare, clear = found, found, torch.ones_like(found[:, :1])
+                    continue
+                through = 1 - found[:, -1:]
+                seen, clear = through * seen, clear * through
+                seen = seen + found[:, :-1] if found.shape[1] > 1 else seen
+            sums = [total + each for total, each in zip(sums, (seen, bare, clear), strict=True)]
         parts.append([total[0] / len(times) for total in sums])
     return Exposed(*(torch.cat(each, dim=-2) for each in zip(*parts, strict=True)))

@@ -12,7 +12,7 @@ from torch import Tensor
 from blurnoise._core.checks import Numbers, an_instance
 from blurnoise._core.limits import limited_motion, limited_per_image
 from blurnoise.blur import convolution
-from blurnoise.blur.layers import Layer, Passing, passing
+from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.optics.camera import Camera
@@ -41,7 +41,7 @@ class Conditions(Generic[Number]):
     illuminant: str | Curve = "D55"
     size: tuple[int, int] | None = None
     trajectories: tuple[Trajectory | None, ...] = ()
-    objects: tuple[Passing, ...] | tuple[tuple[Layer, ...], ...] = ()
+    objects: tuple[ObjectMotion, ...] | tuple[tuple[Layer, ...], ...] = ()
     flow_px: Tensor | None = None
     variation_px: Tensor | float = 0.0
 
@@ -110,7 +110,7 @@ class Conditions(Generic[Number]):
                 self.illuminant,
                 self.size,
                 self.trajectories[item : item + 1],
-                tuple(passing(layer, exposure_s, size) for own in layers for layer in own),
+                tuple(object_motion(layer, exposure_s, size) for own in layers for layer in own),
                 variation_px=variation_px,
             )
 

@@ -22,8 +22,7 @@ from blurnoise.light.lens import (
     MEASURED_MTF,
     VIGNETTING,
 )
-from blurnoise.light.motion import MOTION, MOTION_VARIATION, ROLLING_SHUTTER
-from blurnoise.light.objects import OBJECTS
+from blurnoise.light.motion import MOTION, MOTION_VARIATION, OBJECTS, ROLLING_SHUTTER
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.transfer import SHARP, Optics
 

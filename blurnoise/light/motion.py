@@ -1,46 +1,55 @@
-"""Motion as light effects: of the picture, of each pixel, of what rows see one after another; boxes follow.
+"""Motion as light effects: of objects, of the picture, of each pixel, of what rows see one after another.
 
-All three, and the objects' (:mod:`.objects`), are of one :class:`.displacement.Displacement`,
-which says how it is computed. A transfer function is shared with the lens, as their order does not matter. A picture
-of other rows than the sensor's is read in as long.
+All are of one :class:`.displacement.Displacement`, which says how it is computed. A transfer function is shared with
+the lens, as their order does not matter. A picture of other rows than the sensor's is read in as long.
+
+With objects, the motion of everything happens in their effect, the background's included: what covers what changes
+during the exposure. So it stands before the lens, which sees what all of them make together, but behind the
+distortion, in whose px motion is. So do shake and readout, which hence come before the lens instead of behind it:
+that differs by how far rows are displaced against each other within the lens's blur.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.borders import Border
-from blurnoise.blur import convolution, layered
+from blurnoise._core.borders import Border, Window
+from blurnoise.blur import convolution, layers
 from blurnoise.blur.displacement import Displacement, Readout
-from blurnoise.blur.layers import Layer, Passing
+from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
+from blurnoise.blur.rows import translated
+from blurnoise.blur.sub_exposures import SPACING_PX
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.lens import DISTORTION
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
+
+_MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
+_FAINT = 1e-3  # share of a pixel below which there is no colour
 
 
 def readout_of(at: Conditions[float], size: tuple[int, int]) -> Readout:
     """Of a picture (H, W), which stands for the largest part of the sensor that has its shape."""
     camera = at.camera
     row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)
-    return Readout(
-        size[0], row_s, at.exposure_s, reset=camera.row_time_s > 0 and camera.shutter == "global-reset"
-    )
+    reset = camera.row_time_s > 0 and camera.shutter == "global-reset"
+    return Readout(size[0], row_s, at.exposure_s, reset)
 
 
 def displacement(at: Conditions[float]) -> Displacement:
     """The one motion of a frame, its flow left out."""
     even = torch.tensor(at.displacement_px, dtype=torch.float64)
-    lasting = even.new_tensor(at.exposure_s)
-    return Displacement(even, lasting, readout_of(at, at.size or at.camera.field.size), at.trajectory)
+    readout = readout_of(at, at.size or at.camera.field.size)
+    return Displacement(even, even.new_tensor(at.exposure_s), readout, at.trajectory)
 
 
 def displacements(at: Conditions[Tensor], size: tuple[int, int]) -> Iterator[Displacement]:
@@ -51,13 +60,13 @@ def displacements(at: Conditions[Tensor], size: tuple[int, int]) -> Iterator[Dis
 
 
 def exposed(
-    light: Tensor, at: Conditions[Tensor], layers: tuple[tuple[Layer, ...], ...], border: Border
+    light: Tensor, at: Conditions[Tensor], objects: tuple[tuple[Layer, ...], ...], border: Border
 ) -> Tensor:
     """Pictures (B, C, H, W) with their layers as exposures see them, rows as bright as they are exposed long."""
     size = (light.shape[-2], light.shape[-1])
     seen = []
-    for picture, own, moves in zip(torch.split(light, 1), layers, displacements(at, size), strict=True):
-        picture = layered.exposed(picture, own, moves, border)
+    for picture, own, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
+        picture = layers.exposed(picture, own, moves, border)
         if moves.readout.reset:
             picture = picture * torch.from_numpy(moves.readout.light).to(picture)[:, None]
         seen.append(picture)
@@ -68,8 +77,51 @@ class _Moving(LightEffect):
     """What is no transfer function, each picture by its own displacement."""
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        """Every picture by its displacement, those that have been blurred by their transfer function as they are."""
         return exposed(light, at, ((),) * len(light), border)
+
+
+class Objects(LightEffect):
+    """Layers by :mod:`blurnoise.blur.layers`. Where there are some it stays, as they are part of the picture."""
+
+    name = "objects"
+    essential = True
+
+    def bound(self, at: Conditions[float]) -> float:
+        """What one motion for all, the background's, would change.
+
+        The mean over the exposure of a product of waves f (of the matte or its light) and g (of what is behind)
+        is sinc(f . d_F + g . d_B), so that a difference D of the motions changes it by at most 1.3703 |f . D|; f is
+        at most 1 / sqrt(2), a checkerboard's, and black and white differ by 1. All in the object's window.
+        """
+        squares = 0.0
+        for each in _objects(at):
+            apart = math.dist(each.displacement_px, cast(tuple[float, float], at.displacement_px))
+            squares += min(1.0, 1.3703 / math.sqrt(2) * apart) ** 2 * each.share
+        return min(1.0, math.sqrt(squares))
+
+    def blur(self, at: Conditions[Tensor]) -> Blur | None:
+        return None if at.objects else Blur()
+
+    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+        every = cast(tuple[tuple[Layer, ...], ...], at.objects)
+        if at.camera.lens.displaces:
+            every = tuple(
+                tuple(_distorted(layer, light, at.part([place]), border) for layer in own)
+                for place, own in enumerate(every)
+            )
+        return exposed(light, at, every, border)
+
+    def how(self, at: Conditions[float]) -> str:
+        found = _objects(at)
+        if not found:
+            return "none here"
+        longest = max(math.hypot(*each.displacement_px) for each in found)
+        apart = any(any(each.displacement_px) for each in found) and any(at.displacement_px)
+        way = f"parts of {SPACING_PX:g} px" if apart or len(found) > 1 else "matte formula"
+        return f"{len(found)} in layers, up to {longest:.3g} px: {way}, in their windows"
+
+    def key(self, at: Conditions[float]) -> Hashable:
+        return at.objects
 
 
 @dataclass(frozen=True)
@@ -82,12 +134,9 @@ class Motion(LightEffect):
         """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
         if (along := _path(at)) is not None:
             return along.error
-        if _row_by_row(at):
-            return 0.0
-        return transfer.motion_error(*at.displacement_px)
+        return 0.0 if _row_by_row(at) else transfer.motion_error(*at.displacement_px)
 
     def blur(self, at: Conditions[Tensor]) -> Blur:
-        """Shared with the lens; nothing where there are objects or a flow, nor of pictures that go another way."""
         if at.objects or at.flow_px is not None:
             return Blur()
         moved = torch.as_tensor(at.displacement_px)
@@ -99,7 +148,6 @@ class Motion(LightEffect):
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=paths)
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        """By its transfer function."""
         own = self.blur(at)
         return convolution.exposure_blur(light, at.displacement_px, own.optics, own.paths, border=border)
 
@@ -113,9 +161,9 @@ class Motion(LightEffect):
         return boxes_xyxy + torch.cat([-half, half])
 
     def how(self, at: Conditions[float]) -> str:
-        """The length, or the path's extent and segments."""
+        length = f"{math.hypot(*at.displacement_px):.3g} px"
         if at.objects:
-            return f"with the objects, {math.hypot(*at.displacement_px):.3g} px"
+            return f"with the objects, {length}"
         camera, lens = at.camera, at.camera.lens
         apart = camera.defocus_counts_pixel or lens.field_curvature_px
         shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
@@ -124,13 +172,11 @@ class Motion(LightEffect):
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
             return f"transfer function of {len(along.shares)} segments over {extent}{together}"
-        length = f"{math.hypot(*at.displacement_px):.3g} px"
         if at.variation_px:
             return f"{length} in the middle; by transfer function where its variation is not modelled"
         return f"transfer function, {length}{together}"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        """The displacement and the trajectory."""
         return at.displacement_px, at.trajectories
 
 
@@ -149,11 +195,9 @@ class MotionVariation(_Moving):
         return Blur() if at.flow_px is None or at.objects or at.camera.row_time_s else None
 
     def how(self, at: Conditions[float]) -> str:
-        """How far displacements differ."""
         return f"sub-exposures along each pixel's path, up to {at.variation_px:.3g} px from the middle one"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        """Of its own: exposures that share their light have one motion for the picture."""
         return at.variation_px
 
 
@@ -169,14 +213,11 @@ class RollingShutter(_Moving):
         if not at.camera.row_time_s:
             return 0.0
         readout = readout_of(at, at.camera.field.size)
-        passing = cast(tuple[Passing, ...], at.objects)
         farthest_px = math.hypot(*at.displacement_px) + float(at.variation_px)
-        farthest_px = max(farthest_px, *(math.hypot(*each.displacement_px) for each in passing), 0.0)
+        farthest_px = max(farthest_px, *(math.hypot(*each.displacement_px) for each in _objects(at)), 0.0)
         fastest = farthest_px / at.exposure_s if at.exposure_s else 0.0
-        if not _row_by_row(at):
-            farthest = fastest * abs(readout.row_s) * (readout.rows - 1) / 2
-        else:
-            farthest = fastest * max(map(abs, readout.span_s))
+        apart_s = abs(readout.row_s) * (readout.rows - 1) / 2
+        farthest = fastest * (max(map(abs, readout.span_s)) if _row_by_row(at) else apart_s)
         if at.trajectory is not None:
             x, y = at.trajectory.origin_px(at.exposure_s)
             knots, _ = at.trajectory.window(*readout.span_s)
@@ -188,35 +229,25 @@ class RollingShutter(_Moving):
         return None if at.camera.row_time_s and not at.objects else Blur()
 
     def how(self, at: Conditions[float]) -> str:
-        """Which of the ways, and how long the rows take of a picture of the point's size."""
         if at.objects:
             return "with the objects, each thing by its own motion"
         rows, row_s = at.camera.height_px, at.camera.row_time_s
         if at.size is not None:
             rows, row_s = at.size[0], row_s / at.camera.field.per_sensor_px(at.size)
         took = f"{1e3 * row_s * rows:.3g} ms from first row to last"
-        if not _row_by_row(at):
-            x, y = (along * row_s for along in displacement(at).velocity_px_s)
-            return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
-        return f"{took}: every row in its own window"
+        if _row_by_row(at):
+            return f"{took}: every row in its own window"
+        x, y = (along * row_s for along in displacement(at).velocity_px_s)
+        return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        """The readout and the motion, where rows are exposed one after another."""
         camera = at.camera
         if not camera.row_time_s:
             return None
-        return (
-            camera.row_time_s,
-            camera.shutter,
-            camera.scan,
-            at.exposure_s,
-            at.displacement_px,
-            at.variation_px,
-            at.trajectories,
-        )
+        rows = camera.row_time_s, camera.shutter, camera.scan, at.exposure_s
+        return *rows, at.displacement_px, at.variation_px, at.trajectories
 
     def displaces(self, camera: Camera) -> bool:
-        """Where the camera's rows are exposed one after another."""
         return camera.row_time_s > 0
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
@@ -232,16 +263,17 @@ class RollingShutter(_Moving):
             return boxes_xyxy
         moves = displacement(at)
         # from between the pixels' edges to their centres
-        boxes = boxes_xyxy.detach().cpu().double().numpy() - 0.5
-        moved = boxes.copy()
-        for box in moved:
-            left, top, right, bottom = box
-            top, bottom = (moves.seen_row(row) for row in (top, bottom))
-            mean, low, high = moves.during((top + bottom) / 2)
-            least, largest = (low - mean, high - mean) if swept else (0 * mean, 0 * mean)
-            x = float(mean[0])
-            box[:] = left + x + least[0], top + least[1], right + x + largest[0], bottom + largest[1]
-        return torch.from_numpy(moved + 0.5).to(boxes_xyxy)
+        left, top, right, bottom = boxes_xyxy.detach().cpu().double().numpy().T - 0.5
+        top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
+        mean, low, high = moves.during((top + bottom) / 2)
+        least, largest = (low - mean, high - mean) if swept else (0 * mean, 0 * mean)
+        x = mean[0]
+        moved = left + x + least[0], top + least[1], right + x + largest[0], bottom + largest[1]
+        return torch.from_numpy(np.stack(moved, 1) + 0.5).to(boxes_xyxy)
+
+
+def _objects(at: Conditions[float]) -> tuple[ObjectMotion, ...]:
+    return cast(tuple[ObjectMotion, ...], at.objects)
 
 
 def _row_by_row(at: Conditions[float]) -> bool:
@@ -259,6 +291,34 @@ def swept_half_px(displacement_px: Tensor) -> Tensor:
     return displacement_px.abs() / 2
 
 
+def displaced(layer: Layer, shift_px: Tensor) -> Layer:
+    """The layer (x, y) px further on, of any real numbers; nothing is beyond it then."""
+    shift = shift_px.detach()
+    if not bool((shift != 0).any()):
+        return layer
+    whole = shift.round()
+    plane = torch.cat([layer.light * layer.alpha, layer.alpha[None]])
+    plane = torch.nn.functional.pad(plane, (_MARGIN_PX,) * 4)[None]
+    light, alpha = _coloured(translated(plane, shift - whole, "constant")[0])
+    left, top = (start + int(steps) - _MARGIN_PX for start, steps in zip(layer.place_px, whole, strict=True))
+    return replace(layer, light=light, alpha=alpha, place_px=(left, top))
+
+
+def _distorted(layer: Layer, like: Tensor, at: Conditions[Tensor], border: Border) -> Layer:
+    """The layer as the lens shows it, in a window as large as the picture."""
+    plane = plane_of(layer, Window(0, 0, like.shape[-2], like.shape[-1]), like, "constant")
+    light, alpha = _coloured(DISTORTION.apply(plane, at, border)[0])
+    return replace(layer, light=light, alpha=alpha, place_px=(0, 0))
+
+
+def _coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
+    """Light and matte of light times matte, and the matte, (C + 1, h, w)."""
+    alpha = plane[-1].clamp(0, 1)
+    seen = alpha > _FAINT  # what rings about it is not of the object
+    return torch.where(seen, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(seen, alpha, 0.0)
+
+
+OBJECTS = Objects()
 MOTION = Motion()
 MOTION_VARIATION = MotionVariation()
 ROLLING_SHUTTER = RollingShutter()

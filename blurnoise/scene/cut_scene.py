@@ -17,7 +17,7 @@ from typing import Any
 
 from torch import Tensor
 
-from blurnoise.blur.layers import Layer, as_one, seen_behind, window_at_rest
+from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind, window_at_rest
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
@@ -68,20 +68,16 @@ class CutScene(ExposedScene):
         key = (*exposure.velocity_px_s, exposure.exposure_s)
 
         def moved_px(motion: _Motion) -> tuple[float, float]:
-            speed, own_px_s = motion
-            x, y = (
-                (speed * along + own) * exposure.exposure_s
-                for along, own in zip(exposure.velocity_px_s, own_px_s, strict=True)
-            )
-            return x, y
+            speed, (own_x, own_y) = motion
+            x, y = exposure.velocity_px_s
+            return (speed * x + own_x) * exposure.exposure_s, (speed * y + own_y) * exposure.exposure_s
 
         with self._shares_lock:
             if key not in self._shares:
-                own = zip(self._layers[0], map(moved_px, self._motions), strict=True)
-                movers = [(layer, by) for layer, by in own]
+                movers = list(zip(self._layers[0], map(moved_px, self._motions), strict=True))
+                own = zip(self._cut.layers, map(moved_px, self._cut_motions), strict=True)
                 self._shares[key] = tuple(
-                    seen_behind(layer, by, size=self._size, movers=movers) if any(by) else 0.0
-                    for layer, by in zip(self._cut.layers, map(moved_px, self._cut_motions), strict=True)
+                    seen_behind(layer, movers, self._size) if any(by) else 0.0 for layer, by in own
                 )
             return self._shares[key]
 
@@ -100,17 +96,5 @@ class CutScene(ExposedScene):
 
 def _joined(layers: Sequence[Layer]) -> list[Layer]:
     """Layers that move alike, those that are near each other as one."""
-    groups: list[list[Layer]] = []
-    for layer in layers:
-        near = [group for group in groups if any(_near(layer, each) for each in group)]
-        groups = [group for group in groups if group not in near]
-        groups.append([*(each for group in near for each in group), layer])
-    return [group[0] if len(group) == 1 else as_one(_in_order(group, layers)) for group in groups]
-
-
-def _in_order(group: Sequence[Layer], layers: Sequence[Layer]) -> list[Layer]:
-    return [layer for layer in layers if any(layer is each for each in group)]
-
-
-def _near(one: Layer, other: Layer) -> bool:
-    return window_at_rest(one).grown(_NEAR_PX, _NEAR_PX).meets(window_at_rest(other))
+    near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
+    return [flattened([layers[place] for place in places]) for _, places in near]

@@ -22,11 +22,11 @@ from blurnoise._core.borders import Border
 from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, shown
 from blurnoise._core.limits import LIMITS, limited
 from blurnoise.blur import convolution
-from blurnoise.blur.layers import Layers, of_each
+from blurnoise.blur.layers import Layers, layers_per_picture
+from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp, flows
 from blurnoise.light.flicker import Pwm, lit
-from blurnoise.light.objects import displaced
-from blurnoise.light.translation import translated
+from blurnoise.light.motion import displaced
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
@@ -92,7 +92,7 @@ def captured(
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
-    objects = of_each(layers, light)
+    objects = layers_per_picture(layers, light)
     frames = []
     for place, (capture, reader, window) in enumerate(zip(captures, readers, times, strict=True)):
         start_s, taken_s = window

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 from blurnoise._core.checks import an_instance, real_tensor, shown
 from blurnoise._core.limits import limited
-from blurnoise.blur.layers import Passing
+from blurnoise.blur.layers import ObjectMotion
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions, Number
 from blurnoise.light.effect import LightEffect
@@ -77,7 +77,7 @@ def plan(
     temperature_c: float = 25.0,
     illuminant: str | Curve = "D55",
     tolerance_dn: float = TOLERANCE_DN,
-    objects: tuple[Passing, ...] = (),
+    objects: tuple[ObjectMotion, ...] = (),
     size: tuple[int, int] | None = None,
 ) -> Plan:
     """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
@@ -86,7 +86,7 @@ def plan(
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more.
     displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels is another,
     0.484 white RMS per px where one blur serves all. objects: displacement and share of the picture of each
-    (:func:`blurnoise.blur.layers.passing`), always modelled. size: (H, W) of the picture, by default the sensor's,
+    (:func:`blurnoise.blur.layers.object_motion`), always modelled. size: (H, W) of the picture, by default the sensor's,
     which ``how`` is about. The other arguments as in :func:`blurnoise.simulate`, for one picture. Raises
     ``ValueError`` that names the argument.
     """

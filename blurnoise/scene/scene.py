@@ -23,7 +23,7 @@ from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, 
 from blurnoise._core.limits import limited
 from blurnoise._core.threads import differentiable
 from blurnoise._core.uncompiled import uncompiled
-from blurnoise.blur.layers import Layer, Layers, of_each
+from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Trajectory
@@ -53,7 +53,7 @@ class Frame(NamedTuple):
 class ExposedScene:
     """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
 
-    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.blur.layered`).
+    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.blur.layers`).
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """
@@ -69,7 +69,7 @@ class ExposedScene:
 
     def __post_init__(self) -> None:
         light = image_batch("light", self.light)
-        own = of_each(self.layers, light)
+        own = layers_per_picture(self.layers, light)
         self._layers = own if any(own) else ()
         seen = light.detach().flatten(1)
         brightest = seen.amax(1).tolist() if seen.device.type != "cpu" else seen.numpy().max(1).tolist()

@@ -14,7 +14,7 @@ import torch
 
 from blurnoise import Camera, Layer, Trajectory, simulate
 from blurnoise.blur.displacement import Displacement, Readout
-from blurnoise.blur.layered import exposed
+from blurnoise.blur.layers import exposed
 
 HEIGHT, WIDTH, EXPOSURE_S = 65, 96, 0.01
 STREET = torch.from_numpy(brute_force.photograph(HEIGHT, WIDTH, 5, 3))

@@ -11,7 +11,7 @@ from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, STILL, Moti
 from torch import Tensor
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.blur.layers import boxes_in_motion, seen_behind
+from blurnoise.blur.layers import seen_behind
 
 
 def matte_formula(moved: Motion, background: Motion) -> Tensor:
@@ -131,45 +131,15 @@ def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
 
 @pytest.mark.parametrize(("length", "share"), [(10, 0.05), (30, 0.15), (75, 0.375), (200, 0.75)])
 def test_the_share_that_is_seen_of_what_is_behind(length: float, share: float) -> None:
-    layer = Layer(torch.ones(1, 50, 50), torch.ones(50, 50))
-    assert seen_behind(layer, (length, 0.0)) == pytest.approx(share, abs=0.003)
-    assert seen_behind(layer, (0.0, -length)) == pytest.approx(share, abs=0.003)
+    layer = Layer(torch.ones(1, 50, 50), torch.ones(50, 50), place_px=(300, 300))
+    for moved in ((length, 0.0), (0.0, -length)):
+        assert seen_behind(layer, [(layer, moved)], (650, 650)) == pytest.approx(share, abs=0.003)
 
 
 def test_nothing_is_seen_behind_what_stands_or_is_not_there() -> None:
-    assert seen_behind(Layer(torch.ones(1, 5, 5), torch.ones(5, 5)), STILL) == 0.0
-    assert seen_behind(Layer(torch.ones(1, 5, 5), torch.zeros(5, 5)), (3.0, 0.0)) == 0.0
-
-
-def iou(one: Tensor, other: Tensor) -> float:
-    low, high = torch.maximum(one[:2], other[:2]), torch.minimum(one[2:], other[2:])
-    both, areas = (high - low).prod(), sum((each[2:] - each[:2]).prod() for each in (one, other))
-    return float(both / (areas - both))
-
-
-@pytest.mark.parametrize(("length", "overlap"), [(0.0, 1.0), (12.0, 0.625), (20.0, 0.5)])
-def test_the_box_that_is_swept(length: float, overlap: float) -> None:
-    box = torch.tensor([[10.0, 20.0, 30.0, 25.0]])
-    assert iou(box[0], boxes_in_motion(box, (-length, 0.0), "swept")[0]) == pytest.approx(overlap)
-    assert boxes_in_motion(box, (3.0, -8.0), "swept").tolist() == [[8.5, 16.0, 31.5, 29.0]]
-    assert boxes_in_motion(box, (3.0, 8.0)) is box
-
-
-@pytest.mark.parametrize(
-    ("moved", "there"), [((39.0, 0.0), True), ((44.0, 0.0), False), ((30.0, 11.0), False)]
-)
-def test_the_box_where_it_is_for_half_of_the_time(moved: Motion, there: bool) -> None:
-    """As the share of the exposure says that the layer covers: 20 x 5 px."""
-    box = torch.tensor([[30.0, 20.0, 50.0, 25.0]], dtype=torch.float64)
-    alpha = torch.zeros(1, 1, 50, 90, dtype=torch.float64)
-    alpha[..., 20:25, 30:50] = 1
-    covered = (motion_blur(alpha, moved)[0, 0] >= 0.5 - 0.015).nonzero()  # the matte rings
-    found = boxes_in_motion(box, moved, "half")[0]
-    assert bool(found.isnan().all()) == (not there)
-    assert bool(len(covered)) == there
-    if there:
-        expected = [*covered.amin(0).flip(0).tolist(), *(covered.amax(0).flip(0) + 1).tolist()]
-        assert found.tolist() == pytest.approx(expected, abs=1)
+    for alpha, moved in ((torch.ones(5, 5), STILL), (torch.zeros(5, 5), (3.0, 0.0))):
+        layer = Layer(torch.ones(1, 5, 5), alpha, place_px=(20, 20))
+        assert seen_behind(layer, [(layer, moved)], (45, 45)) == 0.0
 
 
 # --- batches, precision, gradients ------------------------------------------
@@ -284,8 +254,6 @@ def test_what_does_not_go_together() -> None:
         expose_layers(BACKGROUND[None], [[], []], exposure_s=1.0)
     with pytest.raises(TypeError, match="float32 or float64"):
         Layer(torch.ones(1, 4, 5, dtype=torch.uint8), torch.ones(4, 5))
-    with pytest.raises(ValueError, match="kind"):
-        boxes_in_motion(torch.ones(1, 4), (1.0, 0.0), "centre")  # type: ignore[arg-type]
     long = Layer(torch.ones(1, 4, 5), torch.ones(4, 5), (9000.0, 0.0))
     with pytest.raises(ValueError, match="takes at most 4096"):
         expose_layers(BACKGROUND[None], [long], exposure_s=1.0, velocity_px_s=(0.0, 3.0))

@@ -9,8 +9,7 @@ import torch
 from layered_scenes import BACKGROUND, MATTE, OBJECT, SIZE, STILL, Motion, close, seen
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.blur.layered import at_rest
-from blurnoise.blur.layers import seen_behind
+from blurnoise.blur.layers import at_rest, seen_behind
 
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "circular"])
@@ -108,6 +107,7 @@ def test_empty_margins_of_a_layer_are_nothing(background: Motion) -> None:
     large = Layer(whole, whole[0], (24.0, 0.0))
     assert torch.equal(expose_layers(black, [large], **given), alone)
     assert float(alone[0, 0, 20, 60]) == pytest.approx(0.38, abs=0.03)  # it leaves: 9 of 24 px of way
-    assert seen_behind(large, (24.0, 0.0), size=(40, 61)) == seen_behind(tight, (24.0, 0.0), size=(40, 61))
+    whole_share, share = (seen_behind(each, [(each, (24.0, 0.0))], (40, 61)) for each in (large, tight))
+    assert whole_share == share
     nowhere = Layer(white, 0 * white[0], (24.0, 0.0), (46, 15))
     assert torch.equal(expose_layers(black, [nowhere], **given), black)

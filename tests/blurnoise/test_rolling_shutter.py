@@ -15,7 +15,7 @@ from blurnoise import Trajectory
 from blurnoise._core.borders import extended
 from blurnoise.blur import convolution
 from blurnoise.blur.displacement import Displacement, Readout, stretch
-from blurnoise.blur.layered import moved
+from blurnoise.blur.layers import moved
 from blurnoise.blur.rows import rolled as rolled_at_once
 from blurnoise.blur.rows import shifted_rows, warped
 

@@ -187,7 +187,7 @@ def simulate(
     from blurnoise._core.checks import in_range, integer
     from blurnoise._core.limits import limited
     from blurnoise._core.rng import LAST_SEED
-    from blurnoise.blur.layers import passing
+    from blurnoise.blur.layers import object_motion
     from blurnoise.light.conditions import middle_of
     from blurnoise.optics.radiometry import filter_electrons, photoelectrons
     from blurnoise.picture.develop import develop_8bit, in_channels
@@ -283,7 +283,9 @@ def simulate(
         temperature_c=temperature_c,
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
-        objects=tuple(passing(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers),
+        objects=tuple(
+            object_motion(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers
+        ),
         size=(scene.shape[-2], scene.shape[-1]),
     )
     speed_px_s = (dx**2 + dy**2) ** 0.5 if flow is None else float(flow.square().sum(0).sqrt().median())
@@ -424,7 +426,7 @@ def _of_object(
         velocity_px_s = (float(behind[0].mean()), float(behind[1].mean()))
     apart = [(own - rest) * exposure_s for own, rest in zip((x, y), velocity_px_s, strict=True)]
     size = (moving.background.shape[-2], moving.background.shape[-1])
-    invented = seen_behind(layer, apart, size=size) if moving.invented.any() else 0.0
+    invented = seen_behind(layer, [(layer, apart)], size) if moving.invented.any() else 0.0
     return {"object_blur_px": hypot(x, y) * exposure_s, "invented_percent": 100 * invented}
 
 

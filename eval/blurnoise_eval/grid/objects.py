@@ -92,8 +92,9 @@ class Objects:
 
     "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
     or takes all of it (``datasets.segmentation.of_object_in``); "segmentation": that alone; "box". A speed of 0: it
-    stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth, see
-    :func:`blurnoise.blur.layers.boxes_in_motion`. Raises ``ValueError`` naming the field.
+    stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth: where
+    objects are at mid-exposure, where for half of it or more, or all that they pass. Raises ``ValueError`` naming
+    the field.
     """
 
     mattes: str = "auto"

@@ -18,7 +18,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.blur.layers import boxes_in_motion
 from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
@@ -273,13 +272,15 @@ def box_sweeper(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes:
 
 
 def _half(taken: Exposure) -> BoxesIn:
-    """Where boxes are for half of the exposure or more; those that are nowhere so long are their middle, no area."""
+    """Where boxes are for half of the exposure or more: the objects' own, up to a motion of twice their size along
+    either axis. Of those that are nowhere so long the middle, no area."""
 
     def boxes_in(boxes_xyxy: torch.Tensor, size: tuple[int, int] | None) -> torch.Tensor:
         middle = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]) / 2
-        moved_px = taken.displacements_px(middle, size)
-        there = boxes_in_motion(taken.move_boxes(boxes_xyxy, size), moved_px, "half")
-        return torch.where(there.isnan(), middle.repeat(1, 2), there)
+        moved_px = taken.displacements_px(middle, size).abs().to(boxes_xyxy)
+        own = taken.move_boxes(boxes_xyxy, size)
+        there = (moved_px <= 2 * (own[:, 2:] - own[:, :2])).all(1, keepdim=True)
+        return torch.where(there, own, middle.repeat(1, 2))
 
     return boxes_in
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, Layer, expose_layers, plan, simulate
-from blurnoise.blur.layers import passing
+from blurnoise.blur.layers import object_motion
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effects import through
-from blurnoise.light.objects import OBJECTS, displaced
+from blurnoise.light.motion import OBJECTS, displaced
 from blurnoise.optics.gains import staggered
 from blurnoise.optics.lens import Distortion, Lens
 from blurnoise.scene.hdr import captured
@@ -73,13 +73,13 @@ def test_distortion_comes_first() -> None:
 
 def test_plans_keep_objects_and_bound_them() -> None:
     taken = {"exposure_s": 0.01, "illuminance_lux": 100.0}
-    moving = plan(CAMERA, **taken, objects=(passing(SQUARE, 0.01, SIZE),))
+    moving = plan(CAMERA, **taken, objects=(object_motion(SQUARE, 0.01, SIZE),))
     row = {stage.name: stage for stage in moving.stages}["objects"]
     assert row.kept
     assert "matte formula" in row.how
     assert row.contribution_dn > 100
     assert "objects" not in moving.without
-    both = plan(CAMERA, **taken, objects=(passing(SQUARE, 0.01, SIZE),), displacement_px=(5.0, 0.0))
+    both = plan(CAMERA, **taken, objects=(object_motion(SQUARE, 0.01, SIZE),), displacement_px=(5.0, 0.0))
     assert "parts of 2 px" in {stage.name: stage for stage in both.stages}["objects"].how
     assert {stage.name: stage for stage in plan(CAMERA, **taken).stages}["objects"].contribution_dn == 0
 
@@ -96,7 +96,7 @@ def test_the_bound_holds_for_black_and_white(moved: float, background: float) ->
     apart, along = (Layer(light[0], alpha, (speed, 0.0)) for speed in (moved, background))
     taken = {"exposure_s": 1.0, "velocity_px_s": (background, 0.0)}
     one, other = (expose_layers(scene, [layer], **taken) for layer in (apart, along))
-    at = Conditions(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(passing(apart, 1.0, (64, 80)),))
+    at = Conditions(CAMERA, 1.0, 25.0, 1.0, (background, 0.0), objects=(object_motion(apart, 1.0, (64, 80)),))
     assert float((one - other).square().mean().sqrt()) <= OBJECTS.bound(at)
 
 

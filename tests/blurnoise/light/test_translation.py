@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from blurnoise.light.translation import translated
+from blurnoise.blur.rows import translated
 
 PICTURE = torch.rand(2, 3, 21, 34, generator=torch.Generator().manual_seed(1))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from blurnoise.blur.layered import at_rest
+from blurnoise.blur.layers import at_rest
 from blurnoise.scene import cutting
 
 SIZE = (61, 84)

@@ -21,7 +21,7 @@ from blurnoise_eval.datasets import (
 )
 from blurnoise_eval.grid.objects import Objects
 
-from blurnoise.blur.layered import at_rest
+from blurnoise.blur.layers import at_rest
 from blurnoise.scene.scene import ExposedScene
 
 HEIGHT, WIDTH = 60, 81
