@@ -86,8 +86,8 @@ def plan(
     their squares is within the tolerance; what spreads values stays where rounding without it would cost more.
     displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels is another,
     0.484 white RMS per px where one blur serves all. objects: displacement and share of the picture of each
-    (:func:`blurnoise.blur.layers.object_motion`), always modelled. size: (H, W) of the picture, by default the sensor's,
-    which ``how`` is about. The other arguments as in :func:`blurnoise.simulate`, for one picture. Raises
+    (:func:`blurnoise.blur.layers.object_motion`), always modelled. size: (H, W) of the picture, by default the
+    sensor's, which ``how`` is about. The other arguments as in :func:`blurnoise.simulate`, for one picture. Raises
     ``ValueError`` that names the argument.
     """
     limited("tolerance_dn", tolerance_dn)
