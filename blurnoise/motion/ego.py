@@ -24,7 +24,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import Field
+from blurnoise.optics.lens import SAME_EVERYWHERE, Field
 
 Lens = Literal["f-theta", "rectilinear"]
 
@@ -41,11 +41,8 @@ def velocity_px_s(
     """Speed in the image, px/s, of a target that crosses the optical axis at ``speed_m_s``.
 
     speed_m_s >= 0, across the line of sight; distance_m, target_width_m > 0; width_px and hfov_deg are the
-    camera's. The target's image is ``Size_px`` wide and moves Size_px / target_width_m pixels per metre:
-
-    * f-theta: Size_px = 2 atan(w / 2d) [deg] * width_px / hfov_deg (Lin et al. 2024, eq. 14);
-    * rectilinear: Size_px = f w / d with f = (width_px / 2) / tan(hfov / 2).
-
+    camera's. Its image is 2 atan(w / 2d) [deg] * width_px / hfov_deg px wide by an f-theta lens (Lin et al. 2024,
+    eq. 14), f w / d with f = (width_px / 2) / tan(hfov / 2) by a rectilinear one, and moves that / w px per metre.
     Raises ``ValueError`` for values outside these ranges (a rectilinear lens needs hfov_deg < 180).
     """
     speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
@@ -187,10 +184,12 @@ class View:
 
     def rays(self, pixels: Floats) -> Floats:
         """Unit vectors (3, ...) towards what pixels (2, ...) see."""
-        x, y = self._from_axis(pixels)
-        if self._straight:
+        if self._field:
+            x, y = self._field.directions(pixels[0], pixels[1], (self.height_px, self.width_px))
             rays = np.stack([x, y, np.ones_like(x)])
             return np.asarray(rays / np.linalg.norm(rays, axis=0))
+        x = (pixels[0] - (self.width_px - 1) / 2) / self.focal_px
+        y = (pixels[1] - (self.height_px - 1) / 2) / self.focal_px
         theta = np.hypot(x, y)
         bent = np.sinc(theta / np.pi)  # sin(theta) / theta
         return np.asarray(np.where(theta <= np.pi, np.stack([x * bent, y * bent, np.cos(theta)]), np.nan))
@@ -205,15 +204,16 @@ class View:
         """
         _ahead("range_m", range_m)
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
-        if self._straight:
-            x, y = self._from_axis(pixels)
+        if self._field:
+            size = self.height_px, self.width_px
+            x, y = self._field.directions(pixels[0], pixels[1], size)
             near = np.sqrt(1 + x * x + y * y) / range_m
             (vx, vy, vz), (wx, wy, wz) = velocity, turn
             u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
             v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
             if self.calibrated is None:
                 return self.focal_px * np.stack([u, v])
-            fastest, size = np.hypot(u, v), (self.height_px, self.width_px)
+            fastest = np.hypot(u, v)
             step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
             after = self.calibrated.imaged(x + u * step_s, y + v * step_s, size)
             before = self.calibrated.imaged(x - u * step_s, y - v * step_s, size)
@@ -233,16 +233,11 @@ class View:
         return np.asarray(self.focal_px * (angular * radial + wider * (around * turned[:2]).sum(0) * around))
 
     @property
-    def _straight(self) -> bool:
-        """Whether directions are given by X/Z and Y/Z."""
-        return self.calibrated is not None or self.lens == "rectilinear"
-
-    def _from_axis(self, pixels: Floats) -> tuple[Floats, Floats]:
-        """Directions of pixels: from the axis in focal lengths, of a calibrated lens (X/Z, Y/Z)."""
-        x, y = pixels
-        if self.calibrated is not None:
-            return self.calibrated.directions(x, y, (self.height_px, self.width_px))
-        return (x - (self.width_px - 1) / 2) / self.focal_px, (y - (self.height_px - 1) / 2) / self.focal_px
+    def _field(self) -> Field | None:
+        """Of a lens that images directions X/Z and Y/Z: the calibrated one, or a pinhole."""
+        if self.calibrated is None and self.lens == "rectilinear":
+            return Field(SAME_EVERYWHERE, self.width_px, self.height_px, self.hfov_deg, 1.0)
+        return self.calibrated
 
 
 def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:

@@ -274,8 +274,7 @@ class Camera:
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""
-        values: dict[str, object] = camera_files.plain(self)
-        return values
+        return dict(camera_files.plain(self))
 
 
 class Amplified(NamedTuple):

@@ -77,11 +77,6 @@ class RelativeIllumination:
         check_fields(self)
         check_samples("heights", self.heights, self.values)
 
-    def at(self, height: Floats, corner_mm: float) -> Floats:
-        """The light at relative field heights of a sensor whose corner is ``corner_mm`` from its centre."""
-        per_unit = 1.0 if self.unit == "relative" else 1 / corner_mm
-        return np.interp(height, np.multiply(self.heights, per_unit), self.values)
-
 
 @dataclass(frozen=True)
 class Distortion:
@@ -148,8 +143,8 @@ class Distortion:
         u, v = x * ratio, y * ratio
         for _ in range(3 if slack else 1):
             at = self.distorted(u, v)
-            ux, uy = self._slopes((u + _STEP, v), (u - _STEP, v))
-            vx, vy = self._slopes((u, v + _STEP), (u, v - _STEP))
+            ux, uy = self._slopes(u, v, _STEP, 0.0)
+            vx, vy = self._slopes(u, v, 0.0, _STEP)
             off_x, off_y = x - at[0], y - at[1]
             area = ux * vy - vx * uy
             area = np.where(np.abs(area) > 1e-9, area, np.inf)
@@ -166,9 +161,9 @@ class Distortion:
         share = np.where(r > last, last / np.maximum(r, 1e-12), 1.0)
         return x * share, y * share
 
-    def _slopes(self, ahead: tuple[Floats, Floats], behind: tuple[Floats, Floats]) -> list[Floats]:
-        ends = zip(self.distorted(*ahead), self.distorted(*behind), strict=True)
-        return [(after - before) / (2 * _STEP) for after, before in ends]
+    def _slopes(self, x: Floats, y: Floats, dx: float, dy: float) -> Floats:
+        after, before = self.distorted(x + dx, y + dy), self.distorted(x - dx, y - dy)
+        return (np.stack(after) - np.stack(before)) / (2 * _STEP)
 
     def _fisheye(self, angle: Floats) -> Floats:
         t, (k1, k2, k3, k4) = angle * angle, self.coefficients
@@ -294,8 +289,7 @@ class Field:
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
         """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them.
 
-        Each bounds the image of the ellipse inscribed in its box: an object seldom fills the corners, which move
-        most. Corners of a picture beyond where the lens images anything stay at its limit.
+        Each bounds the image of the ellipse inscribed in its box: objects seldom fill the corners, which move most.
         """
         turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
         low, high = boxes_xyxy[:, None, :2] - 0.5, boxes_xyxy[:, None, 2:] - 0.5
@@ -341,7 +335,8 @@ def light(field: Field, size: Size) -> Floats:
     """Relative illumination (H, W) of a picture: the cosine's power, or the measured curve."""
     curve = field.lens.relative_illumination
     if curve is not None:
-        return curve.at(field.heights(size), field.corner_px * field.pixel_pitch_um / 1e3)
+        per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
+        return np.interp(field.heights(size), np.multiply(curve.heights, per_unit), curve.values)
     x, y = field.directions(*_pixels(size), size)
     return np.asarray((1 + x * x + y * y) ** (-field.lens.falloff_power / 2))
 
