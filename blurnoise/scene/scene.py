@@ -121,7 +121,8 @@ class ExposedScene:
 
         def frames(of: list[int], needs: Plan) -> Tensor:
             every = len(of) == len(self.light)
-            light, some = (self.light, at) if every else (self.light[of], at.part(of))
+            light = self.light if every else self.light[of]
+            some = at if every else at.part(of)
             reduced = needs.reduced(some)
             moved = effects.through(light, reduced, border=self.border, without=needs.without)
             sensed = mosaic.on_sensor(moved, needs.camera, self.illuminant)
