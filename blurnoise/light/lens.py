@@ -25,6 +25,7 @@ from blurnoise.optics.lens import Field, Floats, Size
 from blurnoise.optics.transfer import Optics
 
 
+@dataclass(frozen=True)
 class _OverTheField(LightEffect):
     """An effect that differs from place to place, of cameras whose lens :meth:`has` it."""
 
@@ -39,6 +40,7 @@ class _OverTheField(LightEffect):
         return at.camera.field if self.has(at.camera) else None
 
 
+@dataclass(frozen=True)
 class _ByTransferFunction(LightEffect):
     """A blur that is the same everywhere, hence shares a transform with its neighbours."""
 
@@ -59,7 +61,6 @@ class _ByTransferFunction(LightEffect):
         return self.optics(at.camera)
 
 
-@dataclass(frozen=True)
 class Distortion(_OverTheField):
     """Distortion by OpenCV's models; boxes follow."""
 
@@ -91,7 +92,6 @@ class Distortion(_OverTheField):
         return torch.from_numpy(moved).to(boxes_xyxy)
 
 
-@dataclass(frozen=True)
 class LateralColour(_OverTheField):
     """Red and blue larger or smaller than green, in pictures of three channels, R, G and B; others have no colour."""
 
@@ -159,7 +159,6 @@ class Defocus(LightEffect):
         return camera.defocus_radius_px, camera.defocus_counts_pixel, field
 
 
-@dataclass(frozen=True)
 class Diffraction(_ByTransferFunction):
     """Diffraction at a round aperture, of the camera's diffraction_wavelength_um."""
 
@@ -174,7 +173,6 @@ class Diffraction(_ByTransferFunction):
         return f"transfer function, to {1 / reach:.3g} cycles/px" if reach else "transfer function"
 
 
-@dataclass(frozen=True)
 class MeasuredMtf(_ByTransferFunction):
     """A measured MTF, in place of defocus and diffraction."""
 
@@ -190,7 +188,6 @@ class MeasuredMtf(_ByTransferFunction):
         return f"transfer function of {len(curve.values)} samples, to {curve.frequencies[-1]:g} {curve.unit}"
 
 
-@dataclass(frozen=True)
 class Vignetting(_OverTheField):
     """The light of every pixel times its relative illumination, by the field angle or by a measured curve."""
 

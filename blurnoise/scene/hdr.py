@@ -28,9 +28,8 @@ from blurnoise.blur.sub_exposures import flow_warp, flows
 from blurnoise.light.flicker import Pwm, lit
 from blurnoise.light.motion import displaced
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture, factors, windows
 from blurnoise.optics.colour import Encoding
-from blurnoise.optics.gains import Capture, factors, windows
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.step import Development

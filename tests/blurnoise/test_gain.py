@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from stage_moments import frame as frame_moments
 
 from blurnoise import Camera, simulate
-from blurnoise.optics.gains import ConversionGain
+from blurnoise.optics.camera import ConversionGain
 
 IMX250 = Camera.preset("imx250")
 DUAL = replace(

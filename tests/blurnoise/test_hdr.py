@@ -11,8 +11,8 @@ import torch
 
 from blurnoise import Camera, Exposure, simulate
 from blurnoise.light.flicker import Pwm
+from blurnoise.optics.camera import Capture, dual_gain, staggered
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.gains import Capture, dual_gain, staggered
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise.scene.hdr import Flicker, captured, developed, fuse, fused

@@ -38,8 +38,7 @@ from blurnoise import (
 )
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.gains import dual_gain, staggered
+from blurnoise.optics.camera import PRESETS, dual_gain, staggered
 from blurnoise.scene.hdr import Flicker, fused
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.expose import expose_pictures

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
     from blurnoise.motion.ego import Lens, Vehicle
     from blurnoise.motion.trajectory import Trajectory
-    from blurnoise.optics.camera import Camera
+    from blurnoise.optics.camera import Camera, Capture
     from blurnoise.optics.colour import Cfa
-    from blurnoise.optics.gains import Capture
     from blurnoise.optics.spectra import Curve
     from blurnoise.scene.cutting import Cut, Matte
     from blurnoise.scene.hdr import Flicker
@@ -166,7 +165,7 @@ def _as(scene: Tensor, path: Path, encoding: Literal["srgb", "linear"]) -> Tenso
 
 def captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
     """The camera's or one, unless ratios say what shorter ones there are: "16" or "16,256"."""
-    from blurnoise.optics.gains import staggered
+    from blurnoise.optics.camera import staggered
 
     if ratios is None:
         return camera.captures or staggered()

@@ -15,8 +15,7 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from blurnoise.optics.camera import Camera
-    from blurnoise.optics.gains import Capture
+    from blurnoise.optics.camera import Camera, Capture
     from blurnoise.scene.cutting import Cut
     from blurnoise.scene.hdr import Flicker
 
@@ -358,7 +357,7 @@ def _of_captures(
     taker: Camera, captures: tuple[Capture, ...], frames: list[Tensor], exposure_s: float, speed_px_s: float
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
-    from blurnoise.optics.gains import windows
+    from blurnoise.optics.camera import windows
     from blurnoise.scene import hdr
 
     ends_e = hdr.saturations_e(taker, captures)
@@ -432,7 +431,7 @@ def _of_object(
 
 def _of_lamp(lamp: Flicker, captures: tuple[Capture, ...], exposure_s: float) -> dict[str, Any]:
     """Of each capture: the light it got of the lamp's mean, the least and most it may get, how often none."""
-    from blurnoise.optics.gains import windows
+    from blurnoise.optics.camera import windows
 
     facts: dict[str, Any] = {"pwm_phase": lamp.pwm.phase}
     for place, (start_s, taken_s) in enumerate(windows(captures, exposure_s), 1):

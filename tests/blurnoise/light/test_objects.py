@@ -12,7 +12,7 @@ from blurnoise.blur.layers import object_motion
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effects import through
 from blurnoise.light.motion import OBJECTS, displaced
-from blurnoise.optics.gains import staggered
+from blurnoise.optics.camera import staggered
 from blurnoise.optics.lens import Distortion, Lens
 from blurnoise.scene.hdr import captured
 

@@ -15,7 +15,7 @@ from blurnoise_eval.datasets import decode_linear, write_picture
 
 from blurnoise import Camera, photoelectrons
 from blurnoise.light.flicker import Pwm
-from blurnoise.optics.gains import staggered
+from blurnoise.optics.camera import staggered
 from blurnoise.scene.hdr import captured, developed, fuse
 
 Output = pytest.CaptureFixture[str]
