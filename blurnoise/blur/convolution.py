@@ -111,8 +111,7 @@ def exposure_blur(
     moved = motions("displacement_px", displacement_px, image)
     if method == "kornia":
         return _kornia(image, moved, optics, border)
-    moving = differentiable(moved)  # then a blur too short to be seen still has its gradient
-    moved = moved if moving else moved.detach()
+    moved = moved if differentiable(moved) else moved.detach()
     together = image.device.type != "cpu" and not any(paths)
     responses: list[fourier.Response | None] = []
     groups = torch.split(moved, len(image) if together else 1)
@@ -124,10 +123,9 @@ def exposure_blur(
         else:
             dx, dy = group.detach().abs().amax(0).tolist()
             left_out = transfer.motion_error(dx, dy) + optics.error
-            response = fourier.Straight(group, optics, moving)
-        negligible = method == "auto" and left_out <= NEGLIGIBLE and not moving
-        nothing = method == "none" or negligible or not any(response.reach_px)
-        responses.append(None if nothing else response)
+            response = fourier.Straight(group, optics)
+        seen = left_out > NEGLIGIBLE or method != "auto" or response.variable.requires_grad
+        responses.append(response if seen and method != "none" and any(response.reach_px) else None)
     return _applied(image, responses, border, tiled=method != "transfer")
 
 

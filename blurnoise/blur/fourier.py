@@ -31,7 +31,7 @@ from blurnoise.optics.transfer import SHARP, Optics
 _Array = TypeVar("_Array", Tensor, NDArray[Any])
 _TAIL_PX = 8  # of the band-limited line beyond its ends; the rest is 1e-4 RMS of white, in white noise
 _JOIN = 0.05  # cycles/px below half of one, over which a response is led into its alias
-_STILL_PX = 2e-5  # along an axis that is not worth its transform: 1.4e-5 of a wave, beside other motion
+STILL_PX = 2e-5  # along an axis that is not worth its transform: 1.4e-5 of a wave, beside other motion
 _STRIP = 3 << 16  # values of a strip of rows
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis
 LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
@@ -241,11 +241,10 @@ def _rows(
 
 @dataclass(frozen=True, eq=False)
 class Straight:
-    """Uniform motion, displacement_px (B, 2), x and y, and a lens; every_axis: along an axis at rest, too."""
+    """Uniform motion, displacement_px (B, 2), x and y, and a lens."""
 
     displacement_px: Tensor
     optics: Optics = SHARP
-    every_axis: bool = False
     multiply = staticmethod(packed.multiply)
 
     def __str__(self) -> str:
@@ -258,9 +257,9 @@ class Straight:
     @property
     def reach_px(self) -> tuple[float, float]:
         x, y = (along / 2 for along in self.displacement_px.detach().abs().amax(0).tolist())
-        if self.optics != SHARP or self.every_axis:
-            return y + self.optics.reach_px + _STILL_PX, x + self.optics.reach_px + _STILL_PX
-        return y if y > _STILL_PX / 2 else 0.0, x if x > _STILL_PX / 2 else 0.0
+        if self.optics != SHARP or self.displacement_px.requires_grad:  # which an axis at rest has, too
+            return y + self.optics.reach_px + STILL_PX, x + self.optics.reach_px + STILL_PX
+        return y if y > STILL_PX / 2 else 0.0, x if x > STILL_PX / 2 else 0.0
 
     def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
         x, y = self.displacement_px[0].tolist()

@@ -28,10 +28,12 @@ _LARGE = 1 << 20  # values of a small grid
 _AT_ONCE = 1 << 12  # pieces of a path
 _MOST_POINTS, _MOST_NODES = 1 << 24, 1 << 26
 _PLACES, _WEIGHTS = (torch.from_numpy(each) / 2 for each in np.polynomial.legendre.leggauss(6))
-_ACROSS = [torch.from_numpy(each) for each in np.polynomial.legendre.leggauss(48)]
 """Points of a piece of at most a pixel: they err by 4e-8 at half a cycle per pixel both ways."""
 _WIDTH, _SHAPE = 12, 26.0
 """Nodes, half a pixel apart, of the window exp(shape (sqrt(1 - x^2) - 1)): it errs by 5e-10."""
+_ACROSS = [
+    torch.from_numpy(each) for each in np.polynomial.legendre.leggauss(48)
+]  # a quadrature over the window
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,8 @@ class Path:
 
     @property
     def reach_px(self) -> tuple[float, float]:
-        moved = 2 * self.knots_px.detach().abs().amax(1)
-        return fourier.Straight(moved[None], self.optics, every_axis=True).reach_px
+        x, y = self.knots_px.detach().abs().amax(1).tolist()
+        return y + self.optics.reach_px + fourier.STILL_PX, x + self.optics.reach_px + fourier.STILL_PX
 
     def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
         knots, shares = (each.detach().numpy().tobytes() for each in (self.knots_px, self.shares))
