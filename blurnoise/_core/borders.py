@@ -39,8 +39,8 @@ def extended(image: Tensor, before: tuple[int, int], spans: tuple[int, int], bor
     if border == "constant":
         return torch.nn.functional.pad(image, (before[1], after[1], before[0], after[0]))
     for dim, first, span in ((-2, before[0], height), (-1, before[1], width)):
-        index = index_of(image.shape[dim], first, span, border)
-        image = image.index_select(dim, index.to(image.device))
+        places = torch.arange(-first, span - first, device=image.device)
+        image = image.index_select(dim, folded(places, image.shape[dim], border))
     return image
 
 
@@ -51,13 +51,8 @@ def continued(plane: NDArray[Any], into: NDArray[Any], before: tuple[int, int], 
     cv2.copyMakeBorder(plane, before[0], after[0], before[1], after[1], OPENCV[border], dst=into, value=0)
 
 
-def index_of(size: int, before: int, span: int, border: Border) -> Tensor:
-    """Source of each of ``span`` pixels along an axis, ``before`` of them ahead of ``size``; not for "constant"."""
-    return folded(torch.arange(-before, span - before), size, border)
-
-
 def folded(places: Tensor, size: int, border: Border) -> Tensor:
-    """Where among ``size`` pixels is what is seen at ``places``, beyond them too; not for "constant"."""
+    """The pixels of ``size`` along an axis that a border shows at ``places``, beyond them too; not "constant"."""
     if border == "replicate" or size == 1:
         return places.clamp(0, size - 1)
     if border == "circular":
