@@ -361,6 +361,8 @@ def _model(kind: Any) -> type[BaseModel]:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist()) if value.ndim else value.item()
     if isinstance(value, (list, tuple)):
         return tuple(item.item() if isinstance(item, np.generic) else item for item in value)
     return value.item() if isinstance(value, np.generic) else value

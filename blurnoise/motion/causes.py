@@ -133,6 +133,4 @@ def _columns(content: str) -> dict[str, Floats]:
         values = np.array([[float(value) for value in row] for row in rows[1:]]).reshape(-1, len(names))
     except ValueError:
         raise ValueError("must hold numbers below its header") from None
-    if not np.isfinite(values).all():
-        raise ValueError("must hold finite numbers")
     return dict(zip(names, values.T, strict=True))

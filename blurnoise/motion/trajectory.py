@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import LIMITS, in_range, limited, one_of, shown
+from blurnoise._core.checks import LIMITS, check_fields, in_range, limited, shown
 
 Floats = NDArray[np.float64]
 Reference = Literal["centroid", "middle"]
@@ -83,9 +83,7 @@ class Trajectory:
     reference: Reference = "centroid"
 
     def __post_init__(self) -> None:
-        for name in ("time_s", "x_px", "y_px"):
-            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
-        one_of("reference", self.reference, ("centroid", "middle"))
+        check_fields(self)
         if not len(self.time_s) == len(self.x_px) == len(self.y_px) >= 2:
             counts = len(self.time_s), len(self.x_px), len(self.y_px)
             raise ValueError(f"time_s, x_px, y_px: got {counts} numbers; must be as many of each, at least 2")
@@ -106,7 +104,7 @@ class Trajectory:
                 f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
             )
         x, y = np.asarray(places_px).tolist()
-        return cls(tuple(np.asarray(time_s).tolist()), tuple(x), tuple(y), reference)
+        return cls(np.asarray(time_s).tolist(), x, y, reference)
 
     @classmethod
     def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
@@ -232,18 +230,6 @@ def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:
         return float(knots[0, 0]), float(knots[1, 0])
     x, y = ((knots[:, :-1] + knots[:, 1:]) / 2 * durations).sum(-1) / durations.sum()
     return float(x), float(y)
-
-
-def _numbers(name: str, values: Iterable[float]) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(value) for value in values)
-    except OverflowError:  # an integer beyond 1e308
-        raise ValueError(f"{name}: must be finite") from None
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} = {shown(values)}: must be numbers") from None
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{name}: must be finite")
-    return numbers
 
 
 def _vector(name: str, value: Iterable[float]) -> Floats:

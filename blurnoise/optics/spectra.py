@@ -43,9 +43,6 @@ class Curve:
     values: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        for name in ("wavelengths_nm", "values"):
-            given = getattr(self, name)
-            object.__setattr__(self, name, given.tolist() if isinstance(given, np.ndarray) else given)
         check_fields(self)
         check_samples("wavelengths_nm", self.wavelengths_nm, self.values)
         limited("wavelengths_nm: the first", self.wavelengths_nm[0], "wavelength_nm")

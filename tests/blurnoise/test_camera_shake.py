@@ -83,7 +83,7 @@ def test_logs(tmp_path: Path) -> None:
         ("time_s,x_px\n0,1\n1,2\n", "must be time_s and x_px, y_px or"),
         ("time_s,x_px,y_px\n0,1,1\n0,2,2\n", "must be at least two times that increase"),
         ("time_s,x_px,y_px\n0,1,left\n", "must hold numbers"),
-        ("time_s,x_px,y_px\n0,1,nan\n1,1,1\n", "must hold finite numbers"),
+        ("time_s,x_px,y_px\n0,1,nan\n1,1,1\n", "y_px = nan: must be finite"),
         ("time_s,x_px,y_px\n0,1\n", "as many values in every row"),
         ("time_ms,x_px,y_px\n0,1,1\n1,2,2\n", "must hold time_s"),
         ("time_s,wx,wy\n0,1,1\n1,2,2\n", "wx_rad_s, wy_rad_s or in deg_s"),

@@ -288,7 +288,7 @@ def test_no_time_sees_one_place() -> None:
     [
         (lambda: Trajectory((0.0, 0.0), (0.0, 1.0), (0.0, 1.0)), "time_s: 0.0 follows 0.0; must increase"),
         (lambda: Trajectory((0.0, 1.0), (0.0, 1.0), (0.0,)), "must be as many of each, at least 2"),
-        (lambda: Trajectory((0.0, 1.0), (0.0, math.nan), (0.0, 0.0)), "x_px: must be finite"),
+        (lambda: Trajectory((0.0, 1.0), (0.0, math.nan), (0.0, 0.0)), "x_px = nan: must be finite"),
         (lambda: Trajectory((0.0, 1.0), (0.0, 2e5), (0.0, 0.0)), "x_px: spans 200000 px"),
         (lambda: Trajectory((0.0, 1.0), (0.0, 1.0), (0.0, 0.0), "end"), "reference = 'end'"),  # type: ignore[arg-type]
         (lambda: Trajectory.straight((1.0, 0.0), 0.01).seen(0.02), "must hold the exposure, -0.01 to 0.01 s"),
