@@ -49,8 +49,15 @@ class LightEffect(ABC):
         """The light after it, of the same shape; ``light`` itself stays as it is."""
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it."""
-        return None
+        """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it.
+
+        By default no blur where its figures are 0, and else None.
+        """
+        return Blur() if self.idle(at.camera) else None
+
+    def idle(self, camera: Camera) -> bool:
+        """Whether it has figures and all of them are 0."""
+        return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
 
     def how(self, at: Conditions[float]) -> str:
         """How it is modelled, in a few words."""
@@ -58,7 +65,7 @@ class LightEffect(ABC):
 
     def key(self, at: Conditions[float]) -> Hashable:
         """What of the conditions it depends on: equal keys, equal light."""
-        return at
+        return None if self.idle(at.camera) else at
 
     def displaces(self, camera: Camera) -> bool:
         """Whether :meth:`move_boxes` moves any in pictures of this camera; by default, whether it is defined."""

@@ -8,7 +8,6 @@ that illuminance stays the average. Probabilities are over random phase. IEEE St
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Annotated
 
@@ -17,7 +16,7 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, batch_shaped, in_range, integer, real_tensor
+from blurnoise._core.checks import in_range, integer, real_tensor
 from blurnoise._core.limits import limited, within
 from blurnoise._core.validation import Figure, check_fields
 
@@ -33,39 +32,25 @@ class Pwm:
     def __post_init__(self) -> None:
         check_fields(self)
 
-    @property
-    def pulse_s(self) -> float:
-        """Of one period, the time for which it is on."""
-        return self.duty / self.frequency_hz
-
     def with_phase_of(self, seed: int) -> Pwm:
         """The same lamp at a phase drawn uniformly, by a stream of its own: it moves no other draw."""
         integer("seed", seed, 0, rng.LAST_SEED)
         return replace(self, phase=rng.derived(seed, "pwm phase") / 2.0**63)
 
-    def on_share(self, exposure_s: float, start_s: Tensor | float = 0.0) -> Tensor:
-        """Of exposures that begin at ``start_s`` (any shape), the share in which it is on; float64."""
+    def factor(self, exposure_s: float, start_s: Tensor | float = 0.0) -> Tensor:
+        """What its light is multiplied by in exposures that begin at ``start_s`` (any shape); float64, mean 1."""
         exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
         first = self.phase + self.frequency_hz * real_tensor("start_s", start_s).double()
         if self.duty == 1:
             return torch.ones_like(first)
         periods = self.frequency_hz * exposure
         if periods < 1e-9:  # a moment
-            return (first % 1 < self.duty).double()
-        return (self._on_periods(first + periods) - self._on_periods(first)) / periods
-
-    def factor(self, exposure_s: float, start_s: Tensor | float = 0.0) -> Tensor:
-        """What its light is multiplied by in such exposures: :meth:`on_share` / duty, mean 1."""
-        return self.on_share(exposure_s, start_s) / self.duty
+            return (first % 1 < self.duty).double() / self.duty
+        return (self._on_periods(first + periods) - self._on_periods(first)) / periods / self.duty
 
     def extremes(self, exposure_s: float) -> tuple[float, float]:
-        """The least and the largest light factor that an exposure can have."""
-        whole, rest_s = self._divided(exposure_s)
-        if whole + rest_s == 0:
-            return (0.0 if self.duty < 1 else 1.0), 1 / self.duty
-        off_s = 1 / self.frequency_hz - self.pulse_s
-        parts = (max(0.0, rest_s - off_s), min(rest_s, self.pulse_s))
-        least, most = ((whole * self.pulse_s + part) / (exposure_s * self.duty) for part in parts)
+        """The least and the largest light factor that an exposure can have: it begins as a pulse ends, or begins."""
+        least, most = (float(replace(self, phase=phase).factor(exposure_s)) for phase in (self.duty, 0.0))
         return least, most
 
     def dark_probability(self, exposure_s: float) -> float:
@@ -73,44 +58,41 @@ class Pwm:
         exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
         return max(0.0, 1 - self.frequency_hz * exposure - self.duty)
 
-    def _divided(self, exposure_s: float) -> tuple[int, float]:
-        """Whole periods in an exposure, and what is left."""
-        exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
-        whole = math.floor(self.frequency_hz * exposure + 1e-9)
-        return whole, max(0.0, exposure - whole / self.frequency_hz)
-
     def _on_periods(self, periods: Tensor) -> Tensor:
         """Of so many periods since a pulse began, those in which it was on."""
         whole = periods.floor()
         return whole * self.duty + (periods - whole).clamp(max=self.duty)
 
 
-def lit(
-    light: Tensor,
-    pwm: Pwm,
-    mask: Tensor | None = None,
-    *,
-    exposure_s: float,
-    start_s: float = 0.0,
-    row_time_s: float = 0.0,
-) -> Tensor:
-    """Light (B, C, H, W) of a scene that the lamp lights, or is, where ``mask`` (H, W) says: 0 not at all, 1 alone.
+@dataclass(frozen=True)
+class Flicker:
+    """A lamp that lights the scene, or is in it, where ``mask`` (H, W) says: 0 not at all, 1 alone; None: everywhere.
 
-    None: everywhere. start_s: of the exposure, counted from where the lamp's phase is. row_time_s: by which each row
-    begins after the one above it. A lamp that is always on returns ``light`` itself. Raises ``TypeError`` or
-    ``ValueError`` naming the argument.
+    row_time_s: by which each row begins after the one above it.
     """
-    batch_shaped("light", light)
-    an_instance("pwm", pwm, Pwm)
-    height, width = light.shape[-2:]
-    if mask is not None:
-        mask = real_tensor("mask", mask)
+
+    pwm: Pwm
+    mask: Tensor | None = None
+    row_time_s: float = 0.0
+
+    def on(self, light: Tensor, exposure_s: float, start_s: float = 0.0) -> Tensor:
+        """Light (B, C, H, W) of an exposure, whose start is counted from where the lamp's phase is.
+
+        A lamp that is always on returns ``light`` itself. Raises ``TypeError`` or ``ValueError`` naming the argument.
+        """
+        if self.pwm.duty == 1:
+            return light
+        height, width = light.shape[-2:]
+        begins = (
+            limited("start_s", start_s)
+            + limited("row_time_s", self.row_time_s) * torch.arange(height).double()
+        )
+        factors = self.pwm.factor(exposure_s, begins)[:, None].to(light)
+        if self.mask is None:
+            return light * factors
+        mask = real_tensor("mask", self.mask)
         if mask.shape != (height, width):
             raise ValueError(f"mask: shape is {tuple(mask.shape)}; must be the picture's, {(height, width)}")
         if not bool(((mask >= 0) & (mask <= 1)).all()):
             raise ValueError("mask: must lie within [0, 1]")
-    begins = limited("start_s", start_s) + limited("row_time_s", row_time_s) * torch.arange(height).double()
-    factors = pwm.factor(exposure_s, begins)[:, None].to(light)
-    if pwm.duty == 1:
-        return light
-    return light * (factors if mask is None else 1 + mask.to(light) * (factors - 1))
+        return light * (1 + mask.to(light) * (factors - 1))

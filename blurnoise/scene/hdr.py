@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -19,13 +19,13 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
-from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, one_of, shown
+from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, shown
 from blurnoise._core.limits import LIMITS, limited
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layers, layers_per_picture
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp, flows
-from blurnoise.light.flicker import Pwm, lit
+from blurnoise.light.flicker import Flicker as Flicker
 from blurnoise.light.motion import displaced
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera, Capture, factors, windows
@@ -39,20 +39,6 @@ BLEND = (0.8, 0.95)
 """Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far
 enough below 1 that nothing clipped takes part. The weight follows the noisy value, which takes 1 / (saturation_e
 (high - low)) off the mean in between: 0.06 % at 10 715 e-; smaller wells want it wider."""
-
-
-@dataclass(frozen=True)
-class Flicker:
-    """A lamp that lights the scene, or is in it, where ``mask`` (H, W) says; None: everywhere. As :func:`.lit`."""
-
-    pwm: Pwm
-    mask: Tensor | None = None
-    row_time_s: float = 0.0
-
-    def on(self, light: Tensor, exposure_s: float, start_s: float) -> Tensor:
-        """The light of an exposure, as :func:`blurnoise.light.flicker.lit`."""
-        times = {"exposure_s": exposure_s, "start_s": start_s, "row_time_s": self.row_time_s}
-        return lit(light, self.pwm, self.mask, **times)
 
 
 def captured(
@@ -97,6 +83,10 @@ def captured(
         start_s, taken_s = window
         later_s = start_s + taken_s / 2 - exposure_s / 2
         seen = flicker.on(light, taken_s, start_s) if flicker else light
+        if not by_flow:
+            seen = translated(seen, velocity * later_s, border)
+        elif later_s:
+            seen = flow_warp(seen, velocity * later_s, border=border)
         first_alike = captures[times.index(window)]  # two gains on one exposure read the same electrons
         stream = times.index(window) if first_alike.sensitivity == capture.sensitivity else place
         later = [
@@ -104,7 +94,7 @@ def captured(
             for own in objects
         ]
         frames.append(
-            ExposedScene(_carried(seen, velocity * later_s, border), layers=later, **scene).expose(
+            ExposedScene(seen, layers=later, **scene).expose(
                 reader,
                 exposure_s=taken_s,
                 illuminance_lux=illuminance_lux * capture.sensitivity,
@@ -117,13 +107,6 @@ def captured(
             )
         )
     return frames
-
-
-def _carried(light: Tensor, by_px: Tensor, border: Border) -> Tensor:
-    """The light displaced by (B, 2) px, or each pixel by its own, (B, 2, H, W)."""
-    if by_px.ndim == 2:
-        return translated(light, by_px, border)
-    return flow_warp(light, by_px, border=border) if bool(by_px.any()) else light
 
 
 def fuse(
@@ -180,7 +163,6 @@ def developed(
     """
     image_batch("electrons", electrons)
     an_instance("camera", camera, Camera)
-    one_of("encoding", encoding, ("srgb", "linear"))
     picture = electrons / in_range("white_e", white_e, 0.0, above=True)
     at = Development(replace(camera, full_well_e=LIMITS["full_well_e"].high), 0.0, encoding, illuminant)
     for step in steps.active(camera):
@@ -190,40 +172,44 @@ def developed(
 
 
 def noise_e(
-    camera: Camera, captures: Sequence[Capture], electrons: float, *, blend: tuple[float, float] = BLEND
+    camera: Camera,
+    captures: Sequence[Capture],
+    electrons: float,
+    *,
+    dark_e: float = 0.0,
+    blend: tuple[float, float] = BLEND,
 ) -> float:
     """Temporal noise of a fused pixel of so many mean electrons of the first capture, rms, rounding included.
 
-    With the weights of the mean. A capture k alone has R_k sqrt(n / R_k + sigma_k^2). Two gains on one exposure read
+    dark_e: those of dark current beside them. With the weights of the mean. A capture k alone has
+    R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), t_k its share of the first exposure. Two gains on one exposure read
     the same electrons with the same noise, as :func:`captured` draws them: their weights add up before the square.
     Raises ``ValueError``.
     """
     low, high = _blend(blend)
     in_range("electrons", electrons, 0.0, LIMITS["white_e"].high)
+    in_range("dark_e", dark_e, 0.0, LIMITS["white_e"].high)
     remaining, rounding_e2 = 1.0, 0.0
-    shared: dict[
-        tuple[float, ...], list[float]
-    ] = {}  # by what is exposed: weight, weighted read noise, electrons
+    shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, electrons
     readers, exposed = _readers(camera, captures), windows(captures, 1.0)
     for place, (reader, factor) in enumerate(zip(readers, factors(captures), strict=True)):
-        seen, gain = electrons / factor, reader.system_gain_dn_per_e
+        start_s, taken_s = exposed[place]
+        seen, gain = electrons / factor + dark_e * taken_s, reader.system_gain_dn_per_e
         level = seen * gain / (reader.saturated_dn - reader.black_level_dn)
         share = 1.0 if place == len(readers) - 1 else min(1.0, max(0.0, (high - level) / (high - low)))
         weight = remaining * share * factor
         remaining *= 1 - share
         rounding_e2 += (weight / gain) ** 2 / 12
-        sums = shared.setdefault((*exposed[place], captures[place].sensitivity), [0.0, 0.0, seen])
+        sums = shared.setdefault((start_s, taken_s, captures[place].sensitivity), [0.0, 0.0, seen])
         sums[0] += weight
-        sums[1] += weight * reader.read_noise_e
-    return math.sqrt(rounding_e2 + sum(light**2 * seen + read**2 for light, read, seen in shared.values()))
+        sums[1] += weight * reader.dark_noise_e
+    return math.sqrt(rounding_e2 + sum(light**2 * seen + dark**2 for light, dark, seen in shared.values()))
 
 
-def snr_db(
-    camera: Camera, captures: Sequence[Capture], electrons: float, *, blend: tuple[float, float] = BLEND
-) -> float:
-    """20 log10 of so many electrons over :func:`noise_e`: it falls by 10 log10 R and read noise at each switch."""
+def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **beside: Any) -> float:
+    """20 log10 of so many electrons over :func:`noise_e`: it falls by 10 log10 R and dark noise at each switch."""
     return 20 * math.log10(
-        in_range("electrons", electrons, 0.0, above=True) / noise_e(camera, captures, electrons, blend=blend)
+        in_range("electrons", electrons, 0.0, above=True) / noise_e(camera, captures, electrons, **beside)
     )
 
 

@@ -90,6 +90,18 @@ def test_two_gains_on_one_exposure_share_their_noise_in_the_blend(
     )
 
 
+@pytest.mark.parametrize("electrons", [500.0, 40_000.0])
+def test_dark_current_is_noise_of_every_capture(electrons: float) -> None:
+    """6000 e- of it in the first exposure, 375 in the second; without them the first would have 22 e-, not 81."""
+    warm = replace(FINE, dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
+    light = torch.full((1, 1, 300, 400), electrons / WELL_E)
+    seen = fused(
+        light, warm, staggered(16), exposure_s=0.01, illuminance_lux=lux_for(warm), generator=[1]
+    ).double()
+    expected = hdr.noise_e(warm, staggered(16), electrons, dark_e=6000.0)
+    assert float(seen.std()) == pytest.approx(expected, rel=5 / math.sqrt(2 * seen.numel()))
+
+
 @pytest.mark.parametrize("ratios", [(4,), (16,), (16, 256)])
 def test_static_and_noise_free_it_is_linear_to_the_last_saturation(ratios: tuple[float, ...]) -> None:
     most = ratios[-1]

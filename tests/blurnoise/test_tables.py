@@ -18,6 +18,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
+from blurnoise.optics.camera import DARK_NOISE
 from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import fast, readout, stages
@@ -121,12 +122,15 @@ def test_the_reference_in_pieces_is_that_of_whole_pictures(
 
 
 @pytest.mark.parametrize("quantised", [True, False])
-def test_a_stage_without_its_figure_or_without_noise_does_nothing(
+def test_an_entry_without_its_figure_or_without_noise_does_nothing(
     monkeypatch: pytest.MonkeyPatch, quantised: bool
 ) -> None:
-    """Whatever the route, and whether or not the stage looks for itself."""
+    """Whatever the route, and whether or not the entry looks for itself."""
 
     class Unasked(Pedestal):
+        figures = ("dsnu_e",)
+
+    class Unlit(Veil):
         figures = ("dsnu_e",)
 
     class Noisy(Pedestal):
@@ -136,6 +140,7 @@ def test_a_stage_without_its_figure_or_without_noise_does_nothing(
     taken: dict[str, Any] = {"noise": False, "quantised": quantised, "fidelity": "full", **CONDITIONS}
     before = simulate(picture(), camera, **taken)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Unasked(), Noisy(), *stages.STAGES[6:]))
+    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Unlit()))
     assert torch.equal(simulate(picture(), camera, **taken), before)
 
 
@@ -255,6 +260,15 @@ def test_every_entry_says_what_it_is() -> None:
     for each in (*effects.EFFECTS, *stages.STAGES):
         assert all(hasattr(CAMERA, figure) for figure in each.figures)
         assert isinstance(each, LightEffect) or each.name
+
+
+def test_every_noise_of_the_dark_counts_in_threshold_and_range() -> None:
+    """A stage that draws has its figures in the camera's sum, which doubles with them."""
+    drawn = {figure for stage in stages.STAGES if stage.draws for figure in stage.figures}
+    assert drawn == set(DARK_NOISE)
+    noisier = replace(CAMERA, **{name: 2 * getattr(CAMERA, name) for name in DARK_NOISE})
+    assert noisier.dark_noise_e == pytest.approx(2 * CAMERA.dark_noise_e)
+    assert noisier.threshold_e > 1.7 * CAMERA.threshold_e
 
 
 def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -188,7 +188,7 @@ def simulate(
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.blur.layers import object_motion
     from blurnoise.light.conditions import middle_of
-    from blurnoise.optics.radiometry import filter_electrons, photoelectrons
+    from blurnoise.optics.radiometry import dark_electrons, filter_electrons, photoelectrons
     from blurnoise.picture.develop import develop_8bit, in_channels
     from blurnoise.scene.hdr import captured, developed, fuse
     from blurnoise.scene.metering import mean_luma
@@ -272,6 +272,7 @@ def simulate(
     for place, out in enumerate(outputs, 1):
         path = output if place == 1 else output.with_name(f"{output.stem}_{place}{output.suffix}")
         write_picture(path, out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0))
+    size = (scene.shape[-2], scene.shape[-1])
     needs = plan(
         taker,
         exposure_s=exposure_s,
@@ -282,10 +283,8 @@ def simulate(
         temperature_c=temperature_c,
         illuminant=lit_by,
         tolerance_dn=tolerance_dn,
-        objects=tuple(
-            object_motion(layer, exposure_s, (scene.shape[-2], scene.shape[-1])) for layer in layers
-        ),
-        size=(scene.shape[-2], scene.shape[-1]),
+        objects=tuple(object_motion(layer, exposure_s, size) for layer in layers),
+        size=size,
     )
     speed_px_s = (dx**2 + dy**2) ** 0.5 if flow is None else float(flow.square().sum(0).sqrt().median())
     facts: dict[str, Any] = {
@@ -306,12 +305,7 @@ def simulate(
         left, top, right, bottom = moves.seen(exposure_s, (dx, dy)).box
         facts |= {"path_width_px": right - left, "path_height_px": bottom - top}
     if taker.row_time_s:
-        facts["readout_ms"] = (
-            1e3
-            * taker.row_time_s
-            * scene.shape[-2]
-            / taker.field.per_sensor_px((scene.shape[-2], scene.shape[-1]))
-        )
+        facts["readout_ms"] = 1e3 * taker.row_time_s * size[0] / taker.field.per_sensor_px(size)
     if taker.cfa != "none":
         facts["cfa"] = taker.cfa
         per_lux_s = filter_electrons(taker, lit_by)
@@ -320,7 +314,10 @@ def simulate(
             facts["outside_gamut_percent"] = 100 * outside_share(scene, taker)
     if grey_anchor is not None or emitters is not None or encoding == "linear":
         facts["above_white_percent"] = 100 * share_above_white(scene)
-    facts |= _of_captures(taker, captures, frames, exposure_s, speed_px_s) if len(captures) > 1 else {}
+    dark_e = dark_electrons(taker, exposure_s, temperature_c)
+    facts |= (
+        _of_captures(taker, captures, frames[-1], exposure_s, speed_px_s, dark_e) if len(captures) > 1 else {}
+    )
     facts |= _of_object(moving, (dx, dy), flow, exposure_s) if moving else {}
     facts |= _of_lamp(lamp, captures, exposure_s) if lamp else {}
     facts["reflectance"] = reflectance_text(grey_anchor)
@@ -354,7 +351,12 @@ def _flow(
 
 
 def _of_captures(
-    taker: Camera, captures: tuple[Capture, ...], frames: list[Tensor], exposure_s: float, speed_px_s: float
+    taker: Camera,
+    captures: tuple[Capture, ...],
+    last: Tensor,
+    exposure_s: float,
+    speed_px_s: float,
+    dark_e: float,
 ) -> dict[str, Any]:
     """What fusing gains and costs: range, SNR where the second capture takes over, the last one's displacement."""
     from blurnoise.optics.camera import windows
@@ -362,14 +364,14 @@ def _of_captures(
 
     ends_e = hdr.saturations_e(taker, captures)
     last_s = windows(captures, exposure_s)[-1]
-    end = frames[-1].new_tensor(taker.at_gain(captures[-1].gain_db).camera.saturated_dn)
+    end = last.new_tensor(taker.at_gain(captures[-1].gain_db).camera.saturated_dn)
     return {
         "captures": len(captures),
         "fused_saturation_electrons": ends_e[-1],
-        "fused_clipped_percent": 100 * float((frames[-1] >= end).float().mean()),
+        "fused_clipped_percent": 100 * float((last >= end).float().mean()),
         "dynamic_range_db": hdr.dynamic_range_db(taker, captures),
-        "snr_db_before_switch": hdr.snr_db(taker, captures[:1], ends_e[0]),
-        "snr_db_after_switch": hdr.snr_db(taker, captures, ends_e[0]),
+        "snr_db_before_switch": hdr.snr_db(taker, captures[:1], ends_e[0], dark_e=dark_e),
+        "snr_db_after_switch": hdr.snr_db(taker, captures, ends_e[0], dark_e=dark_e),
         "ghost_px": speed_px_s * (last_s[0] + last_s[1] / 2 - exposure_s / 2),
     }
 

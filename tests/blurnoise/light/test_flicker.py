@@ -9,7 +9,7 @@ import torch
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from blurnoise.light.flicker import Pwm, lit
+from blurnoise.light.flicker import Flicker, Pwm
 
 LED = Pwm(90.0, 0.1)
 PHASES = (torch.arange(200_000).double() + 0.5) / 200_000
@@ -17,7 +17,7 @@ PHASES = (torch.arange(200_000).double() + 0.5) / 200_000
 
 def shares(pwm: Pwm, exposure_s: float) -> torch.Tensor:
     """Of exposures that begin evenly over a period."""
-    return pwm.on_share(exposure_s, PHASES / pwm.frequency_hz)
+    return pwm.duty * pwm.factor(exposure_s, PHASES / pwm.frequency_hz)
 
 
 @pytest.mark.parametrize(("exposure_ms", "dark"), [(0.5, 0.855), (1.0, 0.81), (5.0, 0.45), (10.0, 0.0)])
@@ -57,7 +57,7 @@ def test_a_moment_is_light_or_dark() -> None:
 
 def test_a_lamp_that_is_always_on_changes_no_bit() -> None:
     light = torch.rand(1, 3, 5, 7)
-    assert lit(light, Pwm(100.0, 1.0, 0.3), exposure_s=0.003) is light
+    assert Flicker(Pwm(100.0, 1.0, 0.3)).on(light, 0.003) is light
 
 
 def test_phase_is_a_draw_of_its_own() -> None:
@@ -71,7 +71,7 @@ def test_phase_is_a_draw_of_its_own() -> None:
 def test_the_mask_says_where() -> None:
     light, mask = torch.full((1, 1, 4, 6), 0.5), torch.zeros(4, 6)
     mask[1, 2], mask[2, 4] = 1.0, 0.25
-    seen = lit(light, LED, mask, exposure_s=0.001)  # the pulse has begun: 10 times the mean light
+    seen = Flicker(LED, mask).on(light, 0.001)  # the pulse has begun: 10 times the mean light
     assert float(seen[0, 0, 1, 2]) == pytest.approx(5.0)
     assert float(seen[0, 0, 2, 4]) == pytest.approx(0.5 * (1 + 0.25 * 9))
     assert float((seen != light).sum()) == 2
@@ -79,7 +79,7 @@ def test_the_mask_says_where() -> None:
 
 def test_rows_that_begin_later_see_bands() -> None:
     """One period of the lamp is 1 / (f t_row) rows."""
-    rows = lit(torch.ones(1, 1, 500, 1), LED, exposure_s=0.001, row_time_s=1 / (90 * 100)).flatten()
+    rows = Flicker(LED, row_time_s=1 / (90 * 100)).on(torch.ones(1, 1, 500, 1), 0.001).flatten()
     torch.testing.assert_close(rows[:400], rows[100:])
     assert len(rows[:100].unique()) > 10
     assert float(rows[:100].mean()) == pytest.approx(1.0, abs=0.02)
@@ -92,9 +92,9 @@ def test_rows_that_begin_later_see_bands() -> None:
         (lambda: Pwm(90.0, 0.0), "duty = 0.0: must be"),
         (lambda: Pwm(90.0, 1.2), "duty = 1.2: must be"),
         (lambda: Pwm(90.0, 0.1, -0.1), "phase = -0.1: must be"),
-        (lambda: LED.on_share(-1.0), "exposure_s = -1.0: must be"),
-        (lambda: lit(torch.ones(1, 1, 2, 3), LED, torch.ones(3, 2), exposure_s=1.0), "mask: shape is"),
-        (lambda: lit(torch.ones(1, 1, 2, 3), LED, 2 * torch.ones(2, 3), exposure_s=1.0), "mask: must lie"),
+        (lambda: LED.factor(-1.0), "exposure_s = -1.0: must be"),
+        (lambda: Flicker(LED, torch.ones(3, 2)).on(torch.ones(1, 1, 2, 3), 1.0), "mask: shape is"),
+        (lambda: Flicker(LED, 2 * torch.ones(2, 3)).on(torch.ones(1, 1, 2, 3), 1.0), "mask: must lie"),
     ],
 )
 def test_bad_input(call: object, message: str) -> None:

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from blurnoise_eval.explorer.binning import binned
+from blurnoise_eval.explorer.binning import _BINNED, binned
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, simulate
+from blurnoise.light.effects import EFFECTS
 from blurnoise.optics.lens import Distortion, Lens, Mtf
+from blurnoise.sensor.stages import STAGES
 
 CAMERA = replace(
     Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0
@@ -32,6 +34,12 @@ def test_mean_and_variance_are_those_of_averages(n: int, camera: Camera, lux: fl
     assert float(small.mean()) == pytest.approx(float(averages.mean()), abs=5 * 2**0.5 * noise)
     rounding = (1 - 1 / n**2) / 12  # of which the average of n^2 has less
     assert float(small.var()) - rounding == pytest.approx(float(averages.var()), rel=2**0.5 * 0.053)
+
+
+def test_every_figure_of_the_sensor_and_every_length_in_pixels_is_binned() -> None:
+    """What a new effect or stage brings is not forgotten: of the lens's own figures the lens takes care."""
+    lengths = {figure for effect in EFFECTS for figure in effect.figures if figure.endswith("_px")}
+    assert lengths | {figure for stage in STAGES for figure in stage.figures} <= set(_BINNED)
 
 
 def test_blur_shrinks_with_the_picture() -> None:
