@@ -12,30 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel, jv
 
-_AT_ONCE = 1 << 20  # values of segments times frequencies
-
 
 def polyline_grid(
     fx: NDArray[Any], fy: NDArray[Any], knots_px: NDArray[Any], shares: NDArray[Any]
 ) -> NDArray[np.complex128]:
-    """Of straight segments, exact, on a grid (h, w) of fy (h,) and fx (w,): exponentials and sines of sums separate.
+    """Of straight segments, exact, on a grid (h, w) of fy (h,) and fx (w,).
 
-    knots_px: (2, K), x and y. shares: (K - 1,) of the exposure. A segment counts
-    exp(-2 pi i f . middle) sinc(f . length).
+    knots_px: (2, K), x and y. shares: (K - 1,) of the exposure.
     """
     total = np.zeros((len(fy), len(fx)), np.complex128)
-    step = max(1, _AT_ONCE // total.size)
-    for first in range(0, len(shares), step):
-        some = slice(first, first + step)
-        (x, y), (dx, dy) = (knots_px[:, 1:] + knots_px[:, :-1])[:, some] / 2, np.diff(knots_px)[:, some]
-        across, down = np.pi * np.outer(dx, fx), np.pi * np.outer(dy, fy)
-        phase = across[:, None, :] + down[:, :, None]
-        sines = np.cos(down)[:, :, None] * np.sin(across)[:, None, :]
-        sines += np.sin(down)[:, :, None] * np.cos(across)[:, None, :]
-        still = np.abs(phase) < 1e-6
-        sincs = np.where(still, 1.0, sines / np.where(still, 1.0, phase))
-        down_waves = np.exp(-2j * np.pi * np.outer(y, fy)) * shares[some, None]
-        total += np.einsum("jhw,jh,jw->hw", sincs, down_waves, np.exp(-2j * np.pi * np.outer(x, fx)))
+    middles, steps = (knots_px[:, 1:] + knots_px[:, :-1]) / 2, np.diff(knots_px)
+    for (x, y), (dx, dy), share in zip(middles.T, steps.T, shares, strict=True):
+        wave = np.exp(-2j * np.pi * (fy[:, None] * y + fx * x))
+        total += share * np.sinc(fy[:, None] * dy + fx * dx) * wave
     return total
 
 
