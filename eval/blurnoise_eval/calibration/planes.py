@@ -30,7 +30,8 @@ def read_plane(path: Path, raw_size_px: tuple[int, int] | None = None) -> Plane:
     16 bits, and what cannot be read; ``OSError`` where the file is missing.
     """
     check_regular(path)
-    head = path.open("rb").read(12)
+    with path.open("rb") as file:
+        head = file.read(12)
     lossy = next((name for magic, name in _LOSSY.items() if head.startswith(magic)), None)
     if lossy or path.suffix.lower() in _LOSSY_SUFFIXES:
         name = lossy or path.suffix.lower()[1:].upper()

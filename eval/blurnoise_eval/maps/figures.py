@@ -24,7 +24,6 @@ from blurnoise_eval.maps.mapping import Maps, by_model
 from blurnoise_eval.maps.nodes import Array
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, increasing
 from blurnoise_eval.maps.scored import NodeScores
-from blurnoise_eval.quality.figures import LOGARITHMIC
 from blurnoise_eval.quality.measure import METRICS, Metric
 from blurnoise_eval.scoring.plane import STILL_PX
 from blurnoise_eval.system.files import write_figure
@@ -207,7 +206,10 @@ def _panels(maps: Maps, scores: NodeScores, what: str) -> tuple[Figure, Iterator
     figure = Figure(figsize=(3.5 * _COLUMNS, 2.6 * rows + 1.0), layout="constrained")
     title = f"{plain(scores.model)}, {plain(scores.group)}, {plain(maps.camera.name)}: {what}"
     figure.suptitle(title, fontsize=11).set_parse_math(False)
-    return figure, zip(figure.subplots(rows, _COLUMNS).flat, METRICS, strict=True)
+    panels = list(figure.subplots(rows, _COLUMNS).flat)
+    for axes in panels[len(METRICS) :]:
+        axes.set_axis_off()
+    return figure, zip(panels, METRICS, strict=False)
 
 
 def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> None:
@@ -215,7 +217,7 @@ def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> N
     axes.set_title(f"{metric.title}{unit}", fontsize=9, parse_math=False)
     axes.tick_params(labelsize=8)
     axes.spines[["top", "right"]].set_visible(False)
-    if metric.name in LOGARITHMIC and len(values) and values.min() > 0:
+    if metric.log and len(values) and values.min() > 0:
         (axes.set_xscale if across else axes.set_yscale)("log")
         _log_ticks(axes.xaxis if across else axes.yaxis)
 

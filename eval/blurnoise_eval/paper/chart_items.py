@@ -20,7 +20,7 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near
-from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, Saturation
+from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, NotRun, Saturation
 from blurnoise_eval.quality.measure import TILT_DEG
 
 SPEEDS = (0.0, 150.0, 200.0, 500.0, 1000.0)
@@ -41,13 +41,13 @@ _SPEED = "Speed / px/s"
 def mtf50_over_exposure(measured: Measurements) -> Found:
     """Flat at rest until the chart clips, and lower with speed."""
     numbers = measured[OVER_EXPOSURE]
-    rest = _line(numbers, "mtf50_x", 0.0)
-    told = {ms: each for ms, each in rest.items() if each.told}
+    rest, told = _line(numbers, "mtf50_x", 0.0), _told(numbers, "mtf50_x", 0.0)
     middle = median(each.value for each in told.values())
     flat = all_near(told.values(), [middle] * len(told), FLAT)
     clipped = [ms for ms, each in rest.items() if not each.told and ms > _CLIPS_MS]
     from_first = bool(clipped) and [ms for ms in rest if ms >= clipped[0]] == clipped
-    at_20 = [_line(numbers, "mtf50_x", speed)[max(ms for ms in told if ms <= 21)].value for speed in SPEEDS]
+    last = max((ms for ms in told if ms <= 21), default=min(told))
+    at_20 = [_line(numbers, "mtf50_x", speed)[last].value for speed in SPEEDS]
     falls = all(after < before for before, after in pairwise(at_20))
     return Found(
         (
@@ -67,7 +67,7 @@ def mtf50_over_exposure(measured: Measurements) -> Found:
                 from_first,
             ),
             Check(
-                f"MTF50 at {max(ms for ms in told if ms <= 21):g} ms and DX {_listed(SPEEDS)}",
+                f"MTF50 at {last:g} ms and DX {_listed(SPEEDS)}",
                 "falls with DX",
                 _listed(at_20, ".3f"),
                 "falls",
@@ -219,7 +219,7 @@ def _peaks(measured: Measurements, metric: str, name: str, unit: str) -> Found:
     numbers = measured[OVER_EXPOSURE]
     peaks = []
     for speed in SPEEDS:
-        told = {ms: each.value for ms, each in _line(numbers, metric, speed).items() if each.told}
+        told = {ms: each.value for ms, each in _told(numbers, metric, speed).items()}
         place = max(told, key=lambda ms, of=told: of[ms])  # type: ignore[misc]
         peaks.append((place, told[place]))
     places, heights = zip(*peaks, strict=True)
@@ -274,6 +274,14 @@ def mtf50(length_px: float) -> float:
 
 def _line(numbers: Any, metric: str, speed: float) -> dict[float, Estimate]:
     return {ms: numbers[metric, ms, speed] for ms in OVER_EXPOSURE.exposures_ms}
+
+
+def _told(numbers: Any, metric: str, speed: float) -> dict[float, Estimate]:
+    """The values of a line that are not withheld, at least one; raises :class:`NotRun`."""
+    told = {ms: each for ms, each in _line(numbers, metric, speed).items() if each.told}
+    if not told:
+        raise NotRun(f"{metric} is withheld at every exposure at {speed:g} px/s")
+    return told
 
 
 def _over_exposure(

@@ -89,7 +89,8 @@ def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: 
         for rival in program.rivals
         if rival.course is not None and rival.course.value is not None
     ]
-    told = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}; {', '.join(others)}."
+    beside = f"; {', '.join(others)}" if others else ""
+    told = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}{beside}."
     pictures = f"{program.pictures} picture{'s' * (program.pictures != 1)}"
     if program.regret_95 is None:
         return f"{told} From {pictures} it cannot be said what another program could gain."

@@ -1,14 +1,16 @@
 """A simulated picture beside a real one of the same chart: is each quantity the same but for chance?
 
-Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. A quantity
-agrees where the two are no further apart than noise puts them in 95 of 100 cases. The pictures must show the same
-at the same place to a few pixels; what is framed otherwise shows in the lowest octaves of the spectrum.
+Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. Quantities
+agree where they are no further apart than noise puts any of them in 5 of 100 comparisons (Bonferroni).
+The pictures must show the same at the same place to a few pixels; what is framed otherwise shows in the lowest octaves
+of the spectrum.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -45,7 +47,8 @@ class Pair:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of both pictures. chance: 95 % of the relative difference that noise makes; NaN: nothing to tell."""
+    """One number of both pictures. chance: the relative difference that noise makes, 95 % of them
+    or, of several quantities, of their largest; NaN: nothing to tell."""
 
     name: str
     unit: str
@@ -132,7 +135,9 @@ def compare(pair: Pair) -> Compared:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
     octaves, spectrum = _spectrum(pair, levels)
     quantities = [_mean(pair, levels), *noise, *sharpness, *octaves]
-    return Compared(tuple(quantities), tuple(notes), levels, spectrum)
+    wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
+    together = tuple(replace(each, chance=wider * each.chance) for each in quantities)
+    return Compared(together, tuple(notes), levels, spectrum)
 
 
 def _share(light: Linear) -> Floats:

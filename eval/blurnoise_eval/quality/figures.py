@@ -27,10 +27,6 @@ from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
 L = TypeVar("L", bound=Hashable)
-LOGARITHMIC = {
-    "mtf50_x", "mtf50_y", "cnr", "patch_snr_bright", "patch_snr_dark", "neq_0", "neq_integral", "snri",
-}  # fmt: skip
-SHARES = {"michelson", "cdp", "ssim"}  # 0 to 1
 _SATURATED, _FAILED = "#f0a050", "0.55"
 _NOISY = Flag.NOISE_DOMINATED.name.lower()
 _SHADE = {_SATURATED: 0.22, _FAILED: 0.20}
@@ -149,7 +145,10 @@ def _figure(
     count = -(-len(METRICS) // _COLUMNS)
     figure = Figure(figsize=(3.5 * _COLUMNS, 2.45 * count + 1.3), layout="constrained")
     places = sorted({place(row) for row in rows})
-    for axes, metric in zip(figure.subplots(count, _COLUMNS, sharex=True).flat, METRICS, strict=True):
+    panels = list(figure.subplots(count, _COLUMNS, sharex=True).flat)
+    for axes in panels[len(METRICS) :]:
+        axes.set_axis_off()
+    for axes, metric in zip(panels, METRICS, strict=False):
         of = [row for row in rows if row.metric == metric.name and line_of(row) in colours]
         _dress(axes, metric)
         dress(axes, places)
@@ -166,7 +165,7 @@ def _figure(
             across = axes.get_xaxis_transform()  # y in shares of the panel
             axes.plot(lost, foot, "x", color=colour, ms=4.5, mew=1.3, transform=across, zorder=5)
         drawn = [row.estimate.value for row in of if row.estimate.value > 0]
-        if metric.name in LOGARITHMIC and drawn:
+        if metric.log and drawn:
             axes.set_ylim(min(drawn) / 1.6, max(drawn) * 1.6)
     figure.supxlabel(x_label, fontsize=9)
     handles: list[Any] = [
@@ -240,12 +239,12 @@ def _joined(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
 def _dress(axes: Axes, metric: Metric) -> None:
     unit = "" if metric.unit == "1" else f" / {metric.unit}"
     axes.set_title(f"{metric.title}{unit}", fontsize=9, parse_math=False)
-    if metric.name in LOGARITHMIC:
+    if metric.log:
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
-    if metric.name in SHARES:
+    if metric.share:
         axes.set_ylim(0, 1.05)
     axes.grid(color="0.9", lw=0.6)
     axes.set_axisbelow(True)

@@ -16,10 +16,10 @@ simulator's doing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import torch
@@ -28,7 +28,7 @@ from torch import Tensor
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.estimate import BatchEstimate, Estimate
-from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr
+from blurnoise.metrics.patches import PatchContrast, detection_probability, patch_contrast, patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
@@ -52,49 +52,181 @@ _WITHHELD = frozenset({CLIPPED, "noiseless", "not_finite", "no_light"})
 _CLIPPED_SHARE = 0.005
 
 
+class Charts:
+    """The charts under one condition as the camera has them, a frame per repeat, measured where a metric asks.
+
+    frames: digital numbers (n, 1, H, W) of a chart by its name in :class:`_Scenes`. white_dn: that white would give.
+    moved_px: the motion along x and y. scene: the stop sign, (1, 1, H, W).
+    """
+
+    def __init__(
+        self,
+        frames: Callable[[str], Tensor],
+        camera: Camera,
+        white_dn: float,
+        moved_px: tuple[float, float],
+        scene: Tensor,
+    ) -> None:
+        self._frames, self._camera, self._white_dn = frames, camera, white_dn
+        self._moved_px, self._scene = moved_px, scene
+
+    @cached_property
+    def across_x(self) -> list[SlantedEdge]:
+        """The edge that motion along x blurs."""
+        dn = self._frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :]
+        return _edges(dn, self._camera, along_px=self._moved_px[1], seed=0)
+
+    @cached_property
+    def across_y(self) -> list[SlantedEdge]:
+        """The edge that motion along y blurs."""
+        dn = self._frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX]
+        return _edges(dn, self._camera, along_px=self._moved_px[0], seed=1)
+
+    @cached_property
+    def patches(self) -> tuple[Tensor, Tensor]:
+        """The bright and the dark patch above black, (n, H, W)."""
+        black = self._camera.black_level_dn
+        return self._frames("bright").double()[:, 0] - black, self._frames("dark").double()[:, 0] - black
+
+    @cached_property
+    def snr(self) -> tuple[BatchEstimate, BatchEstimate]:
+        """Mean over deviation of the bright and of the dark patch."""
+        black = self._camera.black_level_dn
+        limits = (-black, self._camera.saturated_dn - black)
+        bright, dark = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in self.patches)
+        return bright, dark
+
+    @cached_property
+    def contrast(self) -> PatchContrast:
+        """Between both patches."""
+        return patch_contrast(*self.patches)
+
+    def of_patches(self, batch: BatchEstimate) -> list[Estimate]:
+        """Estimates of what rests on both patches, either of which may be clipped."""
+        bright, dark = self.snr
+        return _estimates(batch, clipped=bright.flags[CLIPPED] | dark.flags[CLIPPED])
+
+    def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
+        """A comparison of the stop sign with its scene, of which clipping is a part."""
+        frame, camera = self._frames("sign").double(), self._camera
+        white = self._white_dn or math.nan
+        seen = ((frame - camera.black_level_dn) / white).clamp(0, 1)
+        value = compare(seen, self._scene.double().expand_as(seen), data_range=1.0)
+        none = torch.full((len(seen),), math.nan)
+        share = ((frame >= camera.saturated_dn) | (frame <= 0)).double().mean((1, 2, 3))
+        dark = torch.full((len(seen),), self._white_dn == 0)
+        found = _estimates(BatchEstimate(value, none, none, {"no_light": dark}))
+        return [
+            Estimate(each.value, flags=each.flags | ({CLIPPED} if cut > _CLIPPED_SHARE else set()))
+            for each, cut in zip(found, share.tolist(), strict=True)
+        ]
+
+
 @dataclass(frozen=True)
 class Metric:
-    """A metric's name in tables, its title and unit, and what exactly it is."""
+    """A metric's name in tables, its title and unit, what exactly it is, and how it is measured.
+
+    of: an estimate per repeat. log: drawn over a logarithmic axis. share: it lies between 0 and 1.
+    """
 
     name: str
     title: str
     unit: str
     about: str
+    of: Callable[[Charts], list[Estimate]]
+    log: bool = False
+    share: bool = False
+
+    def facts(self) -> dict[str, str]:
+        """As documents have it."""
+        return {"name": self.name, "title": self.title, "unit": self.unit, "about": self.about}
+
+
+def _across_x(name: str) -> Callable[[Charts], list[Estimate]]:
+    return lambda charts: [edge.estimate(name) for edge in charts.across_x]
+
+
+def _both_edges(measure: Callable[..., Estimate], **how: Any) -> Callable[[Charts], list[Estimate]]:
+    return lambda charts: [
+        measure(*pair, **how) for pair in zip(charts.across_x, charts.across_y, strict=True)
+    ]
+
+
+def _neq_0(charts: Charts) -> list[Estimate]:
+    """The square of the bright patch's SNR: white noise has its variance as spectrum."""
+    white, _ = charts.snr
+    low, high = white.low.clamp_min(0).square(), white.high.square()
+    return _estimates(replace(white, value=white.value.square(), low=low, high=high))
+
+
+def _cdp(charts: Charts) -> list[Estimate]:
+    found = detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
+    return charts.of_patches(found)
 
 
 METRICS = (
-    Metric("mtf50_x", "MTF50 across x", "cycles/px", f"edge {TILT_DEG:g}° from vertical"),
     Metric(
-        "mtf50_y",
-        "MTF50 across y",
-        "cycles/px",
+        "mtf50_x", "MTF50 across x", "cycles/px", f"edge {TILT_DEG:g}° from vertical", _across_x("mtf50"), log=True
+    ),
+    Metric(
+        "mtf50_y", "MTF50 across y", "cycles/px",
         f"edge {TILT_DEG:g}° from horizontal, so motion along x blurs it by its sine",
+        lambda charts: [edge.estimate("mtf50") for edge in charts.across_y], log=True,
     ),
     Metric(
-        "edge_snr_db", "Edge SNR", "dB", "20 log10(step / root of the sides' mean variance), vertical edge"
-    ),
-    Metric("cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches"),
-    Metric("patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}"),
-    Metric("patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}"),
-    Metric(
-        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x"
+        "edge_snr_db", "Edge SNR", "dB", "20 log10(step / root of the sides' mean variance), vertical edge",
+        _across_x("edge_snr_db"),
     ),
     Metric(
-        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, as if all blur were that across y"
-    ),
-    Metric("sic_square", "SIC, square", "bits/px", "all frequencies of the pixel grid, from both edges"),
-    Metric("neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}"),
-    Metric(
-        "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges"
+        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches",
+        lambda charts: charts.of_patches(charts.contrast.cnr), log=True,
     ),
     Metric(
-        "snri", f"SNRI, {TARGET_PX} px square", "1", "ideal observer, a white square on grey, from both edges"
+        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}",
+        lambda charts: _estimates(charts.snr[0]), log=True,
     ),
-    Metric("michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches"),
-    Metric("cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}"),
-    Metric("psnr_db", "PSNR", "dB", f"{SIGN_PX} px stop sign against the scene"),
-    Metric("ssim", "SSIM", "1", f"{SIGN_PX} px stop sign against the scene"),
-)
+    Metric(
+        "patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}",
+        lambda charts: _estimates(charts.snr[1]), log=True,
+    ),
+    Metric(
+        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x",
+        lambda charts: [information.capacity_radial(edge) for edge in charts.across_x],
+    ),
+    Metric(
+        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, as if all blur were that across y",
+        lambda charts: [information.capacity_radial(edge) for edge in charts.across_y],
+    ),
+    Metric(
+        "sic_square", "SIC, square", "bits/px", "all frequencies of the pixel grid, from both edges",
+        _both_edges(information.capacity_square),
+    ),
+    Metric("neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}", _neq_0, log=True),
+    Metric(
+        "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges",
+        _both_edges(information.neq_integral), log=True,
+    ),
+    Metric(
+        "snri", f"SNRI, {TARGET_PX} px square", "1", "ideal observer, a white square on grey, from both edges",
+        _both_edges(information.square_snr, side_px=TARGET_PX), log=True,
+    ),
+    Metric(
+        "michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches",
+        lambda charts: charts.of_patches(charts.contrast.michelson), share=True,
+    ),
+    Metric(
+        "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}", _cdp,
+        share=True,
+    ),
+    Metric(
+        "psnr_db", "PSNR", "dB", f"{SIGN_PX} px stop sign against the scene", lambda charts: charts.of_sign(psnr)
+    ),
+    Metric(
+        "ssim", "SSIM", "1", f"{SIGN_PX} px stop sign against the scene", lambda charts: charts.of_sign(ssim),
+        share=True,
+    ),
+)  # fmt: skip
+"""All that is measured: a new metric is a line here, and appears in tables, figures and maps."""
 
 
 @dataclass(frozen=True)
@@ -208,6 +340,7 @@ def _condition(scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditi
     taker, digital_db = at.amplified
     seen = _with_gain(taker, digital_db)
 
+    @lru_cache(maxsize=1)  # the sign is compared twice
     def frames(name: str) -> Tensor:
         scene: Tensor = getattr(scenes, name)
         dn = simulate(
@@ -223,25 +356,13 @@ def _condition(scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditi
         return dn if digital_db == 0 else _amplified(dn, seen, digital_db)
 
     moved_x, moved_y = (abs(moved) for moved in conditions.displacement_px)
-    across_x = _edges(
-        frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :], seen, along_px=moved_y, seed=0
-    )
-    across_y = _edges(frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX], seen, along_px=moved_x, seed=1)
-    estimates = _of_edges(across_x, across_y)
-    estimates |= _of_patches(frames("bright").double(), frames("dark").double(), seen)
     white_dn = seen.system_gain_dn_per_e * photoelectrons(seen, at.illuminance_lux, at.exposure_s)
-    estimates |= _of_signs(frames("sign").double(), scenes.sign.double(), seen, white_dn)
-    numbers = conditions.on(camera)
-    return [
-        Row(
-            numbers,
-            metric.name,
-            together(estimates[metric.name]),
-            _told(estimates[metric.name]),
-            repeats,
-        )
-        for metric in METRICS
-    ]
+    taken = Charts(frames, seen, white_dn, (moved_x, moved_y), scenes.sign)
+    numbers, rows = conditions.on(camera), []
+    for metric in METRICS:
+        found = metric.of(taken)
+        rows.append(Row(numbers, metric.name, together(found), sum(each.told for each in found), repeats))
+    return rows
 
 
 def _with_gain(camera: Camera, gain_db: float) -> Camera:
@@ -272,76 +393,12 @@ def together(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(value, value - below, value + above, flags)
 
 
-def _told(estimates: Iterable[Estimate]) -> int:
-    return sum(estimate.told for estimate in estimates)
-
-
 def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[SlantedEdge]:
     if along_px > 2 * SPARE_PX:
         return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
     full = camera.saturated_dn
     edges = slanted_edge(dn.clamp(max=full), full_scale=full, black_level=camera.black_level_dn, seed=seed)
     return edges if isinstance(edges, list) else [edges]
-
-
-def _of_edges(across_x: Sequence[SlantedEdge], across_y: Sequence[SlantedEdge]) -> dict[str, list[Estimate]]:
-    pairs = list(zip(across_x, across_y, strict=True))
-    return {
-        "mtf50_x": [edge.estimate("mtf50") for edge in across_x],
-        "mtf50_y": [edge.estimate("mtf50") for edge in across_y],
-        "edge_snr_db": [edge.estimate("edge_snr_db") for edge in across_x],
-        "sic_radial_x": [information.capacity_radial(edge) for edge in across_x],
-        "sic_radial_y": [information.capacity_radial(edge) for edge in across_y],
-        "sic_square": [information.capacity_square(*pair) for pair in pairs],
-        "neq_integral": [information.neq_integral(*pair) for pair in pairs],
-        "snri": [information.square_snr(*pair, side_px=TARGET_PX) for pair in pairs],
-    }
-
-
-def _of_patches(bright: Tensor, dark: Tensor, camera: Camera) -> dict[str, list[Estimate]]:
-    """Of raw patches (n, 1, H, W)."""
-    black = camera.black_level_dn
-    bright, dark = bright[:, 0] - black, dark[:, 0] - black
-    limits = (-black, camera.saturated_dn - black)
-    white, grey = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in (bright, dark))
-    contrast = patch_contrast(bright, dark)
-    probability = detection_probability(bright, dark, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
-    either = white.flags[CLIPPED] | grey.flags[CLIPPED]
-    # NEQ(0) is the square of that ratio: white noise has its variance as spectrum.
-    neq_0 = replace(
-        white, value=white.value.square(), low=white.low.clamp_min(0).square(), high=white.high.square()
-    )
-    return {
-        "patch_snr_bright": _estimates(white),
-        "patch_snr_dark": _estimates(grey),
-        "neq_0": _estimates(neq_0),
-        "cnr": _estimates(contrast.cnr, clipped=either),
-        "michelson": _estimates(contrast.michelson, clipped=either),
-        "cdp": _estimates(probability, clipped=either),
-    }
-
-
-def _of_signs(dn: Tensor, scene: Tensor, camera: Camera, white_dn: float) -> dict[str, list[Estimate]]:
-    seen = ((dn - camera.black_level_dn) / white_dn if white_dn else torch.full_like(dn, math.nan)).clamp(
-        0, 1
-    )
-    reference = scene.expand_as(seen)
-    none = torch.full((len(dn),), math.nan)
-    share = ((dn >= camera.saturated_dn) | (dn <= 0)).double().mean((1, 2, 3))
-    clipped = (share > _CLIPPED_SHARE).tolist()
-    dark = torch.full((len(dn),), white_dn == 0)
-    return {
-        name: [
-            Estimate(estimate.value, flags=estimate.flags | ({CLIPPED} if cut else set()))
-            for estimate, cut in zip(
-                _estimates(BatchEstimate(value, none, none, {"no_light": dark})), clipped, strict=True
-            )
-        ]
-        for name, value in (
-            ("psnr_db", psnr(seen, reference, data_range=1.0)),
-            ("ssim", ssim(seen, reference, data_range=1.0)),
-        )
-    }
 
 
 def _estimates(batch: BatchEstimate, **flags: Tensor) -> list[Estimate]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +52,7 @@ def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) ->
             "patch_px": PATCH_PX,
             "sign_px": SIGN_PX,
         },
-        "metrics": {metric.name: asdict(metric) for metric in METRICS},
+        "metrics": {metric.name: metric.facts() for metric in METRICS},
         "most_information": most_information(rows),
         "rows": records,
     }

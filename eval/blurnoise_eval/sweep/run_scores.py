@@ -25,6 +25,7 @@ from blurnoise_eval.scoring.per_condition import (
     performance,
     scored,
 )
+from blurnoise_eval.scoring.registry import SCORES
 from blurnoise_eval.scoring.score_surfaces import Sized
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
@@ -34,6 +35,8 @@ from blurnoise_eval.sweep.run_surfaces import models_withheld
 from blurnoise_eval.system.machine import usable_cores
 
 _VERSION = 4  # of what is kept
+_KEPT = {None: ("scores", "scores, ap", "scores, ap50"), "ap": ("scores, ap",), "ap50": ("scores, ap50",)}
+"""Where the store keeps the scores, by what is asked for by size; without it any will do."""
 _ALONE_UP_TO = 100_000  # rows of cells; another process takes seconds to begin
 
 
@@ -54,24 +57,21 @@ def run_scores(
     by_size: str | None = None,
 ) -> RunScores:
     """The scores of the models. by_size: "ap" or "ap50" by the size of targets, too."""
-    made_of = {"of": queries.count_rows(store), "cluster": cluster, "version": _VERSION}
-    kept = store.about("scores")
-    if (
-        kept is None
-        or made_of != {name: kept.get(name) for name in made_of}
-        or by_size not in (None, kept["by_size"])
-    ):
+    names = [score.name for score in SCORES]
+    made_of = {"of": queries.count_rows(store), "cluster": cluster, "version": _VERSION, "scores": names}
+    every = (kept for kept in map(store.about, _KEPT[by_size]) if kept is not None)
+    kept = next((kept for kept in every if made_of == {name: kept.get(name) for name in made_of}), None)
+    if kept is None:
         found = _found(store, models, cluster, progress, by_size)
         kept = {
             **made_of,
-            "by_size": by_size,
             "rows": [each.row for each in found],
             "performances": [_packed(each.performance) for each in found],
             "sizes": [{size: _packed(own) for size, own in each.sizes.items()} for each in found],
             "n_targets": [dict(each.n_targets) for each in found],
         }
         if not store.read_only:
-            store.set_about("scores", kept)
+            store.set_about(_KEPT[by_size][0], kept)
     rows: list[dict[str, Any]] = kept["rows"]
     performances = [
         _unpacked([performance(row), *rest])

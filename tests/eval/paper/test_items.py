@@ -86,6 +86,12 @@ def test_mtf50_over_exposure() -> None:
     assert verdicts(chart_items.mtf50_over_exposure(charts(flat(0.0, clips_ms=15)))) == [False, True, True]
 
 
+@pytest.mark.parametrize("item", [chart_items.mtf50_over_exposure, chart_items.quanta_of_picture])
+def test_what_is_withheld_everywhere_is_not_run(item: Callable[[Measurements], Found]) -> None:
+    with pytest.raises(NotRun, match="is withheld at every exposure at 0 px/s"):
+        item(charts(lambda *_: WITHHELD))
+
+
 def test_closed_form_of_the_camera() -> None:
     """At rest pixel and disc, fast the motion alone: MTF50 at 0.603355 / length."""
     assert chart_items.mtf50(0.0) == pytest.approx(0.26815, abs=1e-4)

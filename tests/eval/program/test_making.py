@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from blurnoise_eval.program.limits import Limits
 from blurnoise_eval.program.making import ENOUGH, Program, course, make
 from blurnoise_eval.program.reading import Material
 from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.program.text import sentence
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.recommendation import NEAR
 from made_planes import METERING, made_planes, made_response
@@ -50,6 +52,11 @@ def test_better_than_what_else_a_camera_may_do(program: Program) -> None:
         "whole periods of 50 Hz mains",
     ):
         assert value(program, name) < program.course.value - 0.005, name
+
+
+def test_a_program_without_rivals_is_a_whole_sentence(program: Program) -> None:
+    told = sentence(replace(program, rivals=()), made_response().scenario, Criterion(0.9, kept=True), "m")
+    assert "of m's confidence. " in told
 
 
 def test_the_fixed_time_is_the_best(program: Program) -> None:

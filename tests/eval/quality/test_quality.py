@@ -17,7 +17,7 @@ from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality import table as quality_table
-from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
+from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Metric, Row
 from matplotlib.colors import to_hex, to_rgba
 from plans import plan as swept
 
@@ -435,3 +435,20 @@ def test_cameras_of_several_captures_leave_no_folder(tmp_path: Path, capsys: Out
     assert main(["quality", "-o", str(tmp_path / "q"), "--camera", str(tmp_path / "hdr.yaml")]) == 2
     assert "captures" in capsys.readouterr().err
     assert not (tmp_path / "q").exists()
+
+
+def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Weber contrast as the seventeenth: measured, withheld by its flags, written and drawn."""
+    weber = Metric(
+        "weber", "Weber contrast", "1", "bright / dark - 1",
+        lambda taken: [Estimate(float(b.mean() / d.mean()) - 1) for b, d in zip(*taken.patches, strict=True)],
+    )  # fmt: skip
+    every = (*METRICS, weber)
+    for module in (quality, quality_figures, quality_table):
+        monkeypatch.setattr(module, "METRICS", every)
+    plan = swept((0.004, 0.008), (LUX,), (0.0,))
+    rows = quality.measure(CAMERA, plan)
+    assert reading(rows, "weber", 0.004).value == pytest.approx(BRIGHT / DARK - 1, rel=0.05)
+    assert len(rows) == 2 * 17
+    quality_figures.write(rows, CAMERA.name, tmp_path)
+    assert list(tmp_path.rglob("*.png"))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from blurnoise_eval import evaluate
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.scoring import per_condition, registry
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run_scores
 from plans import plan as swept
@@ -27,7 +29,7 @@ def test_two_processes_score_as_one(other: str, tmp_path: Path, monkeypatch: pyt
     def scores() -> tuple[run_scores.RunScores, int]:
         told: list[int] = []
         with Store(run.folder, shared=True) as store:
-            store.set_about("scores", None)
+            store.set_about("scores, ap", None)
             return run_scores.run_scores(store, ["small"], None, told.append, by_size="ap"), sum(told)
 
     alone = scores()
@@ -45,3 +47,26 @@ def test_two_processes_score_as_one(other: str, tmp_path: Path, monkeypatch: pyt
     )
     assert repr(scores()) == repr(alone)
     assert asked == ([3] if other == "answers" else [3, 2])
+
+
+def test_scores_are_computed_once_for_each_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the size of targets or not; and again where there is a score that a run scored before has not."""
+    run = evaluate(
+        small_detector(tmp_path), some_pictures(tmp_path), plan=swept((0.005,), (50.0,), (0.0,)),
+        output=tmp_path / "run", refine=False, progress=False,
+    )  # fmt: skip
+
+    def computed(by_size: str | None) -> int:
+        told: list[int] = []
+        with Store(run.folder, shared=True) as store:
+            run_scores.run_scores(store, ["small"], None, told.append, by_size=by_size)
+        return sum(told)
+
+    asked: list[str | None] = [None, "ap", "ap50", "ap", None]
+    assert [computed(by_size) > 0 for by_size in asked] == [False, True, True, False, False]
+    more = replace(registry.SCORES[0], name="made_up")
+    for module in (run_scores, registry, per_condition):
+        monkeypatch.setattr(module, "SCORES", (*registry.SCORES[:18], more))
+    assert computed(None) > 0
+    with Store(run.folder, shared=True) as store:
+        assert all("made_up" in row for row in run_scores.run_scores(store, ["small"], None).rows)
