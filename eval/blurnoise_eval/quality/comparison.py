@@ -2,8 +2,8 @@
 
 Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. Quantities
 agree where they are no further apart than noise puts any of them in 5 of 100 comparisons (Bonferroni).
-The pictures must show the same at the same place to a few pixels; what is framed otherwise shows in the lowest octaves
-of the spectrum.
+The pictures must show the same at the same place to a few pixels; what is framed otherwise shows in the lowest
+octaves of the spectrum.
 """
 
 from __future__ import annotations

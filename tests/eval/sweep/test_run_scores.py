@@ -63,7 +63,7 @@ def test_scores_are_computed_once_for_each_question(tmp_path: Path, monkeypatch:
         return sum(told)
 
     asked: list[str | None] = [None, "ap", "ap50", "ap", None]
-    assert [computed(by_size) > 0 for by_size in asked] == [False, True, True, False, False]
+    assert [computed(by_size) > 0 for by_size in asked] == [True, True, True, False, False]
     more = replace(registry.SCORES[0], name="made_up")
     for module in (run_scores, registry, per_condition):
         monkeypatch.setattr(module, "SCORES", (*registry.SCORES[:18], more))
