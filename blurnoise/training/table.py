@@ -14,11 +14,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -221,28 +222,29 @@ class ExposureTable(Draws):
     @cached_property
     def _columns(self) -> dict[str, Tensor]:
         """Quantities by row, (rows,) each: ``_WHOLE`` without those that are all the same, and the rest, float64."""
-        held = dict(zip(Condition._fields, map(list, zip(*self.rows, strict=True)), strict=True))
-        auto = [gain is None for gain in held["gain_db"]]
-        names = ["direction_deg", "temperature_c", "most_lux_s"]
-        if not all(auto):
-            names.append("gain_db")
-            held["gain_db"] = [gain or 0.0 for gain in held["gain_db"]]
+        held = {
+            name: np.array([row[place] for row in self.rows]) for place, name in enumerate(Condition._fields)
+        }
+        found = {name: held[name] for name in ("direction_deg", "temperature_c", "most_lux_s")}
+        auto = np.array([row.gain_db is None for row in self.rows])
+        if not auto.all():
+            found["gain_db"] = np.where(auto, 0.0, held["gain_db"])
         for name in _SPREAD:
-            known = sorted({*held[name]})
-            linear = name == "speed_px_s"
-            middles = [_middle(*pair, linear=linear) for pair in pairwise(known)]
-            lows = dict(zip(known, [known[0], *middles], strict=True))
-            highs = dict(zip(known, [*middles, known[-1]], strict=True)) | ({0.0: 0.0} if linear else {})
-            held[f"least {name}"] = [lows[value] for value in held[name]]
-            held[f"most {name}"] = [highs[value] for value in held[name]]
-            names += [f"least {name}", f"most {name}"]
-        found = {name: torch.tensor(held[name], dtype=torch.float64) for name in names}
-        found["camera_index"] = torch.tensor(held["camera"])
-        if any(auto) and not all(auto):
-            found["gain_auto"] = torch.tensor(auto)
+            known, index = np.unique(held[name], return_inverse=True)
+            low, high = known[:-1], known[1:]
+            in_logarithm = (low > 0) & (name != "speed_px_s")
+            middles = np.where(in_logarithm, np.sqrt(low * high), (low + high) / 2)
+            highs = np.append(middles, known[-1])
+            if name == "speed_px_s":
+                highs[known == 0] = 0.0
+            found |= {f"least {name}": np.append(known[0], middles)[index], f"most {name}": highs[index]}
+        columns = {name: torch.from_numpy(values.astype(np.float64)) for name, values in found.items()}
+        columns["camera_index"] = torch.from_numpy(held["camera"])
+        if auto.any() and not auto.all():
+            columns["gain_auto"] = torch.from_numpy(auto)
         if self.moves != ("all",):
-            found["moves_index"] = torch.tensor([self.moves.index(moves) for moves in held["moves"]])
-        return found
+            columns["moves_index"] = torch.tensor([self.moves.index(row.moves) for row in self.rows])
+        return columns
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
@@ -252,10 +254,6 @@ class ExposureTable(Draws):
             for values in ([getattr(row, name) for row in self.rows],)
         )
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
-
-
-def _middle(low: float, high: float, *, linear: bool) -> float:
-    return (low + high) / 2 if linear or low == 0 else math.sqrt(low * high)
 
 
 def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
