@@ -7,7 +7,7 @@ Flow is that of mid-exposure; times the exposure it is the blur, as long as what
 
 A lens is "f-theta", a constant number of pixels per degree (Lin et al., Sensors 2024, 24, 5135, eq. 14);
 "rectilinear", a pinhole; or a camera's own, distortion included. A vehicle's camera sees road up to the horizon and
-sky above it, or a frontal plane before both: what stands on the road moves with it unless a plane says how far it is.
+sky above it, or a frontal plane before both; what stands on the road counts as road.
 """
 
 from __future__ import annotations
@@ -135,11 +135,7 @@ class Mount:
 
     def road_m(self, rays: Floats) -> Floats:
         """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
-        sinks = np.tensordot(self.down, rays, 1)
-        with np.errstate(divide="ignore"):
-            return np.asarray(
-                np.where(sinks > 0, self.height_m / sinks, np.where(np.isnan(sinks), np.nan, np.inf))
-            )
+        return _ranges_m(self.height_m, np.tensordot(self.down, rays, 1))
 
 
 @dataclass(frozen=True)
@@ -243,13 +239,16 @@ class View:
 def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
     """Ranges (...) of what rays (3, ...) meet at a depth, m: of a frontal plane, or a map (...), inf for the sky.
 
-    inf for rays that do not look ahead, which meet no plane before the camera. Raises ``ValueError`` for a
-    depth <= 0.
+    inf for rays that do not look ahead. Raises ``ValueError`` for a depth <= 0.
     """
     _ahead("depth_m", depth_m)
-    ahead = rays[2]
+    return _ranges_m(depth_m, rays[2])
+
+
+def _ranges_m(away_m: float | Floats, along: Floats) -> Floats:
+    """Of planes at a distance, by the share of a ray along it; inf of rays that lead away."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(ahead > 0, depth_m / ahead, np.where(np.isnan(ahead), np.nan, np.inf)))
+        return np.asarray(np.where(along > 0, away_m / along, np.where(np.isnan(along), np.nan, np.inf)))
 
 
 def _ahead(name: str, away_m: float | Floats) -> None:

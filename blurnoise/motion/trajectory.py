@@ -123,10 +123,7 @@ class Trajectory:
         phase_rad: float = 0.0,
         direction_deg: float = 0.0,
     ) -> Trajectory:
-        """Vibration a sin(2 pi f t + phase) along a direction, counter-clockwise as displayed.
-
-        Knots lie so close that it is within 1e-3 px of them.
-        """
+        """Vibration a sin(2 pi f t + phase) along a direction, counter-clockwise as displayed, to 1e-3 px."""
         amplitude = in_range("amplitude_px", amplitude_px, 0.0, 1e4)
         omega = 2 * math.pi * limited("frequency_hz", frequency_hz)
         half = in_range("duration_s", duration_s, 0.0, above=True) / 2
@@ -155,10 +152,8 @@ class Trajectory:
                 f"{stop_s:.6g} s about mid-exposure"
             )
         time, x, y = self._arrays
-        if stop_s <= start_s:
-            return np.array([[np.interp(start_s, time, x)], [np.interp(start_s, time, y)]]), np.zeros(0)
         within = time[(time > start_s) & (time < stop_s)]
-        at = np.concatenate([[start_s], within, [stop_s]])
+        at = np.concatenate([[start_s], within, [stop_s] if stop_s > start_s else []])
         return np.stack([np.interp(at, time, x), np.interp(at, time, y)]), np.diff(at)
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
@@ -166,15 +161,13 @@ class Trajectory:
         x, y = _vector("velocity_px_s", velocity_px_s).tolist()
         return _seen(self, limited("exposure_s", exposure_s), (x, y))
 
-    def origin_px(
-        self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)
-    ) -> tuple[float, float]:
+    def origin_px(self, exposure_s: float) -> tuple[float, float]:
         """The place that stays in the picture: the mean of an exposure's, or that at time 0."""
         if self.reference == "middle":
             time, x, y = self._arrays
             return float(np.interp(0.0, time, x)), float(np.interp(0.0, time, y))
         knots, durations = self.window(-exposure_s / 2, exposure_s / 2)
-        return _mean(knots, durations)  # uniform motion about time 0 has none
+        return _mean(knots, durations)
 
     @cached_property
     def _arrays(self) -> tuple[Floats, Floats, Floats]:

@@ -1,10 +1,8 @@
 """Camera files (.json, .yaml, .yml): they map the fields of :class:`blurnoise.Camera` to values.
 
-``base: imx250`` takes what a file leaves out from a preset. ``quantum_efficiency`` is a number,
-{wavelengths_nm: [...], values: [...]} or {csv: path, column: 1}, the path relative to the file; behind a mosaic it is
-{red: ..., green: ..., blue: ..., clear: ...}, each of these. ``lens`` maps the figures of
-:class:`blurnoise.optics.lens.Lens`, whose curves may be {csv: path, column: 1, unit: ...}. The presets are such files
-in ``data/cameras``.
+``base: imx250`` takes what a file leaves out from a preset. Curves are {wavelengths_nm: [...], values: [...]}, or
+{csv: path, column: 1} of a table beside the file; a quantum efficiency is a number, a curve, or one of them for each
+filter, {red: ..., green: ..., blue: ..., clear: ...}. The presets are such files in ``data/cameras``.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """Colour: filters before the pixels, the colour matrix, tone curves, and sRGB (IEC 61966-2-1).
 
 Convention: a pattern names its filters in reading order, the first row's two and then the second row's: R red, G
-green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to the
-coded values of a picture, both in [0, 1]: "srgb"; "filmic", an S-curve on top of it, 3 v^2 - 2 v^3 of the coded value
-v, as Brooks et al., Unprocessing Images for Learned Raw Denoising, CVPR 2019, assume of photographs; or one's own
-points (light, value), with straight lines between them.
+green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to
+coded values, both in [0, 1]: "srgb"; "filmic", 3 v^2 - 2 v^3 of the sRGB value v (Brooks et al., Unprocessing Images
+for Learned Raw Denoising, CVPR 2019); or one's own points (light, value), with straight lines between them.
 """
 
 from __future__ import annotations
@@ -67,11 +66,9 @@ class FilterCurves:
 
 def marked(curves: Spectrum | FilterCurves) -> str:
     """Where curves are cut short (:func:`.spectra.cut_short`), a filter's by its name; "" if none is."""
-    if isinstance(curves, Curve):
-        return cut_short(curves)
-    stated = curves.stated() if isinstance(curves, FilterCurves) else ()
-    marks = {name: cut_short(curve) for name, curve in stated if isinstance(curve, Curve)}
-    return "; ".join(f"{name} {mark}" for name, mark in marks.items() if mark)
+    each = curves.stated() if isinstance(curves, FilterCurves) else [("", curves)]
+    marks = [(name, cut_short(curve)) for name, curve in each if isinstance(curve, Curve)]
+    return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
 def check_filters(cfa: str, quantum_efficiency: object) -> None:

@@ -1,9 +1,8 @@
 """The lens over its field: defocus, colour, light and places that change from a picture's centre to its corner.
 
-Units: field height 1 is the corner of the sensor, half its diagonal from the centre; angles are those of a pinhole
-camera of the same focal length. Figures that are 0 or None leave their effect out. x right, y down, px, (0, 0) the
-centre of the first pixel. A picture of another size than the sensor's stands for the largest part of the sensor that
-has its shape, about the sensor's centre. NumPy, float64.
+Field height 1 is the corner of the sensor, half its diagonal from the centre; angles are those of a pinhole camera of
+the same focal length. x right, y down, px, (0, 0) the centre of the first pixel. A picture of another size is the
+sensor's largest part of its shape, about its centre. NumPy, float64.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ _LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels 
 class Mtf:
     """A measured, radial MTF of the lens without the pixel: modulation, 0 to 1, at frequencies, linear between.
 
-    frequencies: increasing, from 0, where it is 1 whether stated or not; unit: "cycles/px" or "lp/mm". Beyond the
-    last frequency its value holds. Raises ``TypeError`` or ``ValueError``.
+    frequencies: increasing; at 0 it is 1, beyond the last its value holds. Raises ``TypeError`` or ``ValueError``.
     """
 
     frequencies: tuple[float, ...]
@@ -189,14 +187,13 @@ def _branch(lens: Distortion) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class Lens:
-    """How a lens changes over its field.
+    """How a lens changes over its field; figures that are 0 or None leave their effect out.
 
     field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign;
-    the radius is what remains without its sign. lateral_red, lateral_blue: by how much larger than green's, as a
-    share, the picture of these colours is: 0.0005 is half a pixel at 1000 px from the centre.
-    falloff_power: of the field angle's cosine, natural vignetting; the law's is 4. relative_illumination: a
-    measured curve in its place. distortion: by OpenCV's models. mtf: measured, in place of the camera's
-    defocus_radius_px and diffraction. Raises ``TypeError`` or ``ValueError`` naming the figure.
+    the radius is what remains without its sign. lateral_red, lateral_blue: by which share the picture of these
+    colours is larger than green's. falloff_power: of the field angle's cosine, natural vignetting (the law's is 4);
+    relative_illumination: a measured curve in its place. mtf: measured, in place of the camera's defocus_radius_px
+    and diffraction. Raises ``TypeError`` or ``ValueError`` naming the figure.
     """
 
     field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0

@@ -27,6 +27,7 @@ BOLTZMANN_J_K = 1.380649e-23
 LUMENS_PER_WATT = 683.0
 VISIBLE_NM = (400.0, 700.0)
 """The band that a plain number (a quantum efficiency, a transmission) is taken to cover."""
+_ILLUMINANTS = "must be D50, D55, D65, D75, planck:KELVIN or a Curve"
 _OVER = 0.05  # of its peak: a curve that ends below it is over, one above it was cut short
 
 Floats = NDArray[np.float64]
@@ -119,15 +120,13 @@ def illuminant(name: str | Curve) -> Curve:
             return planck(float(name.split(":", 1)[1]))
         except ValueError as error:
             raise ValueError(f"illuminant = {shown(name)}: {error}") from None
-    raise ValueError(f"illuminant = {shown(name)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve")
+    raise ValueError(f"illuminant = {shown(name)}: {_ILLUMINANTS}")
 
 
 def check_illuminant(illuminant: object) -> None:
     """Raise ``TypeError`` for what is neither a name nor a curve."""
     if not isinstance(illuminant, (str, Curve)):
-        raise TypeError(
-            f"illuminant = {shown(illuminant)}: must be D50, D55, D65, D75, planck:KELVIN or a Curve"
-        )
+        raise TypeError(f"illuminant = {shown(illuminant)}: {_ILLUMINANTS}")
 
 
 @lru_cache(maxsize=64)
