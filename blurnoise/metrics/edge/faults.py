@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import torch
@@ -35,43 +35,48 @@ _MEDIAN_ERROR = 1.65  # standard error of a median of n chi squares over that of
 
 
 @dataclass(frozen=True)
-class Profile:
-    """The spline and the error of anything linear in it.
+class Shape:
+    """An edge's sides and the spline between them, scaled to 0 and 1, with the error of anything linear in it.
 
-    coefficients: (B, K). covariance: theirs, (B, K, K), of so many rows. free: (B, K), 1 for coefficients that were
-    fitted and whose mirror image was. tilt: px per row, (B,).
+    position_px: its line, (B, H). reach_px: (B,), how far the blur was taken to reach.
     """
 
-    coefficients: Tensor
-    covariance: Tensor
-    rows: int
-    free: Tensor
-    tilt: Tensor
+    sides: Sides
+    spline: Spline
+    position_px: Tensor
+    reach_px: Tensor
 
-    @classmethod
-    def of(cls, spline: Spline, position_px: Tensor, block: int = 1) -> Profile:
-        """block: rows whose noise belongs together; at least 16 of them are kept apart."""
-        kept = max(1, min(block, position_px.shape[1] // 16))
-        free = (spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
-        rows = math.ceil(position_px.shape[1] / kept)
-        return cls(
-            spline.coefficients, spline.bootstrapped(kept), rows, free * free.flip(1), slope(position_px)
-        )
+    @cached_property
+    def _together(self) -> int:
+        """Rows whose noise belongs together; at least 16 of them are kept apart."""
+        return max(1, min(int(self.sides.block.max()), self.position_px.shape[1] // 16))
+
+    @cached_property
+    def covariance(self) -> Tensor:
+        """Of the spline's coefficients, (B, K, K), by a bootstrap over rows."""
+        return self.spline.bootstrapped(self._together)
+
+    @cached_property
+    def free(self) -> Tensor:
+        """1 for coefficients that were fitted and whose mirror image was, (B, K)."""
+        free = (self.spline.inverse.diagonal(dim1=1, dim2=2) > 0).to(torch.float64)
+        return free * free.flip(1)
+
+    @cached_property
+    def noise(self) -> Tensor:
+        """Variance of each of the spline's pixels by its light, from the sides', (n,)."""
+        dark, bright = (self.sides.variance / self.sides.step[:, None] ** 2).unbind(1)
+        pixels = self.spline.pixels
+        share = (pixels.value - self.spline.off[0]).clamp(0, 1)
+        return dark[pixels.region] + (bright - dark)[pixels.region] * share
 
     def error(self, functionals: Tensor) -> Tensor:
         """Standard errors (B, n) of the coefficients' sums with functionals, (K, n) or (B, K, n)."""
         return ((self.covariance @ functionals) * functionals).sum(1).clamp_min(0).sqrt()
 
     def certain(self, places: Tensor | int) -> Tensor:
-        """Errors by which one of ``places`` numbers, or of (B,), must be off to be no accident.
-
-        Bonferroni, and Student's quantile with a degree of freedom per row, by Cornish and Fisher.
-        """
-        freedom = max(self.rows - 1, 4)
-        tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
-        z = -torch.special.ndtri(tail)
-        t: Tensor = z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
-        return t
+        """:func:`certain` of the edge's rows."""
+        return certain(math.ceil(self.position_px.shape[1] / self._together), places)
 
     def exceed(self, values: Tensor, error: Tensor, least: float) -> Tensor:
         """Whether any of ``values`` (B, n) is above ``least`` and no accident of the noise, (B,)."""
@@ -79,58 +84,67 @@ class Profile:
         return (values > limit.clamp_min(least)).any(1)
 
 
-def overshoots(profile: Profile) -> Tensor:
+def certain(rows: int, places: Tensor | int) -> Tensor:
+    """Errors by which one of ``places`` numbers, or of (B,), must be off to be no accident.
+
+    Bonferroni, and Student's quantile with a degree of freedom per row, by Cornish and Fisher.
+    """
+    freedom = max(rows - 1, 4)
+    tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
+    z = -torch.special.ndtri(tail)
+    t: Tensor = z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
+    return t
+
+
+def overshoots(shape: Shape) -> Tensor:
     """Whether the edge, in the mean over a pixel, goes beyond one of its sides, (B,)."""
-    knots = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
+    knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
     means = knots.unfold(0, round(1 / KNOT_PX), 1).mean(-1).T
-    edge = profile.coefficients @ means
-    return profile.exceed(torch.maximum(edge - 1, -edge), profile.error(means), OVERSHOOT)
+    edge = shape.spline.coefficients @ means
+    return shape.exceed(torch.maximum(edge - 1, -edge), shape.error(means), OVERSHOOT)
 
 
-def two_humps(profile: Profile, reach_px: Tensor) -> Tensor:
+def two_humps(shape: Shape) -> Tensor:
     """Whether the line spread dips between two humps, (B,): two edges, or motion that lingers at its ends.
 
     It is averaged over an eighth of the reach, at least half a pixel. Humps closer to the dip than 3/4 px do not
     count: so does a filter of the picture's own pixels ring.
     """
     apart = round(0.75 / KNOT_PX)
-    knots = torch.eye(profile.coefficients.shape[1], dtype=torch.float64)
-    found = torch.zeros(len(reach_px), dtype=torch.bool)
-    widths = (reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
+    knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
+    found = torch.zeros(len(shape.reach_px), dtype=torch.bool)
+    widths = (shape.reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
     for width in set(widths.tolist()):
         rises = knots[:, width:] - knots[:, :-width]
-        line, error = profile.coefficients @ rises, profile.error(rises)
-        left, at_left = (each[:, : -2 * apart] for each in line.cummax(1))
-        right, at_right = (each.flip(1)[:, 2 * apart :] for each in line.flip(1).cummax(1))
-        lower = torch.where(left < right, at_left, line.shape[1] - 1 - at_right)
-        hump, low = torch.minimum(left, right), line[:, apart:-apart]
-        of_both = torch.sqrt(error[:, apart:-apart] ** 2 + error.gather(1, lower) ** 2)
-        places = (profile.free.sum(1) / width) ** 3  # two humps and what lies between them
-        limit = torch.maximum(profile.certain(places)[:, None] * of_both, DIP * hump)
-        dips = (hump - low > limit) & (hump > 0.1 * line.amax(1, keepdim=True))
-        found |= (widths == width) & dips.any(1)
+        line, error = shape.spline.coefficients @ rises, shape.error(rises)
+        left, right = line.cummax(1).values, line.flip(1).cummax(1).values.flip(1)
+        hump = torch.minimum(left[:, : -2 * apart], right[:, 2 * apart :])
+        places = (shape.free.sum(1) / width) ** 3  # two humps and what lies between them
+        certain = shape.certain(places)[:, None] * math.sqrt(2) * error[:, apart:-apart]
+        dips = hump - line[:, apart:-apart] > torch.maximum(certain, DIP * hump)
+        found |= (widths == width) & (dips & (hump > 0.1 * line.amax(1, keepdim=True))).any(1)
     return found
 
 
-def negative(profile: Profile) -> Tensor:
+def negative(shape: Shape) -> Tensor:
     """Whether such an edge asks for less than no light somewhere before the pixels, (B,): clipped, or sharpened.
 
     The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
     sum of E' at places a pixel apart, from the left or from the right, and must never fall: a line spread that
     ends sooner than a pixel takes to leave it does so. Means over adjacent halves of a pixel are compared.
     """
-    coefficients = profile.coefficients.float()  # enough, and twice as fast
+    coefficients = shape.spline.coefficients.float()  # enough, and twice as fast
     count = coefficients.shape[1]
     knot = torch.arange(count) - count // 2
-    pixel = (1 / torch.sqrt(1 + profile.tilt**2)).float()[:, None, None]
+    pixel = (1 / torch.sqrt(1 + slope(shape.position_px) ** 2)).float()[:, None, None]
     place = (torch.arange(count + 8) - count // 2 - 4)[:, None] * pixel  # knots; a pixel is 4 of them
     away = (place - knot).abs()
     spline = torch.where(away < 1, 2 / 3 - away * away * (1 - away / 2), (2 - away).clamp_min(0) ** 3 / 6)
     rises = _rises(count + 8) @ spline
     beyond = (1 - spline.sum(2)) * (place[..., 0] > 0)  # where there are no knots any more, the edge is 1
     found = (rises @ coefficients[..., None])[..., 0] + beyond @ _rises(count + 8).T
-    error = ((rises @ profile.covariance.float()) * rises).sum(2).clamp_min(0).sqrt()
-    return profile.exceed(-found, error, NEGATIVE)
+    error = ((rises @ shape.covariance.float()) * rises).sum(2).clamp_min(0).sqrt()
+    return shape.exceed(-found, error, NEGATIVE)
 
 
 @cache
@@ -144,20 +158,20 @@ def _rises(count: int) -> Tensor:
     return torch.cat([(aligned * (after >= 0)) @ curved, -(aligned * (after < 0)) @ curved])
 
 
-def displaced(spline: Spline, noise: Tensor, mtf50: Tensor) -> Tensor:
+def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
     """Whether rows are displaced against each other by more than noise moves them, (B,), and what it costs MTF50.
 
     A row's own place follows from its misfit along the edge's slope; the median over rows stands for all of them,
-    for a hot pixel moves one. noise: :func:`noise_expected`.
+    for a hot pixel moves one.
     """
-    off, pull = spline.off
-    curvature = spline.pixels.by_row(pull * pull).clamp_min(1e-12)
-    place = spline.pixels.by_row(pull * off) / curvature
-    expected = spline.pixels.by_row(pull * pull * noise) / curvature**2
+    (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
+    curvature = by_row(pull * pull).clamp_min(1e-12)
+    place = by_row(pull * off) / curvature
+    expected = by_row(pull * pull * shape.noise) / curvature**2
     ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / CHI_SQUARE_MEDIAN
-    certain = ratio - 1 > 5 * _MEDIAN_ERROR * math.sqrt(2 / place.shape[1])
+    sure = ratio - 1 > 5 * _MEDIAN_ERROR * math.sqrt(2 / place.shape[1])
     excess = ((ratio - 1) * expected.mean(1)).clamp_min(0)
-    return certain & (cost_of_places(excess, mtf50.nan_to_num(0, 0, 0)) > DISPLACED)
+    return sure & (cost_of_places(excess, mtf50.nan_to_num(0, 0, 0)) > DISPLACED)
 
 
 def cost_of_places(variance: Tensor, mtf50: Tensor) -> Tensor:
@@ -168,37 +182,27 @@ def cost_of_places(variance: Tensor, mtf50: Tensor) -> Tensor:
     return 2 * (math.pi * mtf50) ** 2 * variance / (2 * math.log(2))
 
 
-def smoothed(spline: Spline, noise: Tensor, sides: Sides) -> Tensor:
+def smoothed(shape: Shape) -> Tensor:
     """Whether the sides have certainly less noise than the edge between them, (B,): denoised, clipped, curved.
 
     Of light, noise in between lies between theirs. The median over pixels, for a hot one changes nothing.
     """
-    off, _ = spline.off
-    share = spline.pixels.value - off
-    ratio = torch.where((share > 0.1) & (share < 0.9), off**2 / noise.clamp_min(1e-18), torch.nan)
-    of_regions = torch.split(ratio, spline.pixels.count.tolist())
+    sides, pixels, (off, _) = shape.sides, shape.spline.pixels, shape.spline.off
+    share = pixels.value - off
+    ratio = torch.where((share > 0.1) & (share < 0.9), off**2 / shape.noise.clamp_min(1e-18), torch.nan)
+    of_regions = torch.split(ratio, pixels.count.tolist())
     count = torch.stack([each.isfinite().sum() for each in of_regions])
     median = torch.stack([each.nanmedian() for each in of_regions]) / CHI_SQUARE_MEDIAN
     limit = torch.where(sides.power_at_0 > SMOOTH_NOISE, UNEVEN_SMOOTH, UNEVEN_NOISE)
     noisy = sides.variance.amax(1) > NOISELESS * sides.step**2
-    certain = median > 1 + 5 * _MEDIAN_ERROR * torch.sqrt(2 / count)
-    return noisy & (count >= 20) & certain & (median > limit)
-
-
-def noise_expected(spline: Spline, sides: Sides) -> Tensor:
-    """Variance of each of the spline's pixels by its light, from the sides', (n,)."""
-    variance = sides.variance / sides.step[:, None] ** 2
-    dark, bright = variance.unbind(1)
-    share = (spline.pixels.value - spline.off[0]).clamp(0, 1)
-    return dark[spline.pixels.region] + (bright - dark)[spline.pixels.region] * share
+    sure = median > 1 + 5 * _MEDIAN_ERROR * torch.sqrt(2 / count)
+    return noisy & (count >= 20) & sure & (median > limit)
 
 
 _MASK_PX = 0.7  # of the sharpening's Gaussian
 _SHARPEST_PX = 0.05
 MATTERS = 0.015  # of MTF50, that a fault must have cost before it raises a flag
-MISFIT = (
-    0.004  # of the step, by which an edge may differ from a Gaussian one with a fault that is not ruled out
-)
+MISFIT = 0.004  # of the step, by which an edge may differ from a Gaussian one with a fault before that is ruled out
 UNEQUAL = 0.002  # of the step, by which the edge may differ from itself turned by half a turn, halved
 _WITHIN = 1.96  # standard errors of a strength that the interval covers
 _FINEST, _COARSEST, _MTF50S = 0.6, 1e-3, 17  # cycles/px, of the table of costs, in even ratios
@@ -272,28 +276,19 @@ _FAULTS = (
     _Fault(_s_shaped, -1.0, (0.0, 2.0), 1.1),
     _Fault(_sharpened, -1.0, (0.0, 6.0), 1.1),
 )
-
-
 _PARITY, _LOW, _HIGH, _USUAL = torch.tensor(
     [(fault.parity, *fault.range, fault.usual) for fault in _FAULTS], dtype=torch.float64
 ).T[..., None]  # (F, 1) each
 _LEAST_U, _MOST_U = float(_LOW.min()), float(_HIGH.max())
 
 
-@dataclass(frozen=True)
-class Hidden:
-    """unequal: (B,) bool, that the edge's halves certainly are. Shares of MTF50, (B,), by which hidden faults may
-    have raised it, as found (likely) and with its error (largest), or lowered it at most."""
+def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
+    """Whether the edge's halves are certainly unequal, (B,), and what hidden faults cost the measured ``mtf50`` (B,).
 
-    unequal: Tensor
-    likely: Tensor
-    largest: Tensor
-    lowered: Tensor
-
-
-def hidden_faults(profile: Profile, mtf50: Tensor, rising: Tensor) -> Hidden:
-    """What may have been done to the edges. mtf50: (B,), as measured; rising: (B,), bright at positive places."""
-    place, free = knots_px(profile.free.shape[1]), profile.free
+    The cost, (3, B), is the shares by which they likely raised it, and at most raised and lowered it.
+    """
+    free = shape.free
+    place = knots_px(free.shape[1])
     mtf50 = mtf50.clamp(_COARSEST, _FINEST)
     _, level, _ = gaussian_edge(mtf50, place)
     costs = _costs(mtf50)
@@ -316,24 +311,24 @@ def hidden_faults(profile: Profile, mtf50: Tensor, rising: Tensor) -> Hidden:
         return half(torch.stack([fault.change(*edge) for fault, *edge in made]) - level)
 
     even = _PARITY > 0
-    off = half(_at_knots(profile.coefficients) - level)
+    off = half(_at_knots(shape.spline.coefficients) - level)
     unexplained = torch.diag_embed(free) - bases[0] @ bases[0].mT
-    mirrored = profile.covariance + profile.covariance.flip(1)
+    mirrored = shape.covariance + shape.covariance.flip(1)
     mirrored = unexplained @ (mirrored + mirrored.flip(2)) @ unexplained / 4
-    lopsided = _mean(off)[0].abs() > _misfit(profile, mirrored, UNEQUAL)
-    off = torch.where(even & ~rising, -1, 1)[..., None] * off
+    lopsided = _mean(off)[0].abs() > _misfit(shape, mirrored, UNEQUAL)
+    off = torch.where(even & (shape.sides.step < 0), -1, 1)[..., None] * off
     units = changes(torch.ones(len(_FAULTS), len(mtf50), dtype=torch.float64))
     weights = units / (units**2).sum(-1, keepdim=True).clamp_min(1e-12)
-    error = profile.error(torch.stack([_at_knots(weight) for weight in weights], 2)).mT
+    error = shape.error(torch.stack([_at_knots(weight) for weight in weights], 2)).mT
     first = (weights * off).sum(-1)
     guess = torch.minimum(torch.maximum(first, _LOW), _HIGH)
     left = off - changes(guess)
     more = (weights * left).sum(-1)
     misfit = _mean(left - more[..., None] * units).abs()
-    fits = even | (misfit <= _misfit(profile, profile.covariance, MISFIT)).all(-1)
+    fits = even | (misfit <= _misfit(shape, shape.covariance, MISFIT)).all(-1)
     steepness = _steepness(guess, first - more)
     u = torch.where(fits, guess + more / steepness, 0.0)
-    certain = profile.certain(2) * error  # of two kinds of fault
+    limit = shape.certain(2) * error  # of two kinds of fault
     error = torch.where(fits, error / steepness, 0.0)
     trace = u.abs() > _WITHIN * error
     low, high = (torch.where(trace, end, end.clamp(-_USUAL, _USUAL)) for end in (_LOW, _HIGH))
@@ -341,14 +336,10 @@ def hidden_faults(profile: Profile, mtf50: Tensor, rising: Tensor) -> Hidden:
         _at(costs, torch.minimum(torch.maximum(each, low), high))
         for each in (u, u - _WITHIN * error, u + _WITHIN * error)
     )
-    unequal = even & (first.abs() > certain) & (_at(costs, torch.minimum(u.abs(), high)) > MATTERS)
+    unequal = even & (first.abs() > limit) & (_at(costs, torch.minimum(u.abs(), high)) > MATTERS)
     within, likely = torch.stack([cost, *ends]), cost.amax(0).clamp_min(0)
-    return Hidden(
-        unequal.any(0) | lopsided.any(1),
-        likely,
-        torch.maximum(likely, within.amax((0, 1))),
-        -within.amin((0, 1)).clamp_max(0),
-    )
+    largest, lowered = torch.maximum(likely, within.amax((0, 1))), -within.amin((0, 1)).clamp_max(0)
+    return unequal.any(0) | lopsided.any(1), torch.stack([likely, largest, lowered])
 
 
 def _steepness(u: Tensor, seen: Tensor) -> Tensor:
@@ -410,11 +401,11 @@ def _cost_table() -> Tensor:
     return table
 
 
-def _misfit(profile: Profile, covariance: Tensor, least: float) -> Tensor:
+def _misfit(shape: Shape, covariance: Tensor, least: float) -> Tensor:
     """What the mean over 5 knots of what is left of an edge, (B, K), may be by noise, or matters little."""
     windows = covariance.unfold(1, 5, 1).unfold(2, 5, 1).diagonal(dim1=1, dim2=2)
     error = windows.mean((1, 2)).clamp_min(0).sqrt()
-    return pad(profile.certain(profile.free.sum(1))[:, None] * error, (2, 2), "replicate").clamp_min(least)
+    return pad(shape.certain(shape.free.sum(1))[:, None] * error, (2, 2), "replicate").clamp_min(least)
 
 
 def _mean(values: Tensor) -> Tensor:

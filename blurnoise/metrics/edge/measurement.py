@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import torch
@@ -16,7 +16,7 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise._core.limits import counted
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.metrics.edge.faults import Hidden
+from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
 from blurnoise.metrics.edge.geometry import is_horizontal, slope
 from blurnoise.metrics.edge.iso import iso_response
@@ -33,7 +33,6 @@ from blurnoise.metrics.edge.response import (
 from blurnoise.metrics.edge.shape import (
     NOISY,
     Flags,
-    Shape,
     colours_apart,
     locate,
     not_alone,
@@ -46,7 +45,7 @@ from blurnoise.metrics.values import Roi, read_regions
 
 Mode = Literal["exact", "iso"]
 Side = Literal["left", "right", "top", "bottom"]
-_CROSSINGS = {"mtf50", "mtf50p"}
+_CROSSINGS = {"mtf50", "mtf50p"}  # NaN where there is none, and wider by what an edge may hide
 _TOGETHER = 32  # regions in one go: their arrays stay in the cache
 _NONE = torch.empty(0, dtype=torch.float64)
 
@@ -155,16 +154,16 @@ def slanted_edge(
             values, colours = read.values[chosen], read.colours[chosen]
             if horizontal:
                 values, colours = values.mT.contiguous(), colours.mT
-            measured = _measured(values, mode, horizontal, bootstrap, seed)
-            if colours.shape[1] == 3:
-                measured = _with_colours(measured, colours)
+            measured = _measured(values, colours, mode, horizontal, bootstrap, seed)
             for index, edge in zip(chosen, measured, strict=True):
                 edges[index] = edge
     return edges if image.ndim == 4 else edges[0]
 
 
-def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int) -> list[SlantedEdge]:
-    """Measure near-vertical edges (B, H, W); horizontal: the regions were transposed."""
+def _measured(
+    values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int
+) -> list[SlantedEdge]:
+    """Measure near-vertical edges (B, H, W) of colours (B, C, H, W); horizontal: the regions were transposed."""
     found, flags = locate(values)
     edges = [SlantedEdge(mode, names) for names in _by_region(flags, len(values))]
     alike: dict[int, list[int]] = {}
@@ -175,23 +174,20 @@ def _measured(values: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed
         weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
         shape = shape_of(found.only(kept), block)
         wider = widening(values.shape[1], block)
-        measured = _edges(values[kept], shape, mode, horizontal, weights, wider)
+        measured = _edges(values[kept], colours[kept], shape, mode, horizontal, weights, wider)
         for index, edge, doubtful in zip(kept, measured, not_alone(shape).tolist(), strict=True):
             edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
     return edges
 
 
-def _with_colours(edges: list[SlantedEdge], colours: Tensor) -> list[SlantedEdge]:
-    """The edges, flagged where their colours (B, 3, H, W) lie apart."""
-    apart = colours_apart(colours, torch.tensor([edge.mtf50 for edge in edges], dtype=colours.dtype))
-    return [
-        replace(edge, flags=edge.flags | {Flag.NON_LINEAR_SUSPECTED}) if doubtful else edge
-        for edge, doubtful in zip(edges, apart.tolist(), strict=True)
-    ]
-
-
 def _edges(
-    values: Tensor, shape: Shape, mode: Mode, horizontal: bool, weights: Tensor | None, wider: float
+    values: Tensor,
+    colours: Tensor,
+    shape: Shape,
+    mode: Mode,
+    horizontal: bool,
+    weights: Tensor | None,
+    wider: float,
 ) -> list[SlantedEdge]:
     """Read the numbers off each shape. weights: (n, H), of the rows in n resamples; wider: what these miss."""
     sides, rising = shape.sides, shape.sides.step > 0
@@ -203,6 +199,8 @@ def _edges(
     scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
     mtf50 = scalars["mtf50"]
     flags, hidden = suspicions(shape, mode, values.shape[2], mtf50, scatter(response, mtf50))
+    if colours.shape[1] == 3:
+        flags[Flag.NON_LINEAR_SUSPECTED] |= colours_apart(colours, mtf50)
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
     samples, noise_intervals = _resamples(response, shape, ends, weights, scalars, wider)
     if noise_intervals:  # 95 % span four standard deviations
@@ -214,14 +212,7 @@ def _edges(
     told |= {"dark": dark, "bright": bright, "noise_power_at_0": sides.power_at_0}
     told |= {"noise_variance_dark": noise_dark, "noise_variance_bright": noise_bright}
     columns = {name: value.tolist() for name, value in (scalars | told).items()}
-    by_noise = (
-        [
-            dict(zip(noise_intervals, map(tuple, ranges), strict=True))
-            for ranges in torch.stack([*noise_intervals.values()], 1).tolist()
-        ]
-        if noise_intervals
-        else [{}] * len(values)
-    )
+    limits = {name: each.tolist() for name, each in noise_intervals.items()}
     frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
     distance_px, esf, lsf = _profiles(shape)
     tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
@@ -229,6 +220,7 @@ def _edges(
     for index, names in enumerate(_by_region(flags, len(values))):
         angle_deg, bright_side = _facing(tilts[index], flips[index], horizontal)
         scalar = {name: column[index] for name, column in columns.items()}
+        by_noise = {name: (each[index][0], each[index][1]) for name, each in limits.items()}
         edges.append(
             SlantedEdge(
                 mode=mode,
@@ -236,8 +228,8 @@ def _edges(
                 angle_deg=angle_deg,
                 orientation="horizontal" if horizontal else "vertical",
                 bright_side=bright_side,
-                intervals=_with_hidden(by_noise[index], scalar, hidden, index),
-                noise_intervals=by_noise[index],
+                intervals=_with_hidden(by_noise, scalar, hidden[:, index].tolist()),
+                noise_intervals=by_noise,
                 frequencies=frequencies[index],
                 power=response.power[index],
                 sfr=sfr[index],
@@ -257,12 +249,10 @@ def _by_region(flags: Flags, batch: int) -> list[frozenset[Flag]]:
 
 
 def _with_hidden(
-    intervals: Mapping[str, tuple[float, float]], scalars: Mapping[str, float], hidden: Hidden, index: int
+    intervals: Mapping[str, tuple[float, float]], scalars: Mapping[str, float], hidden: list[float]
 ) -> dict[str, tuple[float, float]]:
     """The intervals, those of MTF50 and MTF50P with the faults that may have raised or lowered them."""
-    likely, largest, lowered = (
-        float(share[index]) for share in (hidden.likely, hidden.largest, hidden.lowered)
-    )
+    likely, largest, lowered = hidden
     wider = dict(intervals)
     for name in _CROSSINGS & intervals.keys():
         (low, high), middle = intervals[name], scalars[name]
@@ -299,7 +289,7 @@ def _resamples(
     wider: float,
 ) -> tuple[list[Resamples | None], dict[str, Tensor]]:
     """The resamples of each region, and the intervals (B, 2) of its scalars."""
-    if weights is None or response.resampled is None:
+    if response.resampled is None or weights is None:
         return [None] * len(ends), {}
     level, variance = shape.sides.resampled(weights)
     drawn = numbers(response.resampled, response.spacing[:, None], peak(response)[:, None], level, variance)

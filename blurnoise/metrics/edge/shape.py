@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from blurnoise.metrics.edge import faults
+from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.flags import Flag
 from blurnoise.metrics.edge.geometry import Upright, find_line, largest_phase_gap_px, smooth, straighten
 from blurnoise.metrics.edge.sides import (
@@ -24,7 +26,7 @@ from blurnoise.metrics.edge.sides import (
     measure_sides,
     reach_of,
 )
-from blurnoise.metrics.edge.spline import BLOCK_PX, LINE_ORDER, Spline, refine
+from blurnoise.metrics.edge.spline import LINE_ORDER, refine
 from blurnoise.metrics.values import LUMINANCE
 
 Flags = dict[Flag, Tensor]
@@ -41,7 +43,7 @@ QUIETER = 0.8  # variance of the bright side's noise over the dark one's: light 
 CERTAIN = 5.0  # standard errors of noise that differs from what light makes of it
 COLOURS_CERTAIN = 2.2  # errors of the distance between colours: of 400 grey edges none has 1.1
 _LEVELS = 2.0  # error of a colour's place over that from its rows alone: the levels that place it have errors
-_ODD_BLOCK = 6.0  # standard errors by which a block must be off the edge's shape
+_BLOCK_PX, _ODD_BLOCK = 5, 6.0  # standard errors by which the mean of a block must be off the edge's shape
 
 
 @dataclass(frozen=True)
@@ -63,19 +65,6 @@ class Located:
         upright = Upright(*(value[kept] for value in vars(self.upright).values()))
         sides = Sides(*(value[kept] for value in vars(self.sides).values()))
         return Located(upright, self.position_px[kept], self.reach_px[kept], self.rise[kept], sides)
-
-
-@dataclass(frozen=True)
-class Shape:
-    """sides: levels and noise. spline: the edge between them, scaled to 0 and 1. position_px: its line, (B, H).
-
-    reach_px: (B,), how far the blur was taken to reach.
-    """
-
-    sides: Sides
-    spline: Spline
-    position_px: Tensor
-    reach_px: Tensor
 
 
 def locate(values: Tensor) -> tuple[Located, Flags]:
@@ -125,32 +114,32 @@ def shape_of(found: Located, block: int = 1) -> Shape:
 def not_alone(shape: Shape) -> Tensor:
     """Whether something stands off the edge's own shape, (B,): a blurred corner passes for a wide edge else."""
     noise = (shape.sides.variance.amax(1) / shape.sides.step**2).sqrt()
-    return shape.spline.largest_misfit() > _ODD_BLOCK * (noise / BLOCK_PX).clamp_min(UNEVEN)
+    off = shape.spline.pixels.in_place(shape.spline.off[0].float())
+    misfit = avg_pool2d(off, _BLOCK_PX, stride=_BLOCK_PX // 2).abs().amax((1, 2)).double()
+    return misfit > _ODD_BLOCK * (noise / _BLOCK_PX).clamp_min(UNEVEN)
 
 
 def suspicions(
     shape: Shape, mode: str, width_px: int, mtf50: Tensor, scattered: Tensor
-) -> tuple[Flags, faults.Hidden]:
-    """What speaks against the numbers that were taken from a shape, and what it may hide.
+) -> tuple[Flags, Tensor]:
+    """What speaks against the numbers that were taken from a shape, and what hidden faults may cost, (3, B).
 
     mtf50: (B,), inf where it stays above 50 %; scattered: its standard deviation as a share of it, (B,).
     """
-    sides, spline = shape.sides, shape.spline
+    sides = shape.sides
     few = largest_phase_gap_px(shape.position_px) > LARGEST_GAP_PX[mode]
     blur_px = (shape.reach_px - REACH_PX) / REACH_FACTOR
-    profile = faults.Profile.of(spline, shape.position_px, int(sides.block.max()))
-    noise = faults.noise_expected(spline, sides)
-    hidden = faults.hidden_faults(profile, mtf50, sides.step > 0)
+    unequal, hidden = faults.hidden_faults(shape, mtf50)
     return {
         Flag.NEVER_REACHES_50: torch.isinf(mtf50),
         Flag.NOISE_DOMINATED: scattered > NOISY,
         Flag.TOO_FEW_PHASES: few,
-        Flag.NON_LINEAR_SUSPECTED: _quieter(sides) | (hidden.unequal & ~few),
-        Flag.SHARPENED: (faults.overshoots(profile) & ~few) | sides.alternates,
-        Flag.TWO_HUMPS: faults.two_humps(profile, shape.reach_px) & ~few,
-        Flag.TOO_ABRUPT: faults.negative(profile) & ~few,
-        Flag.DISPLACED: faults.displaced(spline, noise, mtf50),
-        Flag.SMOOTHED: faults.smoothed(spline, noise, sides),
+        Flag.NON_LINEAR_SUSPECTED: _quieter(sides) | (unequal & ~few),
+        Flag.SHARPENED: (faults.overshoots(shape) & ~few) | sides.alternates,
+        Flag.TWO_HUMPS: faults.two_humps(shape) & ~few,
+        Flag.TOO_ABRUPT: faults.negative(shape) & ~few,
+        Flag.DISPLACED: faults.displaced(shape, mtf50),
+        Flag.SMOOTHED: faults.smoothed(shape),
         Flag.NOISE_CORRELATED: sides.correlated,
         Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > width_px) & (mode == "iso"),
     }, hidden

@@ -275,18 +275,17 @@ def correlation_of(
 
 def _at_lags(noise: Sequence[Tensor], there: Sequence[Tensor], most: int) -> tuple[Tensor, Tensor]:
     """Correlation at lags 1 to ``most`` along the last axis and its error for white noise, (B, most) each."""
-    products, pairs = (torch.stack([_products(each, most) for each in of]).sum(0) for of in (noise, there))
-    pairs = pairs.round().clamp_min(1)
-    return products / pairs, 1 / pairs.sqrt()
 
+    def products(values: Tensor) -> Tensor:
+        """Sum of the products of all values that lie 1 to ``most`` apart."""
+        long = 1 << (values.shape[2] + most - 1).bit_length()
+        waves = torch.view_as_real(torch.fft.rfft(values, n=long))
+        power = (waves * waves).sum(1).sum(-1)  # over both at once takes four times as long
+        summed: Tensor = torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
+        return summed
 
-def _products(values: Tensor, most: int) -> Tensor:
-    """Sum of the products of all values that lie 1 to ``most`` apart along the last axis, (B, most)."""
-    long = 1 << (values.shape[2] + most - 1).bit_length()
-    waves = torch.view_as_real(torch.fft.rfft(values, n=long))
-    power = (waves * waves).sum(1).sum(-1)  # over both at once takes four times as long
-    products: Tensor = torch.fft.irfft(power, n=long)[:, 1 : most + 1].double()
-    return products
+    pairs = torch.stack([products(each) for each in there]).sum(0).round().clamp_min(1)
+    return torch.stack([products(each) for each in noise]).sum(0) / pairs, 1 / pairs.sqrt()
 
 
 def _length(correlation: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:

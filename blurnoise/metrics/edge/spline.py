@@ -23,7 +23,6 @@ from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
 
 KNOT_PX = 0.25
 LINE_ORDER = 3  # of the polynomial that the edge may follow: a lens bends straight edges
-BLOCK_PX = 5
 CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 _ODD_DEVIATIONS, _ODD_SHARE = 8.0, 0.05  # of the misfits, and of the step, that make a pixel a hot one
 _PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
@@ -52,11 +51,6 @@ class Spline:
     def off(self) -> tuple[Tensor, Tensor]:
         """By how much the pixels exceed the spline, and its slope along the row, 1/px, (n,) each."""
         return self.pixels.off(self.coefficients)
-
-    def largest_misfit(self) -> Tensor:
-        """The largest mean over a block of BLOCK_PX squared px by which pixels are off the spline, (B,)."""
-        off = self.pixels.in_place(self.off[0].float())
-        return avg_pool2d(off, BLOCK_PX, stride=BLOCK_PX // 2).abs().amax((1, 2)).double()
 
     def resampled(self, weights: Tensor) -> Tensor:
         """Coefficients, (B, n, K), with row r counted weights[:, r] times, to first order; weights (n, H)."""
