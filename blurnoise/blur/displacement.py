@@ -58,10 +58,6 @@ class Readout:
         start = np.full_like(later, -(self.exposure_s + readout_s / 2) / 2)
         return start, start + self.exposure_s + later
 
-    def middle_s(self, row: Floats) -> Floats:
-        """When a row, or a place between rows, is read, less half an exposure."""
-        return np.asarray((row - (self.rows - 1) / 2) * self.row_s)
-
     @property
     def span_s(self) -> tuple[float, float]:
         """When the first exposure begins and the last ends."""
@@ -150,39 +146,45 @@ class Displacement:
             return None, by.expand(2, window.height, 1)
         return self._rate(by) * _column(middle, by), self._rate(by) * _column(lasting, by)
 
-    def during(self, rows: Floats) -> tuple[Floats, Floats, Floats]:
-        """Mean, least and largest displacement (2, n) in the windows of rows (n,), or of places between them."""
-        starts, stops = (
-            np.interp(rows, np.arange(self.readout.rows), ends) for ends in self.readout.windows_s
-        )
-        times, knots = self.track
+    def mean_px(self, rows: Floats) -> Floats:
+        """Mean displacement (2, n) in the windows of rows (n,), or of places between them."""
+        (times, knots), (starts, stops) = self.track, self._windows_at(rows)
         passed = np.cumsum((knots[:, 1:] + knots[:, :-1]) / 2 * np.diff(times), 1)
         passed = np.concatenate([np.zeros((2, 1)), passed], 1)
 
-        def places(at: Floats) -> Floats:
-            return np.stack([np.interp(at, times, along) for along in knots])
-
         def until(at: Floats) -> Floats:
             knot = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-            return passed[:, knot] + (at - times[knot]) * (knots[:, knot] + places(at)) / 2
+            return passed[:, knot] + (at - times[knot]) * (knots[:, knot] + self._places(at)) / 2
 
-        first, last, lasting = places(starts), places(stops), stops - starts
-        mean = np.where(lasting > 1e-9, (until(stops) - until(starts)) / np.maximum(lasting, 1e-9), first)
+        lasting = stops - starts
+        mean = (until(stops) - until(starts)) / np.maximum(lasting, 1e-9)
+        return np.where(lasting > 1e-9, mean, self._places(starts))
+
+    def swept_px(self, rows: Floats) -> tuple[Floats, Floats]:
+        """Least and largest displacement (2, n) in the same windows."""
+        (times, knots), (starts, stops) = self.track, self._windows_at(rows)
+        ends = np.stack([self._places(starts), self._places(stops)])
         inside = (times > starts[:, None]) & (times < stops[:, None])
         least = np.where(inside, knots[:, None], np.inf).min(-1)
         largest = np.where(inside, knots[:, None], -np.inf).max(-1)
-        return mean, np.minimum(least, np.minimum(first, last)), np.maximum(largest, np.maximum(first, last))
+        return np.minimum(least, ends.min(0)), np.maximum(largest, ends.max(0))
+
+    def _windows_at(self, rows: Floats) -> tuple[Floats, Floats]:
+        starts, stops = (
+            np.interp(rows, np.arange(self.readout.rows), ends) for ends in self.readout.windows_s
+        )
+        return starts, stops
+
+    def _places(self, at: Floats) -> Floats:
+        times, knots = self.track
+        return np.stack([np.interp(at, times, along) for along in knots])
 
     def seen_rows(self, rows: Floats) -> Floats:
-        """In which rows places of the scene's rows are seen on average: where r - y(r) = row, by bisection."""
-        low_px, high_px = self.range_px(Window(0, 0, self.readout.rows, 1))
-        reach = max(high_px[1], -low_px[1]) + 1
-        low, high = rows - reach, rows + reach
-        for _ in range(60):
-            middle = (low + high) / 2
-            before = middle - self.during(middle)[0][1] < rows
-            low, high = np.where(before, middle, low), np.where(before, high, middle)
-        return np.asarray((low + high) / 2)
+        """In which rows places of the scene's rows are seen on average: where r - y(r) = row."""
+        low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
+        reach = math.ceil(max(high[1], -low[1])) + 1
+        grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
+        return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
 
     def along_path(self, window: Window, times: Floats) -> Floats | None:
         """Where the path is (n, 2, h) for a window's rows, at times (n,) of theirs from -1/2 to 1/2."""

@@ -37,7 +37,7 @@ from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, seen_torch, with_margin
 
 SPACING_PX = 2.0
-_FINER_PX = 0.6  # spacing where a path bends, or rows see other parts of the motion
+_FINER_PX = 0.5  # spacing where a path bends, or rows see other parts of the motion
 _ALL_PLACES_PX = 0.5
 _BAND, _BAND_VALUES = 16, 1 << 14  # rows at least, values at most
 _STEPS = 128  # of a table of paths, to each finer value

@@ -265,8 +265,9 @@ class RollingShutter(_Moving):
         # from between the pixels' edges to their centres
         left, top, right, bottom = boxes_xyxy.detach().cpu().double().numpy().T - 0.5
         top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
-        mean, low, high = moves.during((top + bottom) / 2)
-        least, largest = (low - mean, high - mean) if swept else (0 * mean, 0 * mean)
+        middle = (top + bottom) / 2
+        mean = moves.mean_px(middle)
+        least, largest = (each - mean for each in moves.swept_px(middle)) if swept else (0 * mean, 0 * mean)
         x = mean[0]
         moved = left + x + least[0], top + least[1], right + x + largest[0], bottom + largest[1]
         return torch.from_numpy(np.stack(moved, 1) + 0.5).to(boxes_xyxy)

@@ -8,8 +8,11 @@ it, at ever coarser scales, and ``invented`` says where.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple
+from dataclasses import replace
+from itertools import groupby
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,7 +22,8 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
 from blurnoise._core.limits import LARGEST_PICTURE
-from blurnoise.blur.layers import Layer, reach_px
+from blurnoise.blur.layers import Layer, flattened, meeting, reach_px, seen_behind, window_at_rest
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 Matte = NDArray[np.float32]
 Size = tuple[int, int]
@@ -28,6 +32,8 @@ _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 AROUND_PX = 24  # what is looked at around a hole
 _LEAST = 1e-6  # share of a coarse pixel from which on it is known
 LARGEST_PX = 1e6
+_Motion = tuple[float, tuple[float, float]]
+_NEAR_PX = 32  # apart, from which on two windows take less than their hull
 Moves = Literal["all", "targets", "background"]
 """What moves: everything, as before a camera that turns; what masks show, before a camera at rest; or what is behind
 it, before a camera that follows the targets."""
@@ -192,3 +198,81 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
     return cut_out(light, own, [velocity_px_s] * len(own))
+
+
+class CutScene(ExposedScene):
+    """A picture, its objects cut out, so that either may move without the other, as ``Exposure.moves`` says.
+
+    speeds, own_px_s: one for each layer of the cut, by default 1 and (0, 0). A speed is a multiple of the exposure's
+    velocity: where the camera tracks objects of speed 1, one of speed s is left with 1 - s, so that one that stands
+    moves with the background. own_px_s is beside that: with speed 0 it is what the object does against the
+    background. options: as of ``ExposedScene``. Raises ``ValueError`` for another number of speeds or velocities.
+    """
+
+    def __init__(
+        self,
+        cut: Cut,
+        speeds: Sequence[float] | None = None,
+        own_px_s: Sequence[tuple[float, float]] | None = None,
+        **options: Any,
+    ) -> None:
+        count = len(cut.layers)
+        factors = (1.0,) * count if speeds is None else tuple(speeds)
+        beside = ((0.0, 0.0),) * count if own_px_s is None else tuple(own_px_s)
+        for name, given in (("speeds", factors), ("own_px_s", beside)):
+            if len(given) != count:
+                raise ValueError(f"{name}: {len(given)}; must be {count}, one for each layer")
+        self._cut, self._cut_motions = cut, tuple(zip(factors, beside, strict=True))
+        joined = [
+            (layer, motion)
+            for motion, alike in groupby(
+                zip(cut.layers, self._cut_motions, strict=True), key=lambda each: each[1]
+            )
+            for layer in _joined([layer for layer, _ in alike])
+        ]
+        self._motions = tuple(motion for _, motion in joined)
+        super().__init__(cut.background, layers=tuple(layer for layer, _ in joined), **options)
+        self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
+        self._shares_lock = threading.Lock()
+
+    def invented(self, exposure: Exposure) -> tuple[float, ...]:
+        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
+        that had to be invented; 0 where it is known.
+
+        What the object moves against its background decides, whichever of the two moves.
+        """
+        if exposure.moves == "all" or not self._cut.invented.any():
+            return (0.0,) * len(self._cut.layers)
+        key = (*exposure.velocity_px_s, exposure.exposure_s)
+
+        def moved_px(motion: _Motion) -> tuple[float, float]:
+            speed, (own_x, own_y) = motion
+            x, y = exposure.velocity_px_s
+            return (speed * x + own_x) * exposure.exposure_s, (speed * y + own_y) * exposure.exposure_s
+
+        with self._shares_lock:
+            if key not in self._shares:
+                movers = list(zip(self._layers[0], map(moved_px, self._motions), strict=True))
+                own = zip(self._cut.layers, map(moved_px, self._cut_motions), strict=True)
+                self._shares[key] = tuple(
+                    seen_behind(layer, movers, self._size) if any(by) else 0.0 for layer, by in own
+                )
+            return self._shares[key]
+
+    def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
+        if exposure.moves == "targets":
+            return 0.0, 0.0
+        return super()._velocity(replace(exposure, moves="all"))
+
+    def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
+        moving = (exposure.of_targets(*motion).velocity_px_s for motion in self._motions)
+        return tuple(
+            replace(layer, velocity_px_s=velocity)
+            for layer, velocity in zip(self._layers[0], moving, strict=True)
+        )
+
+
+def _joined(layers: Sequence[Layer]) -> list[Layer]:
+    """Layers that move alike, those that are near each other as one."""
+    near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
+    return [flattened([layers[place] for place in places]) for _, places in near]

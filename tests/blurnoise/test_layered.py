@@ -113,7 +113,7 @@ def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
 ) -> None:
     """An object 20 px wide that moves 10 px: a black one, the background a step at its edge, and a white one
     before (1 + cos(2 pi x / 7)) / 2. Sixteen samples a pixel; sub-exposures a twentieth of
-    one apart, as the hard edge is a step in each."""
+    one apart: the mean of K hard edges is a staircase that errs by up to 1 / 2K, 0.0025 of K = 201."""
     finer, width = 16, 100
     x = (torch.arange(width * finer, dtype=torch.float64) + 0.5) / finer - width / 2  # 0: the object's middle
     alpha = (x.abs() < 10).double()[None]
@@ -188,7 +188,7 @@ def test_gradients_reach_an_axis_along_which_nothing_moves() -> None:
     step = 1e-2
     slope = float(loss((14.0, step)) - loss((14.0, -step))) / (2 * step)
     assert abs(slope) > 0.1
-    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.05)  # linear: of one side
+    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.02)
 
 
 def test_single_precision_is_as_good() -> None:

@@ -242,9 +242,7 @@ def test_streaks_stretch_and_skew() -> None:
     shear = 1000 * 24.10e-6
     assert shear == pytest.approx(0.0241, abs=1e-6)
     assert math.degrees(math.atan(shear)) == pytest.approx(1.38, abs=0.005)
-    assert 1000 * Readout(1280, 24.10e-6, 0.01).middle_s(np.array([1279.0]))[0] == pytest.approx(
-        15.4, abs=0.05
-    )
+    assert 1000 * Readout(1280, 24.10e-6, 0.0).span_s[1] == pytest.approx(15.4, abs=0.05)
 
 
 def test_global_reset() -> None:

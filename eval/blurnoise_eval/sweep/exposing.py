@@ -23,7 +23,7 @@ from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.scene.cut_scene import CutScene
+from blurnoise.scene.cutting import CutScene
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken

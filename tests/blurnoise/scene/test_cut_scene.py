@@ -12,8 +12,7 @@ import torch
 from blurnoise import Camera, charts
 from blurnoise.blur.layers import Layer
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.scene.cut_scene import CutScene
-from blurnoise.scene.cutting import Cut
+from blurnoise.scene.cutting import Cut, CutScene
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 CAMERA = Camera.preset("imx250")

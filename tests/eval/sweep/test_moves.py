@@ -30,8 +30,7 @@ from signs_in_memory import CAMERA, everything, matched_detector, noise, picture
 from blurnoise import charts
 from blurnoise.blur.layers import at_rest
 from blurnoise.scene import scene
-from blurnoise.scene.cut_scene import CutScene
-from blurnoise.scene.cutting import Cut
+from blurnoise.scene.cutting import Cut, CutScene
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 KINDS = (0.0, 1.0, 2.0)

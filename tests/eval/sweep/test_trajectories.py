@@ -25,7 +25,7 @@ from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 from blurnoise import Exposure, mattes, simulate
 from blurnoise.motion import causes
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene.cut_scene import CutScene
+from blurnoise.scene.cutting import CutScene
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
 LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"
