@@ -1,10 +1,8 @@
 """Mosaics: a colour picture's light as the pixels behind a colour filter array receive it, one plane.
 
-Domain: linear light, 1 is white; of the plane 1 is what white gives behind the strongest filter, whose electrons
-``radiometry.electrons_per_lux_s`` tells, so that a plane is read out as any other.
-
-Linear sRGB becomes camera colours by the inverse of the colour matrix; what is negative there, outside the colours
-that the camera can tell, is no light. Behind a clear filter all colours add up. A picture without colours is grey.
+Domain: linear light, 1 is white; of the plane 1 is white behind the strongest filter, whose electrons
+``radiometry.electrons_per_lux_s`` gives. Linear sRGB becomes camera colours by the inverse of the colour matrix;
+negative ones, outside the camera's gamut, are no light. Behind a clear filter all colours add up.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from blurnoise._core.threads import plain
 from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Row
@@ -26,10 +25,7 @@ _SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def planes(camera: Camera, colours: int) -> int:
-    """How many planes a camera reads out of pictures with so many colours.
-
-    Raises ``ValueError`` where it makes one of all and they are neither 1 nor 3.
-    """
+    """How many planes a camera reads out of pictures with so many colours. Raises ``ValueError`` naming the image."""
     if camera.cfa == "none":
         return colours
     if colours not in (1, 3):
@@ -44,19 +40,16 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
     """
     if camera.cfa == "none":
         return light
-    _, colours, height, width = light.shape
-    planes(camera, colours)
-    differentiable = light.requires_grad and torch.is_grad_enabled()
-    plain = light.device.type == "cpu" and not differentiable  # NumPy wakes no threads
-    seen: Any = light.detach().numpy() if plain else light
+    planes(camera, light.shape[1])
+    quick = plain(light)  # NumPy wakes no threads
+    seen: Any = light.detach().numpy() if quick else light
     out = torch.empty_like(light[:, :1], requires_grad=False, memory_format=torch.contiguous_format)
-    to: Any = out.numpy() if plain else out
+    to: Any = out.numpy() if quick else out
     if camera.cfa == "mono":
         to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
         return out
     for (y, x), of_site in zip(_SITES, weights(camera, illuminant), strict=True):
-        if y < height and x < width:
-            to[:, 0, y::2, x::2] = _weighted(seen[..., y::2, x::2], of_site).clip(min=0.0)
+        to[:, 0, y::2, x::2] = _weighted(seen[..., y::2, x::2], of_site).clip(min=0.0)
     return out
 
 
