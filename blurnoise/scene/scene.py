@@ -189,7 +189,8 @@ class ExposedScene:
         if self.fidelity == "full":
             return Plan((), one.camera)
         brightest *= mosaic.peak(one.camera, self.illuminant)
-        return plan_at(replace(one, white_e=one.white_e * brightest), self.tolerance_dn / magnified)
+        lit = one if brightest == 1.0 else replace(one, white_e=one.white_e * brightest)
+        return plan_at(lit, self.tolerance_dn / magnified)
 
     def _developed(
         self, sensed: Tensor, alike: _Alike, points: Sequence[Conditions[Tensor]]
