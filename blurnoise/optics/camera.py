@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -399,16 +400,14 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
         raise ValueError(
             f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
         )
-    for place, (start_s, taken_s) in enumerate(times):
-        for other, (begun_s, lasted_s) in enumerate(times[:place]):
-            one_exposure = (start_s, taken_s) == (begun_s, lasted_s)
-            apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
-            if apart_s < -_ROUNDING * exposure_s and not (
-                one_exposure or captures[place].sensitivity != captures[other].sensitivity
-            ):
-                raise ValueError(
-                    f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
-                    f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
-                    "share its whole time (two gains) or have a sensitivity of its own (split pixels)"
-                )
+    for (other, (begun_s, lasted_s)), (place, (start_s, taken_s)) in combinations(enumerate(times), 2):
+        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure
+        allowed |= captures[place].sensitivity != captures[other].sensitivity
+        apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
+        if not allowed and apart_s < -_ROUNDING * exposure_s:
+            raise ValueError(
+                f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
+                f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
+                "share its whole time (two gains) or have a sensitivity of its own (split pixels)"
+            )
     return times

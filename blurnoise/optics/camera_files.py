@@ -75,10 +75,10 @@ def completed(
     values = {name: _value(camera, name, value, folder) for name, value in values.items()}
     if isinstance(own := given.get("sources", {}), Mapping):  # the camera complains of any other
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
-        if isinstance(given.get("quantum_efficiency"), Mapping):
-            told, mark = str(sources["quantum_efficiency"]), marked(values["quantum_efficiency"])
-            if mark and mark not in told:
-                sources["quantum_efficiency"] = f"{told}; marked: {mark}"
+        own, curves = sources["quantum_efficiency"], given.get("quantum_efficiency")
+        mark = marked(values["quantum_efficiency"]) if isinstance(curves, Mapping) else ""
+        if mark and isinstance(own, str) and mark not in own:
+            sources["quantum_efficiency"] = f"{own}; marked: {mark}"
         values["sources"] = sources
     return values
 
