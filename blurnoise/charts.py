@@ -25,7 +25,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise._core import checks
-from blurnoise._core.limits import counted, limited
+from blurnoise._core.checks import counted, limited
 
 # US stop sign R1-1, 30 in size (FHWA, Standard Highway Signs). All lengths in inches.
 _SIGN_IN = 30.0  # flat to flat

@@ -58,7 +58,7 @@ def threads_for(picture: Tensor) -> int:
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
-def uncompiled(function: Callable[P, R]) -> Callable[P, R]:
+def no_torch_compile(function: Callable[P, R]) -> Callable[P, R]:
     """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python."""
 
     @wraps(function)

@@ -1,5 +1,5 @@
 """For one step."""
 
-from blurnoise._core.threads import uncompiled
+from blurnoise._core.threads import no_torch_compile as uncompiled
 
 __all__ = ["uncompiled"]

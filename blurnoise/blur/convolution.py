@@ -20,10 +20,17 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import an_instance, image_batch, one_of, real_tensor, shown
-from blurnoise._core.limits import LIMITS, limited, limited_motion
-from blurnoise._core.threads import differentiable, side_by_side, threads_for
-from blurnoise._core.uncompiled import uncompiled
+from blurnoise._core.checks import (
+    LIMITS,
+    an_instance,
+    image_batch,
+    limited,
+    limited_motion,
+    one_of,
+    real_tensor,
+    shown,
+)
+from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
 from blurnoise.motion.trajectory import Polyline
@@ -37,7 +44,7 @@ NEGLIGIBLE = 1e-5
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
 
 
-@uncompiled
+@no_torch_compile
 def motion_blur(
     image: Tensor,
     displacement_px: Tensor | Iterable[float],
@@ -68,7 +75,7 @@ def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -
     return exposure_blur(image, (0.0, 0.0), optics, border=border)
 
 
-@uncompiled
+@no_torch_compile
 def path_blur(
     image: Tensor, path: Polyline | Tensor, optics: Optics = SHARP, *, border: Border = "reflect"
 ) -> Tensor:
@@ -163,7 +170,7 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 
-@uncompiled
+@no_torch_compile
 def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
     """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
 

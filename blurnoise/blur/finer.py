@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from blurnoise._core.borders import Border, extended, folded
-from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import borrowed
 
 Plane = NDArray[np.float32]
 MARGIN = 7  # px, for the taps

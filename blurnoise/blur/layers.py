@@ -29,17 +29,19 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, Window, continued_in, cut, placed
 from blurnoise._core.checks import (
+    LIMITS,
     Numbers,
     an_instance,
     finite,
     image_batch,
     in_range,
     integer,
+    limited_motion,
+    limited_per_image,
     one_of,
     real_tensor,
     shown,
 )
-from blurnoise._core.limits import LIMITS, limited_motion, limited_per_image
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import STILL_PX, TAIL_PX, Displacement, Readout

@@ -23,8 +23,7 @@ from torch import Tensor
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, extended
 from blurnoise._core.packed_fft import Plane
-from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import plain, side_by_side, threads_for
+from blurnoise._core.threads import borrowed, plain, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.optics import transfer
 

@@ -23,8 +23,7 @@ from torch.nn import functional
 
 from blurnoise._core import packed_fft as packed
 from blurnoise._core.borders import Border, continued, extended
-from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import plain, side_by_side, threads_for
+from blurnoise._core.threads import borrowed, plain, side_by_side, threads_for
 from blurnoise.blur import fourier
 
 Floats = NDArray[np.floating[Any]]

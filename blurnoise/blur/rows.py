@@ -23,8 +23,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, continued, extended
 from blurnoise._core.checks import finite, image_batch, one_of
-from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
+from blurnoise._core.threads import borrowed, differentiable, plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
 from blurnoise.optics.transfer import SHARP

@@ -28,11 +28,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, OPENCV, Border, Window
-from blurnoise._core.checks import finite, image_batch, one_of, real_tensor
-from blurnoise._core.limits import limited_motion
-from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import differentiable, side_by_side, threads_for
-from blurnoise._core.uncompiled import uncompiled
+from blurnoise._core.checks import finite, image_batch, limited_motion, one_of, real_tensor
+from blurnoise._core.threads import borrowed, differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, seen_torch, with_margin
 
@@ -75,7 +72,7 @@ class Exposed(NamedTuple):
     uncovered: Tensor
 
 
-@uncompiled
+@no_torch_compile
 def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
     """Blur pictures (B, C, H, W), float32 or float64, by each pixel's displacement, (2, H, W) or (B, 2, H, W), px.
 

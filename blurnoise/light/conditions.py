@@ -9,8 +9,7 @@ from typing import Any, Generic, TypeVar, cast
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import Numbers, an_instance
-from blurnoise._core.limits import limited_motion, limited_per_image
+from blurnoise._core.checks import Numbers, an_instance, limited_motion, limited_per_image
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows

@@ -16,9 +16,7 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import in_range, integer, real_tensor
-from blurnoise._core.limits import limited, within
-from blurnoise._core.validation import Figure, check_fields
+from blurnoise._core.checks import Figure, check_fields, in_range, integer, limited, real_tensor, within
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from blurnoise._core import checks
-from blurnoise._core.limits import counted
+from blurnoise._core.checks import counted
 from blurnoise.metrics import values
 from blurnoise.metrics.edge.flags import words
 from blurnoise.metrics.edge.measurement import Resamples, SlantedEdge

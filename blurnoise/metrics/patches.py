@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.limits import LIMITS, limited
+from blurnoise._core.checks import LIMITS, limited
 from blurnoise.metrics import values
 from blurnoise.metrics.estimate import BatchEstimate
 

@@ -10,7 +10,7 @@ import kornia.metrics
 import torch
 from torch import Tensor
 
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import limited
 from blurnoise.metrics import values
 
 SSIM_WINDOW_PX = 11

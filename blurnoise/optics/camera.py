@@ -94,7 +94,7 @@ class Camera:
     lens: what changes over the field. sources: field name -> where its figure comes from.
 
     Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
-    (:data:`blurnoise._core.limits.LIMITS`).
+    (:data:`blurnoise._core.checks.LIMITS`).
     """
 
     name: Text

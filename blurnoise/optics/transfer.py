@@ -13,7 +13,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import limited
 
 
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:

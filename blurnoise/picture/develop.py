@@ -19,8 +19,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, finite
 from blurnoise._core.lookup import look_up, look_up_codes
-from blurnoise._core.threads import differentiable, side_by_side
-from blurnoise._core.uncompiled import uncompiled
+from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side
 from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import LUMINANCE, Encoding
@@ -30,7 +29,7 @@ from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded
 from blurnoise.picture.step import Development, PictureStep
 
 
-@uncompiled
+@no_torch_compile
 def develop(
     dn: Tensor,
     camera: Camera,

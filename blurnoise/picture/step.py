@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, one_of
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import an_instance, limited, one_of
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve, check_illuminant

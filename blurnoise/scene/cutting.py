@@ -20,8 +20,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, image_batch, in_range, integer, shown
-from blurnoise._core.limits import LARGEST_PICTURE
+from blurnoise._core.checks import LARGEST_PICTURE, an_instance, image_batch, in_range, integer, shown
 from blurnoise.blur.layers import Layer, flattened, meeting, reach_px, seen_behind, window_at_rest
 from blurnoise.scene.scene import ExposedScene, Exposure
 

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, integer, one_of, shown
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import an_instance, integer, limited, one_of, shown
 from blurnoise.light import effects, motion
 from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle

@@ -19,8 +19,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import Border
-from blurnoise._core.checks import Numbers, an_instance, image_batch, in_range, shown
-from blurnoise._core.limits import LIMITS, limited
+from blurnoise._core.checks import LIMITS, Numbers, an_instance, image_batch, in_range, limited, shown
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layers, layers_per_picture
 from blurnoise.blur.rows import translated

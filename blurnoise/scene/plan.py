@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from blurnoise._core.checks import an_instance, real_tensor, shown
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import an_instance, limited, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions, Number

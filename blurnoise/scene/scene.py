@@ -19,10 +19,8 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, one_of
-from blurnoise._core.limits import limited
-from blurnoise._core.threads import differentiable
-from blurnoise._core.uncompiled import uncompiled
+from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, limited, one_of
+from blurnoise._core.threads import differentiable, no_torch_compile
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
@@ -286,7 +284,7 @@ def _decoded(picture: NDArray[Any]) -> Tensor:
     return looked_up.view(1, len(planes), *picture.shape[:2]).contiguous()
 
 
-@uncompiled
+@no_torch_compile
 def simulate(
     image: Tensor,
     camera: Camera,

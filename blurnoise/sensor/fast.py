@@ -21,8 +21,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.lookup import look_up_codes
-from blurnoise._core.scratch import borrowed
-from blurnoise._core.threads import side_by_side
+from blurnoise._core.threads import borrowed, side_by_side
 from blurnoise.optics.camera import Camera
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import Frames, Law, SensorStage

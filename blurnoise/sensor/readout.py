@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Numbers, image_batch, one_of
-from blurnoise._core.limits import limited_per_image
+from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_of
 from blurnoise._core.lookup import look_up
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.light.conditions import Conditions

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, limited, limited_per_image, one_of
-from blurnoise._core.threads import uncompiled
+from blurnoise._core.threads import no_torch_compile
 from blurnoise.light import effects
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
@@ -86,7 +86,7 @@ class _Batch(NamedTuple):
         return found
 
 
-@uncompiled
+@no_torch_compile
 def expose_pictures(
     image: Tensor,
     camera: Cameras,

@@ -14,7 +14,7 @@ from typing import Any
 
 import onnx
 
-from blurnoise._core.orphans import end_with_parent, interrupts_held
+from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
 from blurnoise_models.export import write_onnx
 from blurnoise_models.mixes import ARMS, Arm, mix_facts
 from blurnoise_models.training import FEWEST_PICTURES, Step, pool, train

@@ -29,7 +29,7 @@ from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
 from blurnoise._core.files import write_whole, written_whole
-from blurnoise._core.orphans import end_with_parent, interrupts_held
+from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
 from blurnoise_models.checkpoints import Checkpoint
 from blurnoise_models.mixes import Arm, mix, mix_facts
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss

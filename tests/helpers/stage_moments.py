@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import Camera
-from blurnoise._core.limits import LIMITS
+from blurnoise._core.checks import LIMITS
 from blurnoise.light.conditions import Conditions
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage

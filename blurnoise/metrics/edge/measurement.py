@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.limits import counted
+from blurnoise._core.checks import counted
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.flags import WITHHELD, Flag, words

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from blurnoise._core.checks import in_range, known, shown
+from blurnoise._core.checks import in_range, known, limited, shown
 from blurnoise._core.files import read_text
-from blurnoise._core.limits import limited
 from blurnoise_eval.system.files import inside
 
 Kind = Literal["dark", "flat"]

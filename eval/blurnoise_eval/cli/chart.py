@@ -34,7 +34,7 @@ def chart(
     In Python, blurnoise.charts gives them as linear reflectance.
     """
     from blurnoise import charts
-    from blurnoise._core.limits import limited
+    from blurnoise._core.checks import limited
     from blurnoise.optics.colour import srgb_from_linear
     from blurnoise_eval.datasets import write_picture
 

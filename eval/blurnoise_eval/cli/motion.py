@@ -155,7 +155,7 @@ def _draw_map(
     values: Path | None = None,
 ) -> None:
     """Draw the map, write its values, and say what it answers."""
-    from blurnoise._core.limits import limited
+    from blurnoise._core.checks import limited
     from blurnoise.motion.ego import Mount, View
     from blurnoise_eval.drawing import motion_map
     from blurnoise_eval.drawing.photon_transfer import plot_suffix

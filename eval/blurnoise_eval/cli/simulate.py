@@ -183,8 +183,7 @@ def simulate(
     import torch
 
     from blurnoise import AutoExposure, plan
-    from blurnoise._core.checks import in_range, integer
-    from blurnoise._core.limits import limited
+    from blurnoise._core.checks import in_range, integer, limited
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.blur.layers import object_motion
     from blurnoise.light.conditions import middle_of

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
-from blurnoise._core.validation import check_fields
+from blurnoise._core.checks import check_fields
 
 
 def _pairs(value: object) -> object:

@@ -16,9 +16,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
-from blurnoise._core.checks import shown
+from blurnoise._core.checks import Characters, check_fields, shown
 from blurnoise._core.files import json_of, read_document
-from blurnoise._core.validation import Characters, check_fields
 from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 from blurnoise_eval.system.storage import is_url, local_file

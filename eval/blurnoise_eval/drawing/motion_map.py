@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import limited
 from blurnoise.motion.ego import EgoMotion, Floats, Mount, View, range_of_depth_m
 from blurnoise_eval.drawing.photon_transfer import plot_suffix
 from blurnoise_eval.system.files import write_figure, write_whole

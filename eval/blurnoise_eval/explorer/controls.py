@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 
-from blurnoise._core.limits import LIMITS
+from blurnoise._core.checks import LIMITS
 from blurnoise.light import effects
 from blurnoise.light.effect import LightEffect
 from blurnoise.optics.camera import Camera

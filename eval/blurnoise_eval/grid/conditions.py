@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core import rng
-from blurnoise._core.checks import integer
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import integer, limited
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor

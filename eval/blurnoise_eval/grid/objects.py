@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise._core.checks import in_range, one_of
-from blurnoise._core.limits import LIMITS, limited
+from blurnoise._core.checks import LIMITS, in_range, limited, one_of
 from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, range_of_depth_m
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure

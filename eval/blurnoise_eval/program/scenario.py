@@ -15,8 +15,7 @@ from typing import Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, one_of
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import in_range, limited, one_of
 
 Objective = Literal["expected", "worst", "tail"]
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.limits import limited
+from blurnoise._core.checks import limited
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.estimate import Estimate

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import torch
 
-from blurnoise._core.limits import limited_motion
+from blurnoise._core.checks import limited_motion
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet

@@ -17,7 +17,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 
-from blurnoise._core.orphans import interrupts_held
+from blurnoise._core.worker_lifetime import interrupts_held
 from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import cv2
 import torch
 
-from blurnoise._core.orphans import end_with_parent
+from blurnoise._core.worker_lifetime import end_with_parent
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.work import Work, Worker
 

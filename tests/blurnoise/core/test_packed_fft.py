@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from blurnoise._core import packed_fft as packed
-from blurnoise._core.scratch import borrowed
+from blurnoise._core.threads import borrowed
 
 
 @pytest.mark.parametrize("size", [(1, 8), (7, 12), (12, 30), (45, 64)])

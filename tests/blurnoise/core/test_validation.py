@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from annotated_types import Ge, Le, Len
 
-from blurnoise._core.validation import Characters, Figure, Text, check_fields
+from blurnoise._core.checks import Characters, Figure, Text, check_fields
 
 
 @dataclass(frozen=True)

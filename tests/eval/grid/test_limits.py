@@ -10,7 +10,7 @@ from blurnoise_eval.grid.axes import AXES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import SweepPlan
 
 from blurnoise import Camera, Exposure
-from blurnoise._core.limits import LIMITS
+from blurnoise._core.checks import LIMITS
 from blurnoise.scene.scene import MOVES
 
 IMX250 = Camera.preset("imx250")

@@ -215,7 +215,7 @@ _FIRST_WORKER = """
 import sys
 from pathlib import Path
 from blurnoise import Camera
-from blurnoise._core.orphans import interrupts_held
+from blurnoise._core.worker_lifetime import interrupts_held
 from blurnoise_eval.sweep.processes import ProcessEngine
 from blurnoise_eval.sweep.work import Work
 crew = ProcessEngine(1).crew(Work((), Camera.preset("imx250")))

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from annotated_types import Ge, Le
 
-from blurnoise._core.validation import Characters, check_fields
+from blurnoise._core.checks import Characters, check_fields
 from blurnoise_eval.detectors.contract import (
     METADATA_KEY,
     Colour,

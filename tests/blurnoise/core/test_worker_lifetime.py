@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from blurnoise._core.orphans import end_with_parent, interrupts_held
+from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
 
 PARENT = """
 import os, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from blurnoise._core.orphans import end_with_parent
+from blurnoise._core.worker_lifetime import end_with_parent
 
 if __name__ == "__main__":
     pool = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
