@@ -21,7 +21,8 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics import lens
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.lens import Field, Floats, Size
+from blurnoise.optics.lens import Field, Size
+from blurnoise.optics.spectra import Floats
 from blurnoise.optics.transfer import Optics
 
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, limited, shown
-from blurnoise.motion.trajectory import Trajectory
+from blurnoise.motion.trajectory import Floats, Trajectory
 from blurnoise.optics.camera import Camera
 
-Floats = NDArray[np.float64]
 _STEPS = 2000  # of a shake during its exposure
 _ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
 _LENGTH_PX = 64.0  # of a path during an exposure, the unit of their terms

@@ -19,12 +19,12 @@ from typing import Annotated, Literal, cast
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import LARGEST_PICTURE, check_fields, limited, one_of, within
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field
+from blurnoise.optics.spectra import Floats
 
 Lens = Literal["f-theta", "rectilinear"]
 
@@ -78,7 +78,6 @@ def _pinhole_px(width_px: float, hfov_deg: float) -> float:
     return width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 
-Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 _Speed = Annotated[float, within("velocity_m_s")]
 _Turn = Annotated[float, within("rotation_deg_s")]

@@ -14,17 +14,15 @@ from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
-from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, check_fields, limited, shown, within
-from blurnoise.optics.spectra import check_samples
+from blurnoise.optics.spectra import Floats, check_samples
 from blurnoise.optics.transfer import Measured
 
 _COUNTS = {"opencv": (4, 5, 8), "fisheye": (4,)}
 _KNOTS = 1 << 14
 _STEEPEST_RAD = np.pi / 2 - 1e-3  # a picture of a pinhole camera holds no more
 _STEP = 1e-5
-Floats = NDArray[np.float64]
 _FIGURES = "must map figures to values"
 _Share = Annotated[Figure, Ge(0), Le(1)]
 _LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do

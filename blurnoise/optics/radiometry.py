@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import TypeVar
@@ -116,15 +115,6 @@ def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float
             f"cfa = 'RCCB' makes green of what clear has more, at least {_LEAST_GREEN:.0%} of it"
         )
     return red / clear, (clear - red - blue) / clear, blue / clear
-
-
-@lru_cache(maxsize=64)
-def behind_one_filter(camera: Camera) -> Camera:
-    """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
-    curves, electrons = camera.quantum_efficiency, filter_electrons(camera)
-    if isinstance(curves, FilterCurves):
-        curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
-    return replace(camera, cfa="none", quantum_efficiency=curves, white_balance="auto", ccm=None)
 
 
 def dark_electrons(camera: Camera, exposure_s: Number, temperature_c: Number) -> Number:

@@ -8,13 +8,12 @@ from typing import Any
 
 import pytest
 import yaml
-from blurnoise_eval.sweep.three_sensors import behind_generic_filters
+from blurnoise_eval.sweep.three_sensors import behind_generic_filters, behind_one_filter
 
 from blurnoise import Camera, Curve, photoelectrons
 from blurnoise.optics.camera import PRESETS
 from blurnoise.optics.colour import FilterCurves, inverse, normalised
 from blurnoise.optics.radiometry import (
-    behind_one_filter,
     clear_shares,
     colour_shares,
     electrons_per_lux_s,

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited
-from blurnoise.motion.ego import EgoMotion, Floats, Mount, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Mount, View, range_of_depth_m
+from blurnoise.optics.spectra import Floats
 from blurnoise_eval.drawing.photon_transfer import plot_suffix
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines

@@ -31,9 +31,10 @@ from blurnoise.metrics.estimate import BatchEstimate, Estimate
 from blurnoise.metrics.patches import PatchContrast, detection_probability, patch_contrast, patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
+from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
+from blurnoise_eval.sweep.three_sensors import behind_one_filter
 from blurnoise_eval.system.threads import limited_threads
 
 DARK, BRIGHT = 0.18, 0.8

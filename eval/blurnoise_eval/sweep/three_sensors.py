@@ -68,6 +68,14 @@ def behind_generic_filters(bare: Spectrum) -> FilterCurves:
     return FilterCurves(**each, clear=curve(1.0))
 
 
+def behind_one_filter(camera: Camera) -> Camera:
+    """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
+    curves, electrons = camera.quantum_efficiency, filter_electrons(camera)
+    if isinstance(curves, FilterCurves):
+        curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
+    return replace(camera, cfa="none", quantum_efficiency=curves, white_balance="auto", ccm=None)
+
+
 def worth(camera: Camera, illuminant: str | Curve = "D55") -> Stops:
     """The light that the camera's three sensors save, see :func:`behind_bayer`; 0 stops if they collect nothing.
 

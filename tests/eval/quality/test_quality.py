@@ -18,6 +18,7 @@ from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality import table as quality_table
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Metric, Row
+from blurnoise_eval.sweep.three_sensors import behind_one_filter
 from matplotlib.colors import to_hex, to_rgba
 from plans import plan as swept
 
@@ -25,7 +26,7 @@ from blurnoise import Camera, charts
 from blurnoise.metrics import information
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics.camera import staggered
-from blurnoise.optics.radiometry import behind_one_filter, photoelectrons
+from blurnoise.optics.radiometry import photoelectrons
 
 Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
