@@ -213,12 +213,9 @@ class Displacement:
         half = along.detach().abs() / 2
         if differentiable(self.even_px):  # the slope along an axis on which nothing moves
             half = half.clamp_min(STILL_PX)
-        if base is None:
-            largest = half.amax(-1).double().cpu().numpy()
-            least = -largest
-        else:
-            least = (base.detach() - half).amin(-1).double().cpu().numpy()
-            largest = (base.detach() + half).amax(-1).double().cpu().numpy()
+        middle = torch.zeros_like(half) if base is None else base.detach()
+        least = (middle - half).amin(-1).double().cpu().numpy()
+        largest = (middle + half).amax(-1).double().cpu().numpy()
         if self.path is None:
             return least, largest
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
@@ -277,10 +274,8 @@ class Displacement:
         """Parts of each row's window, so many that in none anything goes far along rows and down them at once."""
         gone = np.concatenate([np.zeros((2, 1)), np.cumsum(np.abs(np.diff(self.track[1])), 1)], 1)
         starts, stops = self.readout.windows_s
-        x, y = (
-            np.interp(stops, self.track[0], each) - np.interp(starts, self.track[0], each) for each in gone
-        )
-        return max(1, math.ceil(math.sqrt(float((x * y).max()) / _AT_ONCE_PX2)))
+        ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
+        return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
 
     @cached_property
     def track(self) -> tuple[Floats, Floats]:

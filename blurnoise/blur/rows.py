@@ -196,33 +196,21 @@ def shifted_rows(
         factors = torch.polar(torch.ones_like(phase), phase)
         return times(light, factors, margin, length, border)
     packed = _phases(tuple(shift_px.tolist()), length, light.detach().numpy().dtype, along_px)
-    return times_packed(light, packed, margin, border)
+    return times(light, packed, margin, length, border)
 
 
-def times(light: Tensor, factors: Tensor, margin: int, length: int, border: Border) -> Tensor:
-    """Rows (H) times factors (H, L / 2 + 1) of a row of ``length``."""
+def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: int, border: Border) -> Tensor:
+    """Rows (H) times factors of a row of ``length`` L, ``margin`` before the picture: complex (H, L / 2 + 1), or
+    (H, L) as OpenCV packs them, divided by L."""
     height, width = light.shape[-2:]
-    kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
-    plane = extended(light, (0, margin), (height, length), border)
-    plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
-    rows: Tensor = torch.fft.irfft(torch.fft.rfft(plane) * factors.to(kind), n=length)
-    return rows[..., margin : margin + width].contiguous()
-
-
-def _closing(plane: Any) -> Any:
-    """The last px of rows, led to the first: a step where a row wraps round would ring into the picture."""
-    share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
-    last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
-    if isinstance(plane, Tensor):
-        return last + (first - last) * torch.from_numpy(share).to(plane)
-    return last + (first - last) * share.astype(plane.dtype)
-
-
-def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Border) -> Tensor:
-    """The same by OpenCV's transform, strip by strip; factors (H, L), packed and divided by L."""
+    if isinstance(factors, Tensor):
+        kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
+        plane = extended(light, (0, margin), (height, length), border)
+        plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
+        rows: Tensor = torch.fft.irfft(torch.fft.rfft(plane) * factors.to(kind), n=length)
+        return rows[..., margin : margin + width].contiguous()
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
     sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    (height, width), length = light.shape[-2:], factors.shape[1]
     strip = max(1, _STRIP // length)
 
     def move(at: tuple[int, int]) -> None:
@@ -239,6 +227,15 @@ def times_packed(light: Tensor, factors: NDArray[Any], margin: int, border: Bord
     jobs = [(place, top) for place in range(len(sources)) for top in range(0, height, strip)]
     side_by_side(move, jobs, threads_for(light))
     return out
+
+
+def _closing(plane: Any) -> Any:
+    """The last px of rows, led to the first: a step where a row wraps round would ring into the picture."""
+    share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
+    last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
+    if isinstance(plane, Tensor):
+        return last + (first - last) * torch.from_numpy(share).to(plane)
+    return last + (first - last) * share.astype(plane.dtype)
 
 
 @lru_cache(maxsize=4)
@@ -365,7 +362,7 @@ def _rows_blurred(
     if not plain(light):
         return times(light, torch.from_numpy(factors).to(light.device), margin, length, border)
     packed = packed_factors(factors, length, light.detach().numpy().dtype)
-    return times_packed(light, packed, margin, border)
+    return times(light, packed, margin, length, border)
 
 
 def row_responses(

@@ -34,7 +34,8 @@ from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 from blurnoise.blur.finer import MARGIN, Plane, finer, finer_torch, given_back, seen_torch, with_margin
 
 SPACING_PX = 2.0
-_FINER_PX = 0.5  # spacing where a path bends, or rows see other parts of the motion
+_FINER_PX = 0.6  # spacing before rows
+_ROWS_PX = 0.5  # the same where these see other parts of the motion
 _ALL_PLACES_PX = 0.5
 _BAND, _BAND_VALUES = 16, 1 << 14  # rows at least, values at most
 _STEPS = 128  # of a table of paths, to each finer value
@@ -133,8 +134,10 @@ def exposed(sheets: Sequence[Sheet], window: Window, spacing_px: float = SPACING
     loss: Loss = "lost" if len(sheets) > 1 else "given back"
     if len(sheets) == 1 and every[0].path is None and not every[0].readout.row_s:
         loss = "counted"
-    elif len(sheets) == 1 or any(moves.each_row_differs for moves in every):
-        loss, spacing_px = "given back", min(spacing_px, _FINER_PX)
+    elif any(moves.each_row_differs for moves in every):
+        loss, spacing_px = "given back", min(spacing_px, _ROWS_PX)
+    elif len(sheets) == 1:
+        spacing_px = min(spacing_px, _FINER_PX)
     return _exposed(sheets, window, _bands(every, window, spacing_px), loss)
 
 

@@ -12,23 +12,15 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border
 from blurnoise.blur import convolution
+from blurnoise.light import lens, motion
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.light.lens import (
-    DEFOCUS,
-    DIFFRACTION,
-    DISTORTION,
-    LATERAL_COLOUR,
-    MEASURED_MTF,
-    VIGNETTING,
-)
-from blurnoise.light.motion import MOTION, MOTION_VARIATION, OBJECTS, ROLLING_SHUTTER
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
-    DISTORTION, OBJECTS, LATERAL_COLOUR, DEFOCUS, DIFFRACTION, MEASURED_MTF, MOTION, MOTION_VARIATION,
-    ROLLING_SHUTTER, VIGNETTING,
+    lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS, lens.DIFFRACTION, lens.MEASURED_MTF,
+    motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER, lens.VIGNETTING,
 )  # fmt: skip
 """Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
 NOTHING: frozenset[str] = frozenset()
@@ -88,14 +80,13 @@ def _joined(first: Blur, second: Blur) -> Blur | None:
     if first.displacement_px is not None and second.displacement_px is not None:
         return None
     moved = first.displacement_px if second.displacement_px is None else second.displacement_px
-    if SHARP in (first.optics, second.optics):
-        return Blur(
-            second.optics if first.optics == SHARP else first.optics, moved, first.paths or second.paths
-        )
-    a, b = vars(first.optics), vars(second.optics)
-    if any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
-        return None
-    return Blur(Optics(**{cause: a[cause] or b[cause] for cause in a}), moved, first.paths or second.paths)
+    optics, paths = first.optics, first.paths or second.paths
+    if second.optics != SHARP:
+        a, b = vars(optics), vars(second.optics)
+        if optics != SHARP and any(a[cause] and b[cause] for cause in a):  # two discs are no larger disc
+            return None
+        optics = Optics(**{cause: a[cause] or b[cause] for cause in a}) if optics != SHARP else second.optics
+    return Blur(optics, moved, paths)
 
 
 def _blurred(light: Tensor, by: Blur, border: Border) -> Tensor:
