@@ -346,6 +346,7 @@ def _steepness(u: Tensor, seen: Tensor) -> Tensor:
     """By what more is seen of faults of strength u per u, seen being 1 at 1: between there, or 0, and u."""
     at = (u > 0).to(u)
     slope = (seen - at) / (u - at)
+    # At 1, and at 2, where the range of S-shaped curves ends, it is taken to be 1.
     return torch.where(((u - at).abs() < 1e-3) | (u - at == 1), 1.0, slope.clamp(0.25, 4.0))
 
 

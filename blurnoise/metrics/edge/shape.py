@@ -34,9 +34,7 @@ Flags = dict[Flag, Tensor]
 
 LARGEST_GAP_PX = {"exact": 0.55, "iso": 0.3}
 """Along the normal, without a sample: a gap of 0.5 px still shows all below 1 cycle/px, a bin of 1/4 px does not."""
-WINDOW_REACHES = (
-    10  # width of a region, in distances from the edge to its blur's end, that the standard's window needs
-)
+WINDOW_REACHES = 10  # width of a region that the standard's window needs, over the blur's reach
 UNEVEN = 0.025  # mean misfit of a block, of the step, that counts as noise at least: shading and curves leave as much
 NOISY = 0.08  # standard deviation of MTF50, as a share of it, from which noise dominates
 QUIETER = 0.8  # variance of the bright side's noise over the dark one's: light adds noise
