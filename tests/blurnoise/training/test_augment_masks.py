@@ -13,8 +13,9 @@ from kornia.augmentation import AugmentationSequential, RandomHorizontalFlip
 from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
-from blurnoise import Camera, develop, mattes, simulate
+from blurnoise import Camera, develop, simulate
 from blurnoise.optics.colour import linear_from_srgb
+from blurnoise.scene import cutting
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.expose import expose_pictures, velocity_px_s
 from blurnoise.training.ranges import ExposureRanges, shakes
@@ -50,7 +51,7 @@ def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
     own, rest = (along, still) if moves == "targets" else (still, along)
     light = linear_from_srgb(image[:1])
     matte = masks[0].amax(0).numpy()
-    cut = mattes.cut_out(light, [matte], [own], mattes.filled(light, mattes.hole_of(matte > 0)))
+    cut = cutting.cut_out(light, [matte], [own], cutting.filled(light, cutting.hole_of(matte > 0)))
     dn = simulate(
         cut.background, Camera.preset("imx250"), exposure_s=0.02, illuminance_lux=80.0, velocity_px_s=rest,
         encoding="linear", layers=cut.layers, generator=[0], fidelity=fidelity,
@@ -100,20 +101,20 @@ def test_pictures_one_by_one_are_the_batch(dtype: torch.dtype) -> None:
 
 def test_what_is_behind_is_taken_from_around() -> None:
     """A constant stays, a slope is continued, nothing is beyond what is around, and what is seen is as it was."""
-    matte = mattes.of_box(20, 12, 18, 18, SIZE)
+    matte = cutting.of_box(20, 12, 18, 18, SIZE)
     hidden = torch.from_numpy(matte > 0)
     slope = torch.linspace(0.1, 0.7, SIZE[1]).expand(1, 1, *SIZE).contiguous()
     noise = pictures(1, 3, *SIZE).double()
     for light, off in ((torch.full((1, 3, *SIZE), 0.3), 1e-6), (slope, 0.03), (noise, 1.0)):
         spoilt = light.clone()
         spoilt[..., hidden] = 1.0
-        plate = mattes.filled(spoilt, mattes.hole_of(matte > 0))
+        plate = cutting.filled(spoilt, cutting.hole_of(matte > 0))
         assert plate.dtype == light.dtype
         assert float((plate - light)[..., hidden].abs().max()) <= off
-        away = torch.from_numpy(~mattes.hole_of(matte > 0))
+        away = torch.from_numpy(~cutting.hole_of(matte > 0))
         assert torch.equal(plate[..., away], light[..., away])
         assert float(plate[..., hidden].max()) < 1.0
-        assert torch.equal(mattes.filled(light, mattes.hole_of(matte > 0)), plate)  # whatever was there
+        assert torch.equal(cutting.filled(light, cutting.hole_of(matte > 0)), plate)  # whatever was there
     assert abs(float(plate[..., hidden].mean()) - 0.5) < 0.1
 
 
@@ -121,7 +122,7 @@ def test_near_parts_are_one_layer_and_far_ones_two(monkeypatch: pytest.MonkeyPat
     """What meets on its way would else be cut into parts of the exposure; the picture is the same."""
     image = torch.nn.functional.avg_pool2d(pictures(1, 3, 40, 160), 5, 1, 2)
     counts: list[int] = []
-    kept = mattes.cut_out
+    kept = cutting.cut_out
 
     def counted(light: Tensor, own: Any, *rest: Any) -> Any:
         counts.append(len(own))
@@ -291,7 +292,7 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera: Any, s
         velocity = velocity_px_s(one["speed_px_s"], one["direction_deg"])[0]
         own, rest = (velocity, 0 * velocity)[:: 1 if aug.ranges.moving(one) == ["targets"] else -1]
         light = linear_from_srgb(image[item : item + 1])
-        cut = mattes.cut_out(light, [matte], [own], mattes.filled(light, mattes.hole_of(matte > 0)))
+        cut = cutting.cut_out(light, [matte], [own], cutting.filled(light, cutting.hole_of(matte > 0)))
         dn = simulate(
             cut.background, taker, exposure_s=exposure_s, illuminance_lux=float(one["illuminance_lux"]),
             velocity_px_s=rest, encoding="linear", layers=cut.layers, generator=one["noise_seed"].tolist(),
