@@ -52,7 +52,7 @@ former_names.register()
 
 
 def __getattr__(name: str) -> Any:
-    """What few need and all would wait for: Kornia's augmentations, the metrics."""
+    """Import on first use what is slow to import and seldom needed: Kornia's augmentations, the metrics."""
     if name in _LATE:
         return getattr(importlib.import_module(_LATE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

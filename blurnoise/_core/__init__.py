@@ -1,1 +1,1 @@
-"""What the simulator's rooms share: guards, random fields, threads, scratch memory, borders, transforms."""
+"""Shared helpers: checks, random fields, threads, scratch memory, borders, transforms."""

@@ -62,7 +62,7 @@ def folded(places: Tensor, size: int, border: Border) -> Tensor:
 
 
 class Window(NamedTuple):
-    """Pixels of a picture, and beyond it."""
+    """A rectangle of pixels, which may extend beyond the picture."""
 
     top: int
     left: int
@@ -70,18 +70,18 @@ class Window(NamedTuple):
     width: int
 
     def grown(self, down: int, across: int) -> Window:
-        """By so many pixels on either side."""
+        """The window, larger by this many pixels on each side."""
         return Window(self.top - down, self.left - across, self.height + 2 * down, self.width + 2 * across)
 
     def clipped(self, size: tuple[int, int]) -> Window:
-        """Its part in a picture (H, W); of no or negative size where none is."""
+        """The part inside a picture (H, W); of size 0 or below where the two do not overlap."""
         top, left = max(0, self.top), max(0, self.left)
         return Window(
             top, left, min(size[0], self.top + self.height) - top, min(size[1], self.left + self.width) - left
         )
 
     def joined(self, other: Window) -> Window:
-        """The smallest that holds both."""
+        """The smallest window that holds both."""
         top, left = min(self.top, other.top), min(self.left, other.left)
         bottom = max(self.top + self.height, other.top + other.height)
         right = max(self.left + self.width, other.left + other.width)
@@ -94,18 +94,18 @@ class Window(NamedTuple):
 
     @property
     def within(self) -> tuple[slice, slice]:
-        """Rows and columns of a picture that holds it."""
+        """The window as slices of a picture's rows and columns."""
         return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
 
 
 def cut(plane: Tensor, work: Window, window: Window) -> Tensor:
-    """The part in ``window`` of a plane over ``work``."""
+    """Crop a plane that covers the window ``work`` to ``window``."""
     top, left = window.top - work.top, window.left - work.left
     return plane[..., top : top + window.height, left : left + window.width]
 
 
 def continued_in(picture: Tensor, work: Window, border: Border) -> Tensor:
-    """The picture in ``work``, beyond its border too."""
+    """Crop a picture to ``work``, continuing it beyond its border."""
     inner = work.clipped((picture.shape[-2], picture.shape[-1]))
     before = (inner.top - work.top, inner.left - work.left)
     return extended(picture[..., *inner.within], before, (work.height, work.width), border)
@@ -114,9 +114,9 @@ def continued_in(picture: Tensor, work: Window, border: Border) -> Tensor:
 def placed(
     own: Tensor, place_px: tuple[int, int], window: Window, size: tuple[int, int], border: Border
 ) -> Tensor:
-    """Planes (1, C, h, w), their corner at (left, top) of a picture (H, W), in a window; around them is nothing.
+    """Place planes (1, C, h, w) with their corner at (left, top) of a picture (H, W) into a window, 0 around them.
 
-    Where they end at the picture's border they go on beyond it as the border does.
+    Planes that end at the picture's border are continued beyond it by the border mode.
     """
     left, top = place_px
     height, width = own.shape[-2:]

@@ -1,6 +1,6 @@
 """Checks of user input: every message names the parameter, the value it got and what is allowed.
 
-Physical limits are one table: beyond them an argument is an error, whoever takes it. Fields of dataclasses are
+Physical limits are one table, the same for every function. Fields of dataclasses are
 checked by pydantic against their annotations.
 """
 
@@ -25,7 +25,7 @@ Numbers = float | Tensor | Iterable[float]
 
 
 class Limit(NamedTuple):
-    """From low to high, both included; above: low itself is not."""
+    """Range from low to high, both included; above: low itself is excluded."""
 
     low: float
     high: float
@@ -211,7 +211,7 @@ def image_batch(name: str, value: Tensor) -> Tensor:
 
 
 def batch_shaped(name: str, value: Tensor) -> Tensor:
-    """:func:`image_batch` without a look at the values."""
+    """:func:`image_batch` without a check of the values."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
     if value.dtype not in (torch.float32, torch.float64):

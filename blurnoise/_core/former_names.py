@@ -1,4 +1,4 @@
-"""Former names of modules that users import; they work for one release. To import one warns."""
+"""Former names of modules; importing one works for one release, with a warning."""
 
 from __future__ import annotations
 

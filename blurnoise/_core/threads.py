@@ -33,7 +33,7 @@ _state = threading.local()
 
 
 def _forget_pools() -> None:
-    """In a forked process, which has the pools, but not their threads."""
+    """Clear the pools in a forked process, which inherits them without their threads."""
     global _lock
     _lock = threading.Lock()
     _pools.clear()
@@ -44,17 +44,17 @@ if hasattr(os, "register_at_fork"):
 
 
 def differentiable(*tensors: Tensor) -> bool:
-    """Whether what is made of them now carries gradients."""
+    """Whether results computed from the tensors now carry gradients."""
     return torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors)
 
 
 def plain(*tensors: Tensor) -> bool:
-    """Whether NumPy and OpenCV may compute with them: on the CPU, without gradients."""
+    """Whether NumPy and OpenCV can process the tensors: on the CPU, without gradients."""
     return tensors[0].device.type == "cpu" and not differentiable(*tensors)
 
 
 def threads_for(picture: Tensor) -> int:
-    """As many as torch has, or one where waking others takes longer than the work."""
+    """Number of threads: torch's, or one for work that is shorter than waking others."""
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 

@@ -1,6 +1,6 @@
-"""Worker processes without a parent: they end with the process that began them, however that ended.
+"""Worker processes that end with their parent, however it ended.
 
-A process that is killed ends nobody, and its spawned workers would wait for it for ever.
+Workers spawned by a process that is killed would otherwise wait for it for ever.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from multiprocessing import resource_tracker
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """An interrupt comes afterwards, here; processes begun inside hear of none before :func:`end_with_parent`."""
+    """Defer interrupts until the context ends; processes started inside get none before :func:`end_with_parent`."""
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield  # Windows, or a thread that no interrupt reaches
         return
@@ -34,7 +34,7 @@ def interrupts_held() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """In a worker, first of all: leave interrupts to the process that began this one, and end as soon as it has."""
+    """Call first in a worker: ignore interrupts, and end as soon as the parent process has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 

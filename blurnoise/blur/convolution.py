@@ -79,7 +79,7 @@ def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -
 def path_blur(
     image: Tensor, path: Polyline | Tensor, optics: Optics = SHARP, *, border: Border = "reflect"
 ) -> Tensor:
-    """Every picture blurred by one path, and one lens; ``image`` itself where that is too small to be seen.
+    """Blur every picture by one path and one lens; returns ``image`` itself if both are negligible.
 
     path: as an exposure sees it, or knots (K, 2), px, at equal times, (0, 0) where the picture shows the place.
     Differentiable in the pictures and the knots. Raises ``TypeError`` or ``ValueError``.
@@ -139,7 +139,7 @@ def exposure_blur(
 def _applied(
     image: Tensor, responses: Sequence[fourier.Response | None], border: Border, *, tiled: bool = True
 ) -> Tensor:
-    """Pictures times their responses, one or all of them each; None leaves a picture as it is."""
+    """Filter pictures by their responses, one per picture or one for all; None leaves a picture unchanged."""
     if not any(responses):
         return image
     threads, each = threads_for(image), len(image) // len(responses)
@@ -159,7 +159,7 @@ def _applied(
 
 
 def motions(name: str, value: object, image: Tensor) -> Tensor:
-    """Vectors (B, 2) for the pictures of ``image``, as it is. Raises ``TypeError`` or ``ValueError``."""
+    """Check vectors and broadcast them to (B, 2), in ``image``'s dtype. Raises ``TypeError`` or ``ValueError``."""
     vectors = real_tensor(name, value)
     if vectors.shape not in {(2,), (1, 2), (len(image), 2)}:
         raise ValueError(f"{name}: shape must be (2,) or ({len(image)}, 2), got {tuple(vectors.shape)}")

@@ -31,7 +31,7 @@ def with_margin(planes: Tensor, border: Border) -> tuple[Tensor, int]:
 
 
 def given_back(planes: Plane, axes: tuple[bool, bool]) -> Plane:
-    """Planes (C, H, W) with what a mean of linear interpolations will lose."""
+    """Planes (C, H, W) sharpened by what a mean of linear interpolations will lose."""
     if not any(axes):
         return planes
     across, down = (_GIVEN_BACK if axis else np.ones(1) for axis in axes)

@@ -87,7 +87,7 @@ class Response(Protocol):
 
     @property
     def reach_px(self) -> tuple[float, float]:
-        """How far it spreads a point (down, across); 0 along an axis that it leaves alone."""
+        """Spread of a point (down, across); 0 along an axis without blur."""
 
     def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
         """For one picture, as a packed spectrum over its size, in ``out`` or kept; of one axis as a row."""
@@ -279,7 +279,7 @@ class Straight:
 def row_factors(
     motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]
 ) -> Plane:
-    """A sweep moves many pictures alike: the factors of a row (1, L), or of a column, not to be written to."""
+    """Factors of a row (1, L), or of a column, cached for sweeps that move many pictures alike; read only."""
     return _packed(motion_px, optics, lengths, np.empty((1, max(lengths)), kind))
 
 
@@ -318,7 +318,7 @@ def motion_response(
 
 @lru_cache(maxsize=8)
 def lens_response(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    """A camera keeps its lens: its response on one grid, not to be written to."""
+    """A lens's response on one grid, cached; read only."""
     fy, fx = (torch.from_numpy(f.astype(kind)) for f in frequencies(lengths))
     return np.asarray(optics.response(fx, fy[:, None]).numpy())
 

@@ -93,13 +93,13 @@ class Layer:
             integer("layer: place_px", along, -_PLACE_PX, _PLACE_PX)
 
     def displacement_px(self, exposure_s: Tensor) -> Tensor:
-        """What it moves during an exposure (), (2,), in the exposure's precision."""
+        """Displacement (2,) during an exposure (), in the exposure's precision."""
         velocity = torch.as_tensor(self.velocity_px_s)
         return velocity.to(device=exposure_s.device, dtype=exposure_s.dtype) * exposure_s
 
     @property
     def requires_grad(self) -> bool:
-        """Whether gradients are asked of any part of it."""
+        """Whether any part of it needs gradients."""
         parts = self.light, self.alpha, torch.as_tensor(self.velocity_px_s)
         return any(part.requires_grad for part in parts)
 
@@ -169,7 +169,7 @@ def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
 
 
 def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
-    """A picture (1, C, H, W) as an exposure sees it; no brighter where rows are exposed longer."""
+    """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer."""
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
@@ -248,7 +248,7 @@ class _PlacedLayers(NamedTuple):
 
 
 def _blurred(own: _PlacedLayers, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
-    """Its light times its matte, (1, C, h, w), and its share of the exposure, (1, 1, h, w), in the window."""
+    """The blurred light times matte, (1, C, h, w), and the blurred matte, (1, 1, h, w), in the window."""
     moves = own.moves
     work = _work(window, [moves])
     plane = own.plane(work, like, border)
@@ -299,7 +299,7 @@ def _sub_exposed(
 
 
 def _work(window: Window, moves: Sequence[Displacement]) -> Window:
-    """The window with all that moves through it, and what is left over to make lengths that transforms like."""
+    """The window enlarged by all motion through it, and further to lengths with fast transforms."""
     down, across = (max(reach) for reach in zip(*(each.reach_px(window) for each in moves), strict=True))
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
@@ -345,7 +345,7 @@ def flattened(layers: Sequence[Layer]) -> Layer:
 def trimmed(layer: Layer) -> Layer:
     """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none.
 
-    One of whose matte gradients are asked keeps them, as does one that is nowhere.
+    A layer whose matte needs gradients keeps its margins, and so does an empty one.
     """
     alpha = layer.alpha.detach()
     if layer.alpha.requires_grad or not bool(alpha.any()):
@@ -361,7 +361,7 @@ def trimmed(layer: Layer) -> Layer:
 
 
 def window_at_rest(layer: Layer) -> Window:
-    """The pixels of its matte, those beyond a picture's border too."""
+    """The window of the matte, pixels beyond the picture's border included."""
     left, top = layer.place_px
     return Window(top, left, *layer.alpha.shape)
 
@@ -369,7 +369,7 @@ def window_at_rest(layer: Layer) -> Window:
 def seen_behind(
     layer: Layer, movers: Sequence[tuple[Layer, Iterable[float]]], size: tuple[int, int]
 ) -> float:
-    """Of what is behind the object, at mid-exposure, the share that is seen: sum of alpha (1 - a) / sum of alpha.
+    """Share of the background hidden at mid-exposure that is seen: sum of alpha (1 - a) / sum of alpha.
 
     a is the share of the exposure for which a pixel is covered. For a w px wide object that moves L along its width
     L / 4w up to L = 2w, then 1 - w / L. movers: everything before the background, the object too, each with its
@@ -398,7 +398,7 @@ def seen_behind(
 
 
 class ObjectMotion(NamedTuple):
-    """What an object does to a frame: how far it moves, and the share of the picture that its window takes."""
+    """An object's displacement, and the share of the picture that its window covers."""
 
     displacement_px: tuple[float, float]
     share: float

@@ -48,13 +48,13 @@ class Tile(NamedTuple):
 
     @property
     def spans(self) -> tuple[int, int]:
-        """Of the tile with its margin: lengths that a Fourier transform likes."""
+        """Size of the tile with its margin, rounded up for fast Fourier transforms."""
         sizes = (self.rows.stop - self.rows.start, self.columns.stop - self.columns.start)
         height, width = (fourier.fast_length(size + 2 * self.margin) for size in sizes)
         return height, width
 
     def window(self, before: int) -> tuple[slice, slice]:
-        """The tile with its margin in the picture continued ``before`` px above and to the left."""
+        """The tile with its margin, cut from the picture continued ``before`` px above and to the left."""
         top, left = (before + side.start - self.margin for side in (self.rows, self.columns))
         return slice(top, top + self.spans[0]), slice(left, left + self.spans[1])
 
@@ -202,7 +202,7 @@ def _cost_ns(tiles: list[Tile]) -> float:
 
 @lru_cache(maxsize=64)
 def _factors(radius_px: float, spans: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    """A disc's packed factors, not to be written to; a camera keeps its lens."""
+    """A disc's packed factors, cached; read only."""
     factors = np.empty(spans, kind)
     packed.pack(_response(radius_px, spans), factors)
     return factors

@@ -96,7 +96,7 @@ def _folded(position: Floats, size: int, border: Border) -> Floats:
 def _remapped(
     image: Tensor, x: Floats, y: Floats, spans: tuple[int, int], strips: Sequence[slice], border: Border
 ) -> Tensor:
-    """The same by OpenCV, whose bilinear samples cost a quarter; strips share their weights among planes."""
+    """As :func:`sampled`, by OpenCV's bilinear samples at a quarter of the time; planes share a strip's weights."""
     out = image.new_empty((*image.shape[:2], *x.shape))
     sources, targets = image.flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
     threads = threads_for(out)
@@ -128,7 +128,7 @@ def _remapped(
 
 @lru_cache(maxsize=1)
 def _remaps_exactly() -> bool:
-    """Whether OpenCV samples where it is told: before version 5 it rounds to 1/32 px."""
+    """Whether OpenCV samples at exact positions: before version 5 it rounds to 1/32 px."""
     ramp = np.arange(64, dtype=np.float32)[None].repeat(2, 0)
     x = np.linspace(9, 50, 997, dtype=np.float32)[None]
     return float(np.abs(cv2.remap(ramp, x, np.zeros_like(x), cv2.INTER_LINEAR) - x).max()) < 1e-4

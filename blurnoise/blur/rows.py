@@ -230,7 +230,7 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
 
 
 def _closing(plane: Any) -> Any:
-    """The last px of rows, led to the first: a step where a row wraps round would ring into the picture."""
+    """Blend the end of rows into their start: a step where a row wraps round would ring into the picture."""
     share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
     last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
     if isinstance(plane, Tensor):
@@ -270,7 +270,7 @@ def _row_phases(shift_px: Floats, length: int, kind: type[np.complexfloating]) -
 
 
 def _lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
-    """Where each row's taps begin, from itself, to see it at i + shift_px (H,), and their weights."""
+    """First tap of each row, relative to the row, and tap weights to sample at i + shift_px (H,)."""
     whole = torch.floor(shift_px.detach())
     taps = torch.arange(1 - LOBES, LOBES + 1, dtype=torch.float64, device=shift_px.device)
     off = (shift_px - whole)[:, None] - taps
@@ -328,7 +328,7 @@ def mixed(light: Tensor, first: Tensor, weights: Tensor, border: Border) -> Tens
 
 
 def _bands(first: NDArray[Any], weights: Floats, kind: np.dtype[Any]) -> Sequence[Band]:
-    """Taps (N, n) of rows of a picture, a few at a time: these rows, those that they need, and by how much."""
+    """Taps (N, n) in bands of rows: the rows of a band, the rows that they need, and the weights."""
     count, taps = weights.shape
     begins = first + np.arange(count)
     bands = []

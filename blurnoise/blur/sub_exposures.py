@@ -123,7 +123,7 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
 
 
 def moved_picture(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
-    """A picture (C, H, W) as an exposure sees it; no brighter where rows are exposed longer."""
+    """Mean of a picture (C, H, W) over an exposure, normalised for rows that are exposed longer."""
     window = Window(0, 0, picture.shape[-2], picture.shape[-1])
     return exposed([Sheet(picture, moves, border=border)], window).light
 
@@ -149,7 +149,7 @@ def _exposed(sheets: Sequence[Sheet], window: Window, bands: Bands, loss: Loss) 
 
 
 def _lossy(moves: Displacement, window: Window, loss: Loss) -> tuple[bool, bool]:
-    """Along which axes (x, y) what is lost is given back: where something passes all places between two values."""
+    """Axes (x, y) whose interpolation loss is compensated: where motion passes all positions between two values."""
     if loss != "given back":
         return False, False
     least, largest = moves.extremes_px(window)
@@ -343,7 +343,7 @@ def _prepared(
 
 
 def _seen_rows(moves: Displacement, window: Window, bands: Bands, first: int, height: int) -> tuple[int, int]:
-    """The rows of a sheet of so many, from ``first`` on, that what moves is seen in, from and to."""
+    """Range of rows that the bands sample, in a sheet of ``height`` rows that begins at row ``first``."""
     stays = moves.path is None and not moves.readout.row_s
     least, largest = (each[1] for each in moves.extremes_px(window))
     seen = [rows for rows, times in bands if not (stays and times == [0.0])]

@@ -1,4 +1,4 @@
-"""The conditions of a frame: what every part of the chain needs to know of how it is taken."""
+"""The conditions of a frame: camera, light, exposure, motion and temperature in one record."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Number = TypeVar("Number", float, Tensor)
 
 @dataclass(frozen=True)
 class Conditions(Generic[Number]):
-    """A camera and what its frame meets; for one frame of floats, and hashable, for a batch of tensors (B,).
+    """A camera and its conditions: floats for one frame, which are hashable, or tensors (B,) for a batch.
 
     white_e: mean photo-electrons of light 1. displacement_px: motion (x, y) during the exposure, for a batch (B, 2),
     which adds to the trajectory of each frame, none where there are none. size: (H, W) of the picture, None for the
@@ -88,11 +88,11 @@ class Conditions(Generic[Number]):
 
     @property
     def trajectory(self) -> Trajectory | None:
-        """That of the one frame."""
+        """The trajectory of the one frame."""
         return self.trajectories[0] if self.trajectories else None
 
     def each(self: Conditions[Tensor]) -> Iterator[Conditions[float]]:
-        """Those of every frame, in the precision of the batch."""
+        """The conditions of every frame, in the precision of the batch."""
         displacement = torch.as_tensor(self.displacement_px)
         varies = torch.as_tensor(self.variation_px).expand(len(displacement))
         numbers = (self.exposure_s, self.temperature_c, self.white_e, displacement, varies)
@@ -114,7 +114,7 @@ class Conditions(Generic[Number]):
             )
 
     def part(self: Conditions[Tensor], of: list[int]) -> Conditions[Tensor]:
-        """Those of some frames."""
+        """The conditions of some frames."""
 
         def some(of_each: tuple[Any, ...]) -> tuple[Any, ...]:
             own = tuple(of_each[item] for item in of if of_each)
@@ -134,7 +134,7 @@ class Conditions(Generic[Number]):
 
 
 def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:
-    """Of flows (B, 2, H, W) the displacements in the middle, (B, 2), and how far the farthest are from them, (B,)."""
+    """Centre of the range of flows (B, 2, H, W), (B, 2), and the largest distance from it, (B,)."""
     seen = flow_px.detach()
     middle = (seen.amax((2, 3)) + seen.amin((2, 3))) / 2
     return middle, (seen - middle[:, :, None, None]).square().sum(1).amax((1, 2)).sqrt()

@@ -32,8 +32,8 @@ class Blur(NamedTuple):
 class LightEffect(ABC):
     """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
 
-    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
-    to 0 leaves it out. essential: it stays whatever it contributes, as without it the scene is another.
+    name: in plans and explanations. figures: the camera's fields that it depends on; setting them to 0 leaves it
+    out. essential: never left out, however small, as without it the scene is another.
     """
 
     name: str
@@ -46,7 +46,7 @@ class LightEffect(ABC):
 
     @abstractmethod
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        """The light after it, of the same shape; ``light`` itself stays as it is."""
+        """Return the light after the effect, of the same shape; ``light`` is not modified."""
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it.
@@ -60,11 +60,11 @@ class LightEffect(ABC):
         return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
 
     def how(self, at: Conditions[float]) -> str:
-        """How it is modelled, in a few words."""
+        """Short description of the model."""
         return "light in, light out"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        """What of the conditions it depends on: equal keys, equal light."""
+        """The conditions that the effect depends on: equal keys give equal light."""
         return None if self.idle(at.camera) else at
 
     def displaces(self, camera: Camera) -> bool:
@@ -72,12 +72,12 @@ class LightEffect(ABC):
         return type(self).move_boxes is not LightEffect.move_boxes
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """Where targets at ``boxes_xyxy`` (N, 4) are in the picture at mid-exposure; by default where they were.
+        """Boxes (N, 4) of the scene at mid-exposure in the picture; unchanged by default.
 
         The picture's size is ``at.size``, or where that is None the sensor's.
         """
         return boxes_xyxy
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """What targets at ``boxes_xyxy`` (N, 4) cover during the exposure; by default :meth:`move_boxes`."""
+        """Boxes (N, 4) that targets cover during the exposure; by default :meth:`move_boxes`."""
         return self.move_boxes(boxes_xyxy, at)

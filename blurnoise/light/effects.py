@@ -33,9 +33,9 @@ def through(
     border: Border = "reflect",
     without: frozenset[str] = NOTHING,
 ) -> Tensor:
-    """Light (B, C, H, W) after all effects but those named in ``without``; blurs side by side share a transform.
+    """Light (B, C, H, W) after all effects except those named in ``without``; adjacent blurs share a transform.
 
-    Where no effect changes anything ``light`` itself is returned.
+    Returns ``light`` itself if no effect changes it.
     """
     waiting = Blur()
     for effect in EFFECTS:
@@ -69,7 +69,7 @@ def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
 
 
 def swept_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-    """What boxes (N, 4) of the scene cover of the picture in the course of the exposure, after all effects."""
+    """Boxes (N, 4) that boxes of the scene cover in the picture during the exposure, after all effects."""
     for effect in EFFECTS:
         boxes_xyxy = effect.sweep_boxes(boxes_xyxy, at)
     return boxes_xyxy

@@ -31,7 +31,7 @@ class Pwm:
         check_fields(self)
 
     def with_phase_of(self, seed: int) -> Pwm:
-        """The same lamp at a phase drawn uniformly, by a stream of its own: it moves no other draw."""
+        """The lamp at a random phase, from a random stream of its own."""
         integer("seed", seed, 0, rng.LAST_SEED)
         return replace(self, phase=rng.derived(seed, "pwm phase") / 2.0**63)
 
@@ -52,12 +52,12 @@ class Pwm:
         return least, most
 
     def dark_probability(self, exposure_s: float) -> float:
-        """That an exposure receives nothing: max(0, 1 - f T - D)."""
+        """Probability that an exposure receives no light: max(0, 1 - f T - D)."""
         exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
         return max(0.0, 1 - self.frequency_hz * exposure - self.duty)
 
     def _on_periods(self, periods: Tensor) -> Tensor:
-        """Of so many periods since a pulse began, those in which it was on."""
+        """Lit periods within the given number of periods since a pulse began."""
         whole = periods.floor()
         return whole * self.duty + (periods - whole).clamp(max=self.duty)
 

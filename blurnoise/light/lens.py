@@ -32,7 +32,7 @@ class _OverTheField(LightEffect):
 
     @abstractmethod
     def has(self, camera: Camera) -> bool:
-        """Whether the camera's lens does anything of the kind."""
+        """Whether the camera's lens has this effect."""
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
         return None if self.has(at.camera) else Blur()
@@ -47,7 +47,7 @@ class _ByTransferFunction(LightEffect):
 
     @abstractmethod
     def optics(self, camera: Camera) -> Optics:
-        """The cause alone."""
+        """The lens with this cause of blur alone."""
 
     def bound(self, at: Conditions[float]) -> float:
         return self.optics(at.camera).error
@@ -127,7 +127,7 @@ class Defocus(LightEffect):
     figures = ("defocus_radius_px",)
 
     def bound(self, at: Conditions[float]) -> float:
-        """That of the largest disc; areas do nothing up to half a pixel."""
+        """The error of the largest disc; disc areas up to half a pixel are the identity."""
         if at.camera.defocus_counts_pixel:
             return 0.0 if at.camera.defocus_radius_px <= 0.5 else 0.5
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
@@ -198,7 +198,7 @@ class Vignetting(_OverTheField):
         return camera.lens.falloff_power > 0 or camera.lens.relative_illumination is not None
 
     def bound(self, at: Conditions[float]) -> float:
-        """What the darkest pixel of white loses."""
+        """The largest loss of light in a white picture."""
         return 1 - lens.least_light(at.camera.field) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
@@ -212,7 +212,7 @@ class Vignetting(_OverTheField):
 
 
 def _displaced(by_px: float) -> float:
-    """RMS that a displacement changes a picture by, at most, units of white.
+    """Largest RMS change of a picture by a displacement, in units of white.
 
     A wave changes by at most 2 pi f d of its amplitude; the worst picture is a checkerboard, whose contrast, 1/2 RMS,
     lies at f = 1 / sqrt(2).

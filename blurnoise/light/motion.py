@@ -38,7 +38,7 @@ _FAINT = 1e-3  # share of a pixel below which there is no colour
 
 
 def readout_of(at: Conditions[float], size: tuple[int, int]) -> Readout:
-    """Of a picture (H, W), which stands for the largest part of the sensor that has its shape."""
+    """Row timing of a picture (H, W), which is the largest part of the sensor that has its shape."""
     camera = at.camera
     row_s = camera.row_time_s / camera.field.per_sensor_px(size) * (1 if camera.scan == "down" else -1)
     reset = camera.row_time_s > 0 and camera.shutter == "global-reset"
@@ -46,7 +46,7 @@ def readout_of(at: Conditions[float], size: tuple[int, int]) -> Readout:
 
 
 def displacement(at: Conditions[float]) -> Displacement:
-    """The one motion of a frame, its flow left out."""
+    """The motion of a frame without its flow."""
     even = torch.tensor(at.displacement_px, dtype=torch.float64)
     readout = readout_of(at, at.size or at.camera.field.size)
     return Displacement(even, even.new_tensor(at.exposure_s), readout, at.trajectory)
@@ -74,7 +74,7 @@ def exposed(
 
 
 class _Moving(LightEffect):
-    """What is no transfer function, each picture by its own displacement."""
+    """Motion that is no transfer function, applied picture by picture."""
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return exposed(light, at, ((),) * len(light), border)
@@ -87,7 +87,7 @@ class Objects(LightEffect):
     essential = True
 
     def bound(self, at: Conditions[float]) -> float:
-        """What one motion for all, the background's, would change.
+        """Change if everything moved as the background does.
 
         The mean over the exposure of a product of waves f (of the matte or its light) and g (of what is behind)
         is sinc(f . d_F + g . d_B), so that a difference D of the motions changes it by at most 1.3703 |f . D|; f is
@@ -191,7 +191,7 @@ class MotionVariation(_Moving):
         return transfer.motion_variation_error(float(at.variation_px))
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """Nothing to share, unless there is a flow that neither objects have met nor rows will meet."""
+        """The identity where there is no flow, or objects or rows include it; else None, see :meth:`apply`."""
         return Blur() if at.flow_px is None or at.objects or at.camera.row_time_s else None
 
     def how(self, at: Conditions[float]) -> str:
@@ -225,7 +225,7 @@ class RollingShutter(_Moving):
         return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """None that is shared, unless rows are exposed together, or objects have been with them."""
+        """The identity where rows are exposed together, or with the objects; else None, see :meth:`apply`."""
         return None if at.camera.row_time_s and not at.objects else Blur()
 
     def how(self, at: Conditions[float]) -> str:
@@ -251,11 +251,11 @@ class RollingShutter(_Moving):
         return camera.row_time_s > 0
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """Upper and lower edge where rows have them on average, sideways by where the box's middle row has it."""
+        """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""
         return self._moved(boxes_xyxy, at, swept=False)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """The same, and what the middle row's window of a path covers; what is grown already is only moved."""
+        """Move boxes and grow them by the middle row's part of a path, unless another effect has grown them."""
         return self._moved(boxes_xyxy, at, swept=_row_by_row(at))
 
     def _moved(self, boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool) -> Tensor:
@@ -283,17 +283,17 @@ def _row_by_row(at: Conditions[float]) -> bool:
 
 
 def _path(at: Conditions[float]) -> Polyline | None:
-    """What a frame sees of its trajectory and its uniform motion where that is a transfer function."""
+    """Trajectory and uniform motion within the exposure, where they are a transfer function."""
     return None if at.trajectory is None or _row_by_row(at) else displacement(at).polyline
 
 
 def swept_half_px(displacement_px: Tensor) -> Tensor:
-    """What displacements (..., 2), px, sweep to either side of a place at mid-exposure, (..., 2), >= 0."""
+    """Half-width (..., 2), >= 0, that displacements (..., 2) sweep to each side of mid-exposure, px."""
     return displacement_px.abs() / 2
 
 
 def displaced(layer: Layer, shift_px: Tensor) -> Layer:
-    """The layer (x, y) px further on, of any real numbers; nothing is beyond it then."""
+    """The layer displaced by (x, y) px, whole or not; nothing is beyond its sides."""
     shift = shift_px.detach()
     if not bool((shift != 0).any()):
         return layer
@@ -313,7 +313,7 @@ def _distorted(layer: Layer, like: Tensor, at: Conditions[Tensor], border: Borde
 
 
 def _coloured(plane: Tensor) -> tuple[Tensor, Tensor]:
-    """Light and matte of light times matte, and the matte, (C + 1, h, w)."""
+    """Light and matte of a plane (C + 1, h, w) of light times matte, and the matte."""
     alpha = plane[-1].clamp(0, 1)
     seen = alpha > _FAINT  # what rings about it is not of the object
     return torch.where(seen, plane[:-1] / alpha.clamp_min(_FAINT), 0.0), torch.where(seen, alpha, 0.0)

@@ -26,7 +26,7 @@ _AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
-    """How long a path about mid-exposure is surely long enough, s: the exposure, and what the readout adds."""
+    """Duration of a path about mid-exposure that covers every row, s: exposure plus read-out."""
     return exposure_s + 2 * camera.row_time_s * camera.height_px
 
 

@@ -282,11 +282,11 @@ class Vehicle(Mount):
 
     @property
     def turns(self) -> bool:
-        """Whether it does, whatever its speed."""
+        """Whether the vehicle turns."""
         return bool(self.yaw_deg_s or self.pitch_deg_s)
 
     def view(self, camera: Camera, size: tuple[int, int]) -> View:
-        """What a picture (H, W) of the camera sees. Raises ``ValueError`` for a field of view beyond the lens's."""
+        """The view of a picture (H, W). Raises ``ValueError`` for a field of view beyond the lens's."""
         (height, width), lens = size, self.lens or "f-theta"
         if self.hfov_deg is not None:
             return View(width, height, self.hfov_deg, lens)
@@ -302,12 +302,12 @@ class Vehicle(Mount):
         return self._flow(pixels, self.view(camera, size), speed_m_s)
 
     def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Tensor:
-        """That of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
+        """Flow of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
         speed = torch.tensor([limited("speed_m_s", speed_m_s)], dtype=torch.float32)
         return self.flows_px_s(camera, size, speed)[0]
 
     def flows_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: Tensor) -> Tensor:
-        """That at speeds (B,), (B, 2, H, W), in their type and on their device; differentiable in them."""
+        """Flows (B, 2, H, W) at speeds (B,), in their dtype and on their device; differentiable in them."""
         ahead, turning = _flows(self, self.view(camera, size))
         flows = speed_m_s[:, None, None, None] * ahead.to(speed_m_s)
         return flows if turning is None else flows + turning.to(speed_m_s)
@@ -323,7 +323,7 @@ class Vehicle(Mount):
 
 @lru_cache(maxsize=8)
 def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
-    """What 1 m/s ahead does, and what turning does, if it turns; their sum is the flow. Neither is to be changed."""
+    """Flow per 1 m/s ahead, and flow by turning or None; their sum is the flow. Cached; read only."""
     straight = replace(vehicle, yaw_deg_s=0.0, pitch_deg_s=0.0)
     ahead = torch.from_numpy(straight._flow(view.pixels(), view, 1.0).astype(np.float32))
     if not vehicle.turns:

@@ -49,7 +49,7 @@ class Polyline:
 
     @cached_property
     def centroid_px(self) -> tuple[float, float]:
-        """Its mean over time."""
+        """Mean position over time."""
         return _mean(self.knots, np.array(self.shares))
 
     @cached_property
@@ -140,7 +140,7 @@ class Trajectory:
         return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
 
     def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
-        """Knots (2, K), px, and durations (K - 1,), s, of what lies between two times; of one moment one knot.
+        """Knots (2, K), px, and durations (K - 1,), s, between two times; one knot if these are equal.
 
         Raises ``ValueError`` unless the trajectory holds both.
         """
@@ -157,12 +157,12 @@ class Trajectory:
         return np.stack([np.interp(at, time, x), np.interp(at, time, y)]), np.diff(at)
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
-        """What an exposure sees of it, with uniform motion added; to 0.02 px. Raises as :meth:`window` does."""
+        """The part within an exposure, plus uniform motion, simplified to 0.02 px. Raises as :meth:`window` does."""
         x, y = _vector("velocity_px_s", velocity_px_s).tolist()
         return _seen(self, limited("exposure_s", exposure_s), (x, y))
 
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
-        """The place that stays in the picture: the mean of an exposure's, or that at time 0."""
+        """The reference position: the exposure's mean, or that at time 0."""
         if self.reference == "middle":
             time, x, y = self._arrays
             return float(np.interp(0.0, time, x)), float(np.interp(0.0, time, y))
@@ -190,7 +190,7 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
 
 
 def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
-    """Which of the knots (2, K) at times (K,) to keep, so that at no time a place is further off.
+    """Indices of the knots (2, K) at times (K,) to keep, for an error of at most ``tolerance_px`` at any time.
 
     After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
     """

@@ -35,7 +35,7 @@ _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 
 @dataclass(frozen=True)
 class ConversionGain:
-    """What a pixel becomes from a gain on, where it switches to a smaller capacitance.
+    """A pixel's figures from the gain on at which it switches to a smaller capacitance.
 
     from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at
     ``from_db``; read_noise_post_share: of its variance, what arises behind the amplifier.
@@ -188,7 +188,7 @@ class Camera:
             )
 
     def __hash__(self) -> int:
-        """Of what cameras differ in, mostly: tables are looked up by camera several times a frame."""
+        """Hash of the fields in which cameras mostly differ: caches look cameras up several times a frame."""
         light = self.name, self.f_number, self.defocus_radius_px, self.diffraction_wavelength_um
         return hash((*light, self.system_gain_dn_per_e, self.read_noise_e, self.dark_current_e_s, self.prnu))
 
@@ -205,7 +205,7 @@ class Camera:
 
     @property
     def well_limit_e(self) -> float:
-        """Electrons that the pixel holds, where that is less than the converter's range; else infinite."""
+        """Full well in electrons if it is below the converter's range; else infinite."""
         return self.full_well_e if self.clip_dn < self.full_scale_dn else math.inf
 
     @property
@@ -234,7 +234,7 @@ class Camera:
         )
 
     def at_gain(self, gain_db: float) -> Amplified:
-        """The camera at an analogue gain up to ``analogue_gain_max_db``, and the rest, which is digital.
+        """The camera at an analogue gain up to ``analogue_gain_max_db``, and the remaining digital gain.
 
         K g, read noise and well are those of its row of ``conversion_gains``. Raises ``ValueError`` beyond
         ``gain_max_db``.
@@ -244,7 +244,7 @@ class Camera:
 
     @property
     def field(self) -> Field:
-        """The field that the lens has on the sensor."""
+        """The lens's field on the sensor."""
         return Field(self.lens, self.width_px, self.height_px, self.hfov_deg, self.pixel_pitch_um)
 
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
@@ -327,7 +327,7 @@ class Camera:
 
 
 class Amplified(NamedTuple):
-    """A camera at a gain, whose figures hold there, and the digital gain that is left, dB."""
+    """A camera with its figures at an analogue gain, and the remaining digital gain, dB."""
 
     camera: Camera
     digital_db: float
@@ -390,7 +390,7 @@ def factors(captures: Sequence[Capture]) -> list[float]:
 
 
 def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """When each capture begins and how long it takes, s. Raises ``ValueError`` for such as overlap."""
+    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap."""
     times: list[tuple[float, float]] = []
     for capture in captures:
         taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio

@@ -35,7 +35,7 @@ def preset(name: str) -> Any:
 
 
 def read(path: Path) -> Any:
-    """What a camera file holds, named after the file where it has no ``name``.
+    """Read a camera file; a camera without ``name`` is named after the file.
 
     Raises ``ValueError`` for another suffix or what is no JSON or YAML, ``OSError`` where it cannot be read.
     """
@@ -50,7 +50,7 @@ def read(path: Path) -> Any:
 def completed(
     given: object, camera: Any, presets: Mapping[str, Any], source: str, folder: Path
 ) -> dict[str, Any]:
-    """The fields of the ``camera`` class that ``given`` and its base make, with a source for each figure.
+    """Complete ``given`` from its base preset to the fields of the ``camera`` class, each figure with a source.
 
     presets: cameras by name. source: of figures without one of their own. folder: where the paths of tables start.
     A quantum efficiency that is cut short within the visible band is marked in its source. Raises ``TypeError`` or
@@ -93,12 +93,12 @@ def write(path: Path, values: Mapping[str, object]) -> None:
 
 
 def within(where: str, error: Exception) -> Exception:
-    """The same complaint with the place it concerns before it."""
+    """The same error with ``where`` before its message."""
     return (TypeError if isinstance(error, TypeError) else ValueError)(f"{where}: {error}")
 
 
 def plain(value: Any) -> Any:
-    """A camera, or a part of it, as :func:`completed` takes it: mappings, lists and what JSON has."""
+    """A camera, or a part of it, as plain JSON values that :func:`completed` reads."""
     if isinstance(value, FilterCurves):
         return {name: plain(curve) for name, curve in value.stated()}
     if is_dataclass(value):
@@ -152,7 +152,7 @@ def _record(name: str, kind: Any, given: object, folder: Path) -> Any:
 
 
 def _tabulated(given: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:
-    """What describes a curve, with the samples of its CSV file in the place of the file's name."""
+    """A curve's description, with its CSV file's name replaced by the samples."""
     if given.keys() & {positions, "values"}:
         raise ValueError(f"csv: holds {positions} and values; they must not stand beside it")
     name, column = given["csv"], integer("column", given.get("column", 1), 1, 1 << 16)

@@ -53,13 +53,13 @@ class FilterCurves:
                 in_range(name, value, 0.0, 1.0)
 
     def stated(self) -> Iterator[tuple[str, Spectrum]]:
-        """Name and curve of each that is stated."""
+        """Names and curves of the filters that are given."""
         for name in _CURVES.values():
             if (curve := getattr(self, name)) is not None:
                 yield name, curve
 
     def of(self, letter: str) -> Spectrum:
-        """The curve behind the filter with this letter of a pattern, which must be stated."""
+        """The curve behind the filter with this letter of a pattern."""
         curve: Spectrum = getattr(self, _CURVES[letter])
         return curve
 

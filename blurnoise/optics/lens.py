@@ -46,7 +46,7 @@ class Mtf:
             raise ValueError(f"values: must be 1 at frequency 0, got {self.values[0]:g}")
 
     def per_px(self, pixel_pitch_um: float) -> Measured:
-        """As a transfer function of cycles/px. Raises ``ValueError`` where it ends before the pixels' limit."""
+        """The MTF over cycles/px. Raises ``ValueError`` if it ends below the Nyquist frequency."""
         per_unit = 1.0 if self.unit == "cycles/px" else pixel_pitch_um / 1e3
         frequencies = tuple(each * per_unit for each in self.frequencies)
         if frequencies[-1] < 0.5 and self.values[-1] > _LEFT:
@@ -211,7 +211,7 @@ class Lens:
 
     @property
     def displaces(self) -> bool:
-        """Whether it moves what is in the picture; the colours' own displacements apart."""
+        """Whether it displaces objects in the picture; lateral colour does not count."""
         shape = self.distortion
         return shape is not None and (shape.model == "fisheye" or any(shape.coefficients))
 
@@ -238,12 +238,12 @@ class Field:
 
     @property
     def size(self) -> Size:
-        """Of the sensor."""
+        """Height and width of the sensor, px."""
         return self.height_px, self.width_px
 
     @property
     def corner_px(self) -> float:
-        """From the sensor's centre to its corner."""
+        """Distance from the sensor's centre to its corner, px."""
         return math.hypot(self.width_px, self.height_px) / 2
 
     @property
@@ -338,13 +338,13 @@ def light(field: Field, size: Size) -> Floats:
 
 @lru_cache(maxsize=2)
 def sources(field: Field, size: Size) -> tuple[Floats, Floats]:
-    """Where the pinhole's picture has what each pixel sees, (x, y), (H, W) each."""
+    """Positions (x, y), (H, W) each, in the pinhole's picture of what each pixel sees."""
     return field._seen_at(*field.directions(*_pixels(size), size), size)
 
 
 @lru_cache(maxsize=4)
 def larger(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
-    """Where the picture has what each pixel sees in one that is larger by a share, (x, y), (H, W) each."""
+    """Positions (x, y), (H, W) each, in the picture that the pixels of one larger by ``share`` show."""
     x, y = _pixels(size)
     axis_x, axis_y = field.axis_px(size)
     return axis_x + (x - axis_x) / (1 + share), axis_y + (y - axis_y) / (1 + share)

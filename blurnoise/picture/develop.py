@@ -73,7 +73,7 @@ def develop_8bit(dn: Tensor, camera: Camera, gain_db: float = 0.0, illuminant: s
 
 
 def tones_8bit(camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:
-    """The 8-bit sRGB value of every digital number, uint8 on the CPU, by the steps that look at one number only."""
+    """The 8-bit sRGB value of every digital number, uint8 on the CPU, by the pointwise steps."""
     pointwise = tuple(step for step in steps.active(camera) if step.pointwise)
     return _table(Development(camera, gain_db, "srgb", illuminant), pointwise, torch.uint8)
 
@@ -84,7 +84,7 @@ def tabulated(camera: Camera) -> bool:
 
 
 def in_channels(picture: Tensor, channels: int) -> Tensor:
-    """A picture (B, 1 or 3, H, W) in so many channels, those of the one exposed: grey repeated, colours to luma."""
+    """A picture (B, 1 or 3, H, W) with the given number of channels: grey repeated, or colours to luma."""
     found = picture.shape[1]
     if found == channels:
         return picture
@@ -96,7 +96,7 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
 
 
 def steps_in_16_bits(active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """Those that integers of 16 bits do, from the first on: a mosaic's and the pointwise ones after them."""
+    """The leading steps computed in 16-bit integers: a mosaic's and the pointwise ones after them."""
     if active[:3] != (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
         return ()
     count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))
@@ -104,18 +104,18 @@ def steps_in_16_bits(active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]
 
 
 def _pointwise(active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """Those before the first that is not."""
+    """The leading pointwise steps."""
     return active[: next((place for place, step in enumerate(active) if not step.pointwise), len(active))]
 
 
 def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """Those that :func:`_looked_up` does at once."""
+    """The leading steps that :func:`_looked_up` does by one table."""
     quick = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
     return (steps_in_16_bits(active) if quick else ()) or _pointwise(active)
 
 
 def _looked_up(dn: Tensor, at: Development, first: tuple[PictureStep, ...], kind: torch.dtype) -> Tensor:
-    """Whole numbers after the first steps, by a table."""
+    """Look up whole numbers in a table of the leading steps."""
     if steps.DEMOSAIC not in first:
         return look_up(_table(at, first, kind).to(dn.device), dn)
     after_colour = first[3 + (steps.COLOUR_MATRIX in first) :]

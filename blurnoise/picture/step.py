@@ -1,4 +1,4 @@
-"""The picture step: one of those that make a picture of digital numbers, after the converter."""
+"""The picture step: one step from digital numbers to a picture, after the converter."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ class PictureStep(ABC):
     pointwise: bool = True
 
     def active(self, camera: Camera) -> bool:
-        """Whether it does anything to this camera's frames."""
+        """Whether the step changes this camera's frames."""
         return True
 
     @abstractmethod
     def apply(self, picture: Tensor, at: Development) -> Tensor:
-        """The picture after it: differentiable, on any device."""
+        """Return the picture after the step; differentiable, on any device."""

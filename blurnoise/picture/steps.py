@@ -102,8 +102,8 @@ class Tone(PictureStep):
 class Jpeg(PictureStep):
     """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays.
 
-    Each picture by itself; three planes are colours, any other number so many grey pictures. Its derivatives are
-    those of nothing done.
+    Each picture by itself; three planes are colours, any other number are grey pictures. Gradients pass through
+    unchanged.
     """
 
     name = "JPEG"
@@ -175,7 +175,7 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
 
 @lru_cache(maxsize=64)
 def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """By how much development to linear light magnifies noise of the plane, RMS, at most; 1 without a mosaic."""
+    """Largest factor, RMS, by which development to linear light magnifies the plane's noise; 1 without a mosaic."""
     if camera.cfa in colour.PLANES:
         return 1.0
     gains = dict(zip(camera.cfa, site_gains(camera, illuminant), strict=True))

@@ -39,7 +39,7 @@ it, before a camera that follows the targets."""
 
 
 class Cut(NamedTuple):
-    """A picture (1, C, H, W) without its objects, these as layers, and where (H, W) it had to be invented."""
+    """A picture (1, C, H, W) without its objects, the objects as layers, and the filled pixels (H, W)."""
 
     background: Tensor
     layers: tuple[Layer, ...]
@@ -47,7 +47,7 @@ class Cut(NamedTuple):
 
 
 def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:
-    """Of a rectangle in a picture (H, W), by area."""
+    """Matte of a rectangle in a picture (H, W): the covered area of each pixel."""
     size = checked_size(size)
     spans = []
     for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
@@ -114,7 +114,7 @@ def cut_out(
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """What is to be invented where objects cover (H, W): what is next to them holds some of their light, too."""
+    """Pixels to fill where objects cover (H, W): theirs and their neighbours, which hold some of their light."""
     return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
@@ -151,7 +151,7 @@ def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
 
 
 def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """A part (h, w, C) with what is not known taken from half the scale, where it is the mean of what is."""
+    """A part (h, w, C) with unknown pixels filled from half the scale, where they are means of known ones."""
     if known.all() or not known.any():
         return part
     height, width = known.shape
@@ -187,8 +187,8 @@ def matte_of(masks: Tensor) -> Matte | None:
 def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
     """A picture (1, C, H, W), linear light, cut into its background and what the matte shows, at a velocity (2,).
 
-    All objects of a picture move alike, so that the union of its masks says all. Parts so near each other that they
-    meet on their way are one layer, which costs the less.
+    All objects of a picture move alike, so the union of its masks is enough. Parts so near each other that their
+    paths meet are one layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)
     reach = [max(1, reach_px(along * exposure_s)) for along in velocity_px_s.detach().tolist()]
@@ -238,7 +238,7 @@ class CutScene(ExposedScene):
         """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
         that had to be invented; 0 where it is known.
 
-        What the object moves against its background decides, whichever of the two moves.
+        It depends on the object's motion relative to its background, whichever of the two moves.
         """
         if exposure.moves == "all" or not self._cut.invented.any():
             return (0.0,) * len(self._cut.layers)

@@ -1,4 +1,4 @@
-"""What a frame is exposed with: camera, light, time and motion, and where that motion has boxes.
+"""The exposure of one frame: camera, light, time and motion, and the boxes under that motion.
 
 Convention: px, x right and y down, boxes (N, 4) as (x0, y0, x1, y1) from the picture's corner.
 """
@@ -75,20 +75,20 @@ class Exposure:
 
     @property
     def drives(self) -> bool:
-        """Whether the camera's vehicle does, or turns."""
+        """Whether the camera's vehicle drives or turns."""
         return bool(self.ego_speed_m_s) or self.vehicle.turns
 
     @property
     def amplified(self) -> Amplified:
-        """The camera as it stands at the gain, and the digital gain that is left."""
+        """The camera at the analogue gain, and the remaining digital gain."""
         return self.camera.at_gain(self.gain_db)
 
     def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
-        """Where boxes (N, 4) of the scene, px, are at mid-exposure in a picture (H, W), by default the sensor's."""
+        """Boxes (N, 4) of the scene, px, at mid-exposure in a picture (H, W), by default the sensor's."""
         return self._boxes(effects.moved_boxes, boxes_xyxy, size)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
-        """What boxes (N, 4) of the scene, px, cover in the course of the exposure, beyond the picture too."""
+        """Boxes, px, that boxes (N, 4) of the scene cover during the exposure, beyond the picture too."""
         return self._boxes(effects.swept_boxes, boxes_xyxy, size)
 
     def displacements_px(self, places: Tensor, size: tuple[int, int] | None = None) -> Tensor:
@@ -105,7 +105,7 @@ class Exposure:
         return (moved * self.exposure_s).to(places)
 
     def of_targets(self, speed: float = 1.0, own_px_s: tuple[float, float] = (0.0, 0.0)) -> Exposure:
-        """The exposure of a picture that moves as a target does: at ``speed`` times the velocity, plus its own."""
+        """The exposure for a target that moves at ``speed`` times the velocity, plus its own velocity."""
         if self.moves == "all":
             return self
         share = {"targets": speed, "background": 1.0 - speed}[self.moves]

@@ -1,4 +1,4 @@
-"""Metering: what of a picture is 18 % reflectance, and which exposure and gain a camera sets for its light."""
+"""Metering: the 18 % grey reference of a picture, and the exposure and gain that a camera sets for its light."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class GreyAnchor:
 
 
 def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
-    """Pictures with what ``grey_anchor`` says at 18 % reflectance; None: as they are."""
+    """Pictures scaled so that ``grey_anchor`` is 18 % reflectance; None: unchanged."""
     return light if grey_anchor is None else GreyAnchor.parse(grey_anchor).anchored(light)
 
 
@@ -87,7 +87,7 @@ _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for roun
 
 
 class Setting(NamedTuple):
-    """What auto-exposure sets: s, dB, and the meter's reading with it; below the target where limits are reached."""
+    """Auto-exposure's exposure, s, gain, dB, and meter reading; below the target where limits are reached."""
 
     exposure_s: float
     gain_db: float

@@ -1,4 +1,4 @@
-"""The error budget of a frame: what each part of the chain would contribute, which may be left out, and why.
+"""The error budget of a frame: how much each part of the chain contributes, and which parts may be left out.
 
 Unit: DN RMS, at the brightest a white surface gets under the conditions. Contributions are bounds that hold
 for any picture within [0, 1], so what is left out stays within the tolerance for all of them. What rounding adds:
@@ -45,7 +45,7 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Plan:
-    """The contributions in the order of the physics, and what follows from them; equal where the same is modelled.
+    """The contributions in causal order, and what is left out; plans are equal if they model the same.
 
     camera: with what is left out set to 0. without: the names of effects and stages that are passed over; shot
     noise never, as ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all that is left out, at
@@ -156,7 +156,7 @@ def _left_out(
     budget_dn2: float,
     of_sensor: tuple[SensorStage, ...],
 ) -> tuple[set[str], float]:
-    """What may leave, and the DN^2 that rounding adds to it: the most that is allowed with dither and without."""
+    """The parts to leave out, and the DN^2 that rounding adds to their error."""
     spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
     for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
@@ -176,7 +176,7 @@ def _left_out(
 
 
 def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
-    """What rounding makes of a spread that nothing dithers, beside itself."""
+    """DN^2 that rounding adds to a spread that is not dithered."""
     if spread_dn <= _SINGLE * camera.full_scale_dn:
         return 0.0
     from_border_dn = abs(camera.black_level_dn % 1 - 0.5)

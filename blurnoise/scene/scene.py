@@ -183,7 +183,7 @@ class ExposedScene:
         return _Alike(needs, camera, digital_db, exposure.seed, light), at
 
     def _plan(self, one: Conditions[float], brightest: float, magnified: float = 1.0) -> Plan:
-        """What is modelled of a picture with such light, whose errors gain and colours magnify later."""
+        """Plan for a picture with this light, whose errors gain and colour matrix magnify later."""
         if self.fidelity == "full":
             return Plan((), one.camera)
         brightest *= mosaic.peak(one.camera, self.illuminant)
@@ -265,7 +265,7 @@ def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
 
 
 class _Alike(NamedTuple):
-    """What exposures must have in common to be read out together; light: the key of what the effects make."""
+    """Properties that exposures must share to be read out together; light: the key of the light effects."""
 
     needs: Plan
     delivering: Camera

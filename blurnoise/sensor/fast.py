@@ -57,7 +57,7 @@ class _Target(NamedTuple):
 
 
 def supports(active: Sequence[SensorStage]) -> bool:
-    """Whether these stages, in this order, are what :func:`write_frames` does."""
+    """Whether :func:`write_frames` implements all of these stages, in this order."""
     return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
 
 
@@ -160,7 +160,7 @@ def _write_piece(
 def _where_full(
     mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
 ) -> tuple[NDArray[np.bool_], Plane] | None:
-    """Pixels whose charge may reach the full well, and all codes with theirs by its rule; None: there are none."""
+    """Pixels whose charge may reach the full well, and all codes with the well applied to them; None if none do."""
     where = mean >= stages.nearly_full_e(camera) / unit_e
     if not where.any():
         return None

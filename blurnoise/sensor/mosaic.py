@@ -55,7 +55,7 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
 
 @lru_cache(maxsize=64)
 def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
-    """What red, green and blue of linear sRGB count in a plane: for each of the four sites, or of all pixels."""
+    """Weights of red, green and blue of linear sRGB in a plane: for each of the four sites, or for all pixels."""
     if camera.cfa == "mono":
         return (colour_shares(camera, illuminant),)
     electrons = filter_electrons(camera, illuminant)

@@ -33,7 +33,7 @@ _PIECE = 1 << 16  # values that stay in a core's cache
 
 @dataclass(frozen=True)
 class ReadoutOptions:
-    """What of the read-out is modelled, by which draws, and what is made of the numbers.
+    """Options of the read-out: which stages, which random draws, and the form of the result.
 
     seeds: of the noise, one for each frame. fixed_pattern: what ``camera.fixed_pattern`` returned. fidelity: "full"
     draws Poisson counts and normal read noise; "auto" makes both of one normal value per pixel from

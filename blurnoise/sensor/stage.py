@@ -74,18 +74,18 @@ class SensorStage(ABC):
 
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """The signal after it: differentiable, on any device."""
+        """Return the signal after the stage; differentiable, on any device."""
 
     def pointwise(self, at: Frames) -> bool:
         """Whether a pixel's value depends on nothing but that value and the fields of ``at`` there."""
         return False
 
     def bound_dn(self, at: Conditions[float]) -> float | None:
-        """DN RMS that it contributes where the picture is white, at most; None: that has no meaning."""
+        """Largest contribution where the picture is white, DN RMS; None: not defined."""
         return None
 
     def dither_dn(self, at: Conditions[float]) -> float:
-        """DN RMS of normal noise that it adds to every pixel whatever its light, at least: what rounding rests on."""
+        """Least normal noise that it adds to every pixel at any light, DN RMS, which dithers rounding."""
         return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:

@@ -22,7 +22,7 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, sign
 
 
 class PointwiseStage(SensorStage):
-    """A stage to which every pixel is alone."""
+    """A stage that treats every pixel by itself."""
 
     def pointwise(self, at: Frames) -> bool:
         return True
@@ -182,7 +182,7 @@ class Quantisation(PointwiseStage):
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Rounded; beside a derivative that adds a constant, since its own would be 0 throughout."""
+        """Round; gradients pass through unchanged, as the derivative of rounding is 0."""
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
     def bound_dn(self, at: Conditions[float]) -> float:

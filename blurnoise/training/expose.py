@@ -222,7 +222,7 @@ def boxes_after(
 
 
 def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:
-    """The exposures of each picture's targets; the gain is left out."""
+    """The exposures of each picture's targets, without gain."""
     given = ranges.arguments(params)
     numbers = (given[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
     velocities = velocity_px_s(given["speed_px_s"], given["direction_deg"]).tolist()
@@ -245,7 +245,7 @@ def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:
 
 
 def _for_each(name: str, given: Sequence[T], batch: int) -> list[T]:
-    """One for each picture. Raises ``ValueError`` for neither one nor as many."""
+    """Broadcast to one per picture. Raises ``ValueError`` for another number."""
     if len(given) not in (1, batch):
         raise ValueError(f"{name}: got {len(given)}; must be one, or {batch}, one for each picture")
     return [*given] * (batch if len(given) == 1 else 1)

@@ -90,7 +90,7 @@ class Draws(ABC):
         """
 
     def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:
-        """Of ``MOVES``, what moves in these pictures."""
+        """The entry of ``MOVES`` for each of these pictures."""
         if "moves_index" not in params:
             return ["all"] * len(params["exposure_s"][of])
         return [self.moves[index] for index in params["moves_index"][of].tolist()]
@@ -181,7 +181,7 @@ class ExposureRanges(Draws):
                 )
 
     def _reached(self) -> Iterator[tuple[str, float, str]]:
-        """What ranges lead to together: which, how much at most, and the name of its limit."""
+        """Quantities that follow from several ranges: name, largest value, and the name of the limit."""
         shortest, longest = self._bounds("exposure_s")
         if self.white_e is not None:
             least_e = min(map(electrons_per_lux_s, self.cameras)) * shortest

@@ -257,7 +257,7 @@ class ExposureTable(Draws):
 
 
 def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
-    """The rows that a run's camera would use, of all that it met; all where it has neither shares nor answers."""
+    """The rows of a run that its camera would use; all rows if the run has neither shares nor answers."""
     met = [(_row(each), each.get("saturated") or 0.0, bool(each.get("recommended"))) for each in held]
     least: dict[Condition, float] = {}  # saturated, of a setting at any exposure
     most_lux_s: dict[tuple[int, float | None], float] = {}  # of a camera and gain, without saturation
