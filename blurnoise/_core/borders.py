@@ -137,7 +137,7 @@ def placed(
 def _domain(
     start: int, length: int, work_start: int, work_length: int, size: int, border: Border
 ) -> tuple[int, int]:
-    """Where a layer begins and ends along one axis; beyond that the border continues it."""
+    """Start and end of a layer along one axis, beyond which the border continues it."""
     if border == "circular":
         return 0, size
     first = max(0, work_start) if start == 0 else work_start

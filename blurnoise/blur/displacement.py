@@ -44,11 +44,11 @@ class Readout:
 
     @property
     def windows_s(self) -> tuple[Floats, Floats]:
-        """Where each row's exposure begins and ends."""
+        """Start and end of each row's exposure, s."""
         return self.windows_of(np.arange(self.rows))
 
     def windows_of(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """The same of some rows; of one beyond the picture that of the nearest."""
+        """Start and end for the given rows; rows beyond the picture take the nearest row's."""
         last = self.rows - 1
         tau = (rows.clip(0, last) - last / 2) * self.row_s
         if not self.reset:
@@ -66,7 +66,7 @@ class Readout:
 
     @property
     def light(self) -> Floats:
-        """The light of each row, in that of an exposure."""
+        """Exposure of each row relative to the nominal exposure."""
         starts, stops = self.windows_s
         return (stops - starts) / self.exposure_s if self.exposure_s else np.ones(self.rows)
 
@@ -85,12 +85,12 @@ class Displacement:
 
     @property
     def flows(self) -> bool:
-        """Whether each pixel has its own."""
+        """Whether displacement differs from pixel to pixel."""
         return self.even_px.ndim == 3
 
     @property
     def way(self) -> Way:
-        """How it is computed; the only place that says so.
+        """How the motion is computed; the only place that decides it.
 
         One displacement for all pixels in one window of time is a transfer function. Rows that are exposed one after
         another see the same blur of a uniform motion, each displaced; of a path that in no window goes far along rows
@@ -110,27 +110,27 @@ class Displacement:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves, for anybody who asks."""
+        """Whether nothing moves."""
         if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= STILL_PX:
             return False
         return float(np.abs(self._track[1]).max()) < STILL_PX
 
     def moves_like(self, other: Displacement) -> bool:
-        """Whether both move alike, before the same camera."""
+        """Whether both have the same motion."""
         if self.flows or other.flows or differentiable(self.even_px, other.even_px):
             return False
         return float((self.even_px - other.even_px).abs().amax()) < STILL_PX
 
     @property
     def velocity_px_s(self) -> tuple[float, float]:
-        """Of what is even for all pixels; 0 in an exposure of no length."""
+        """Velocity of the uniform part of the motion; 0 for an exposure of no length."""
         lasting_s = float(self.exposure_s) or math.inf
         x, y = self.even_px.detach().tolist()
         return x / lasting_s, y / lasting_s
 
     @property
     def polyline(self) -> Polyline | None:
-        """What an exposure of all rows together sees of the path and the even motion; None without a path."""
+        """The path and the uniform motion within an exposure of all rows together; None without a path."""
         return None if self.path is None else self.path.seen(float(self.exposure_s), self.velocity_px_s)
 
     def even(self, window: Window) -> tuple[Tensor | None, Tensor]:
@@ -180,14 +180,14 @@ class Displacement:
         return np.stack([np.interp(at, times, along) for along in knots])
 
     def seen_rows(self, rows: Floats) -> Floats:
-        """In which rows places of the scene's rows are seen on average: where r - y(r) = row."""
+        """The rows r in which rows of the scene are seen on average: r - y(r) = row."""
         low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
         reach = math.ceil(max(high[1], -low[1])) + 1
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
         return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
 
     def along_path(self, window: Window, times: Floats) -> Floats | None:
-        """Where the path is (n, 2, h) for a window's rows, at times (n,) of theirs from -1/2 to 1/2."""
+        """Positions (n, 2, h) on the path for a window's rows, at times (n,) in each row's exposure, -1/2 to 1/2."""
         if self.path is None:
             return None
         (middle, lasting), (known, knots) = self._rows(window), self._track
@@ -195,7 +195,7 @@ class Displacement:
         return np.stack([np.interp(at, known, along) for along in knots], 1)
 
     def length_px(self, window: Window) -> Floats:
-        """The longest way (h,) that anything in each row of a window goes in its exposure."""
+        """The longest path length (h,) within the exposure of each row of a window."""
         _, along = self.even(window)
         longest = np.asarray(along.detach().square().sum(0).amax(-1).sqrt().double().cpu())
         if self.path is None:
@@ -208,7 +208,7 @@ class Displacement:
         return np.asarray(longest + np.interp(stops, times, gone) - np.interp(starts, times, gone))
 
     def extremes_px(self, window: Window) -> tuple[Floats, Floats]:
-        """Least and largest displacement (2, h) of anything in each row of a window; of a path over all of them."""
+        """Least and largest displacement (2, h) in each row of a window; of a path over all rows."""
         base, along = self.even(window)
         half = along.detach().abs() / 2
         if differentiable(self.even_px):  # the slope along an axis on which nothing moves
@@ -225,18 +225,18 @@ class Displacement:
         return least + places.min(1)[:, None], largest + places.max(1)[:, None]
 
     def range_px(self, window: Window) -> tuple[Floats, Floats]:
-        """Least and largest displacement (x, y) of anything in a window."""
+        """Least and largest displacement (x, y) in a window."""
         least, largest = self.extremes_px(window)
         return least.min(1), largest.max(1)
 
     def reach_px(self, window: Window) -> tuple[int, int]:
-        """How far down and across from a window that may be which it shows, with the tails of what is blurred."""
+        """Margin (down, across) of a window that its blur draws from, tails of the blur included."""
         low, high = self.range_px(window)
         across, down = (_spread(far) for far in np.maximum(-low, high))
         return down, across
 
     def passed(self, rest: Window) -> Window:
-        """The pixels that something may cover which at rest is in ``rest``."""
+        """The pixels that an object may cover whose window at rest is ``rest``."""
         if self.flows:
             return rest
         if self.way == "rows":
@@ -298,7 +298,7 @@ class Displacement:
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:
-    """By how much what moves is taller in the picture, 1 / (1 - v_y row_s); its streak is longer by it, too.
+    """Factor by which moving objects are stretched down the picture, and their blur too, 1 / (1 - v_y row_s).
 
     Raises ``ValueError`` where what is seen overtakes the readout.
     """

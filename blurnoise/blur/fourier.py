@@ -47,7 +47,7 @@ class Axis:
 
     @property
     def starts(self) -> range:
-        """Where each tile's pixels begin in the picture, and each tile in the continued picture."""
+        """First pixel of each tile's core in the picture, and of each tile in the extended picture."""
         return range(0, self.size, self.core)
 
     @property
@@ -58,7 +58,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a picture is continued and cut; dims: the axes that are transformed."""
+    """How a picture is extended and tiled; dims: the axes that are transformed."""
 
     y: Axis
     x: Axis
@@ -66,12 +66,12 @@ class Layout:
 
     @property
     def lengths(self) -> tuple[int, int]:
-        """Of a transform (down, across); 1 along an axis that is left alone."""
+        """Lengths of a transform (down, across); 1 along an axis that is not transformed."""
         return self.y.length if -2 in self.dims else 1, self.x.length if -1 in self.dims else 1
 
     @property
     def packs(self) -> bool:
-        """Whether OpenCV's packed transform serves it."""
+        """Whether OpenCV's packed transform can be used."""
         lengths = [self.lengths[dim] for dim in self.dims]
         return lengths[-1] % 2 == 0 and all(_is_fast(length) for length in lengths)
 
@@ -111,7 +111,7 @@ def _layout(size: tuple[int, int], margins: tuple[int, int], border: Border, til
 
 
 def _work(layout: Layout) -> float:
-    """Time that a layout takes, ns on one core; a plane that leaves the cache costs more."""
+    """Predicted time of a layout, ns on one core; planes larger than the cache cost more."""
     values = layout.y.length * layout.x.length
     both_ways = 2.9 if values <= 2**20 else 3.3 if values <= 2**22 else 6.0
     tiles, axes = len(layout.y.starts) * len(layout.x.starts), len(layout.dims)
@@ -296,7 +296,7 @@ def _packed(motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, 
 def motion_response(
     motion_px: tuple[float, float], lengths: tuple[int, int], phase: Plane, whole: Plane
 ) -> Plane:
-    """What :func:`.transfer.motion` gives at :func:`frequencies`, in the second of two scratch planes of its size.
+    """:func:`.transfer.motion` at :func:`frequencies`, in the second of two scratch planes of its size.
 
     In NumPy: on one core, at half the cost.
     """

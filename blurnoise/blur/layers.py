@@ -405,14 +405,14 @@ class ObjectMotion(NamedTuple):
 
 
 def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
-    """What a layer does to a picture (H, W)."""
+    """Motion of a layer, and the share of a picture (H, W) that it may cover."""
     x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
     window = window_at_rest(layer).grown(reach_px(y), reach_px(x)).clipped(size)
     return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
 
 
 def reach_px(along_px: float) -> int:
-    """How far a motion spreads what moves, the tail of the band-limited line included."""
+    """Spread of a motion blur to each side, the tail of the band-limited line included."""
     return math.ceil(abs(along_px) / 2) + TAIL_PX if abs(along_px) >= STILL_PX else 0
 
 

@@ -102,7 +102,7 @@ def _blend_packed(sources: Plane, tile: Tile, weights: list[Plane], targets: Pla
 
 
 def _blended(image: Tensor, tile: Tile, weights: list[Plane]) -> Tensor:
-    """The same of pictures, differentiable."""
+    """The blend in PyTorch, differentiable."""
     spectrum, total = torch.fft.rfft2(image), image.new_zeros(())
     for radius, weight in zip(tile.radii_px, weights, strict=True):
         response = torch.from_numpy(_response(radius, tile.spans)).to(image)

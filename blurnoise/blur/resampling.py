@@ -55,7 +55,7 @@ def sampled(image: Tensor, x: Floats, y: Floats, border: Border) -> Tensor:
 
 
 def response(f: float, shift_px: float = 0.5) -> complex:
-    """What remains of a wave of f cycles/px, in amplitude and phase, ``shift_px`` from the pixels; 1 is all."""
+    """Complex response to a wave of f cycles/px, sampled ``shift_px`` from the pixels; 1 is no loss."""
     taps = zip(range(-2, _TAPS - 2), _pieces(np.array(shift_px)), strict=True)
     seen = sum(float(weight) * cmath.exp(2j * math.pi * f * (place - shift_px)) for place, weight in taps)
     return seen * float(_prefilter(np.array(f)))
@@ -63,7 +63,7 @@ def response(f: float, shift_px: float = 0.5) -> complex:
 
 @lru_cache(maxsize=4)
 def _prefilter_plane(height: int, width: int) -> Floats:
-    """What gives the spline's coefficients; what wraps round stays in the margin."""
+    """Prefilter for the spline's coefficients; wrap-around stays in the margin."""
     return _prefilter(np.fft.fftfreq(height))[:, None] * _prefilter(np.fft.rfftfreq(width))
 
 
@@ -150,7 +150,7 @@ def _strip(
 
 
 def _pairs(position: Floats, kind: type[np.floating[Any]]) -> list[tuple[Floats, Floats]]:
-    """Where to sample for each pair of taps, px, and its weight."""
+    """Sampling position, px, and weight of each pair of taps."""
     first = np.floor(position)
     weights = _pieces((position - first).astype(kind))
     first = first.astype(kind)

@@ -279,7 +279,7 @@ def _lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _window_taps(time: Floats, y_px: Floats, windows_s: tuple[Floats, Floats]) -> tuple[Tensor, Tensor]:
-    """Where each row's taps begin, from itself, and their means over its window of a path y_px (K,)."""
+    """First tap of each row, relative to the row, and tap weights averaged over its part of a path y_px (K,)."""
     starts, stops = windows_s
     gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(y_px)))])  # a vibration goes there and back
     longest = float((np.interp(stops, time, gone) - np.interp(starts, time, gone)).max())

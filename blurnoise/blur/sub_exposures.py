@@ -354,7 +354,7 @@ def _seen_rows(moves: Displacement, window: Window, bands: Bands, first: int, he
 
 
 def _by_torch(sheets: Sequence[Sheet], window: Window, bands: Bands, loss: Loss) -> Exposed:
-    """The same by ``grid_sample``, on any device, with gradients."""
+    """As :func:`_by_opencv`, by ``grid_sample``: on any device, with gradients."""
     factor, finely = _FACTOR[loss], []
     for sheet in sheets:
         wide, before = with_margin(sheet.planes, sheet.border)

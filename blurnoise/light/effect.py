@@ -56,7 +56,7 @@ class LightEffect(ABC):
         return Blur() if self.idle(at.camera) else None
 
     def idle(self, camera: Camera) -> bool:
-        """Whether it has figures and all of them are 0."""
+        """Whether the effect has figures and all of them are 0."""
         return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
 
     def how(self, at: Conditions[float]) -> str:

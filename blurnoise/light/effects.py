@@ -62,7 +62,7 @@ def displace(camera: Camera) -> bool:
 
 
 def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-    """Where boxes (N, 4) of the scene are in the picture at mid-exposure, after all effects."""
+    """Boxes (N, 4) of the scene in the picture at mid-exposure, after all effects."""
     for effect in EFFECTS:
         boxes_xyxy = effect.move_boxes(boxes_xyxy, at)
     return boxes_xyxy

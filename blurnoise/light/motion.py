@@ -209,7 +209,7 @@ class RollingShutter(_Moving):
     figures = ("row_time_s",)
 
     def bound(self, at: Conditions[float]) -> float:
-        """Of the largest displacement, pi d / sqrt(2) RMS as of a lens's, and of the light that rows gain."""
+        """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
         readout = readout_of(at, at.camera.field.size)

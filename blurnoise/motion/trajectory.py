@@ -31,7 +31,7 @@ _SPAN = 4096  # knots simplified together
 
 @dataclass(frozen=True)
 class Polyline:
-    """What an exposure sees of a trajectory: knots, px from where the picture shows the place, and shares of time."""
+    """The part of a trajectory within an exposure: knots, px from the reference position, and shares of time."""
 
     x_px: tuple[float, ...]
     y_px: tuple[float, ...]
@@ -98,7 +98,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, time_s: Any, places_px: NDArray[Any], reference: Reference = "centroid") -> Trajectory:
-        """Of times (K,) and places (2, K), px."""
+        """Trajectory from times (K,), s, and positions (2, K), px."""
         if np.ndim(time_s) != 1 or np.shape(places_px) != (2, len(time_s)):
             raise ValueError(
                 f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
@@ -236,7 +236,7 @@ def _vector(name: str, value: Iterable[float]) -> Floats:
 def per_picture(
     trajectory: Trajectory | Sequence[Trajectory | None] | None, batch: int
 ) -> tuple[Trajectory | None, ...]:
-    """One trajectory or none for each of a batch's pictures; () where none has any. Raises ``TypeError``."""
+    """A trajectory or None for each picture of a batch; () if all are None. Raises ``TypeError``."""
     if trajectory is None:
         return ()
     each = (trajectory,) * batch if isinstance(trajectory, Trajectory) else tuple(trajectory)

@@ -65,7 +65,7 @@ class FilterCurves:
 
 
 def marked(curves: Spectrum | FilterCurves) -> str:
-    """Where curves are cut short (:func:`.spectra.cut_short`), a filter's by its name; "" if none is."""
+    """Note on curves that are cut short (:func:`.spectra.cut_short`), with the filter's name; "" if none is."""
     each = curves.stated() if isinstance(curves, FilterCurves) else [("", curves)]
     marks = [(name, cut_short(curve)) for name, curve in each if isinstance(curve, Curve)]
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)

@@ -106,7 +106,7 @@ class Distortion:
                 limited(name, value, entry)
 
     def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Where the lens images the directions (x, y)."""
+        """Image of the directions (x, y) through the lens."""
         squared = x * x + y * y
         if self.model == "fisheye":
             r = np.sqrt(squared)
@@ -185,7 +185,7 @@ def _branch(lens: Distortion) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class Lens:
-    """How a lens changes over its field; figures that are 0 or None leave their effect out.
+    """Changes of a lens over its field; figures of 0 or None leave their effect out.
 
     field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign;
     the radius is what remains without its sign. lateral_red, lateral_blue: by which share the picture of these
@@ -259,7 +259,7 @@ class Field:
         return max(size[0] / self.height_px, size[1] / self.width_px)
 
     def axis_px(self, size: Size) -> tuple[float, float]:
-        """Where the optical axis meets a picture, (x, y)."""
+        """Position (x, y) of the optical axis in a picture, px."""
         centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
         own = (self.lens.distortion.centre_px if self.lens.distortion else ()) or centre
         off = [x - half for x, half in zip(own, centre, strict=True)]
@@ -272,11 +272,11 @@ class Field:
         return np.hypot(x - axis_x, y - axis_y) / (self.corner_px * self.per_sensor_px(size))
 
     def moved(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Where the lens images points of the pinhole's picture."""
+        """Positions of points of the pinhole's picture after the lens."""
         return self.imaged(*self._normalised(x, y, size), size) if self.lens.distortion else (x, y)
 
     def imaged(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Where the lens images directions (X/Z, Y/Z), px."""
+        """Positions of directions (X/Z, Y/Z) after the lens, px."""
         if self.lens.distortion:
             u, v = self.lens.distortion.distorted(*self.lens.distortion.before_fold(u, v))
         return self._seen_at(u, v, size)
@@ -305,7 +305,7 @@ class Field:
         return shape.undistorted(u, v) if shape and self.lens.displaces else (u, v)
 
     def _seen_at(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Where a pinhole images directions."""
+        """Positions of directions in the pinhole's picture, px."""
         (axis_x, axis_y), scale = self.axis_px(size), self.per_sensor_px(size)
         return axis_x + u * self.focal_px[0] * scale, axis_y + v * self.focal_px[1] * scale
 

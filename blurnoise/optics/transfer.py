@@ -125,7 +125,7 @@ def _spread_px(curve: Measured) -> float:
 
 @dataclass(frozen=True)
 class Optics:
-    """What the lens does to a sharp picture, in px; 0 or None leaves a cause out.
+    """The lens's blur, in px; 0 or None leaves a cause out.
 
     defocus_radius_px: of the disc of confusion. gaussian_sigma_px: aberrations and other small spreads.
     diffraction_lambda_n_px: wavelength times f-number over pixel pitch. measured: a transfer function of its own.

@@ -146,7 +146,7 @@ def _digital_numbers(dn: Tensor) -> tuple[Tensor, torch.dtype]:
 def _table(
     at: Development, pointwise: tuple[PictureStep, ...], kind: torch.dtype, of_light: bool = False
 ) -> Tensor:
-    """What steps make of every digital number, or of each linear value that 16 bits hold, on the CPU."""
+    """Table of the steps' result for every digital number, or for each linear value of 16 bits, on the CPU."""
     count = 1 << 16 if of_light else at.camera.full_scale_dn + 1
     values = torch.arange(count, dtype=torch.float64)
     tones = _developed((values - OFFSET) / SCALE if of_light else values, at, pointwise)

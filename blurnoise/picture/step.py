@@ -15,7 +15,7 @@ from blurnoise.optics.spectra import Curve, check_illuminant
 
 @dataclass(frozen=True)
 class Development:
-    """How a frame becomes a picture: digital gain, the picture's encoding, the light on the scene.
+    """Options of development: digital gain, the picture's encoding, the light on the scene.
 
     Raises ``TypeError`` or ``ValueError`` naming the field.
     """

@@ -164,7 +164,7 @@ def highest(camera: Camera) -> float:
 
 @lru_cache(maxsize=64)
 def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
-    """From the demosaiced colours to linear sRGB; rows sum to 1."""
+    """Matrix from the demosaiced colours to linear sRGB; rows sum to 1."""
     corrected = colour.normalised(camera.ccm)
     if camera.cfa != "RCCB":
         return corrected
@@ -186,7 +186,7 @@ def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
 
 
 def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Of (3, H, W) or (H, W), 8 bits."""
+    """Encode and decode (3, H, W) or (H, W), 8 bits."""
     given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
     _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
     seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)

@@ -28,7 +28,7 @@ _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and i
 
 @dataclass(frozen=True)
 class Exposure:
-    """What one frame is taken with: camera, s, lux, px/s (x right, y down), degC, dB, its noise's seed, and a path.
+    """Settings of one frame: camera, s, lux, px/s (x right, y down), degC, dB, seed of the noise, and a path.
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
     :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what

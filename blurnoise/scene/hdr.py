@@ -213,12 +213,12 @@ def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **besi
 
 
 def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
-    """What saturates the last capture over what the first tells from noise (SNR 1), 20 log10."""
+    """Saturation of the last capture over the first one's signal at SNR 1, 20 log10."""
     return 20 * math.log10(saturations_e(camera, captures)[-1] / _readers(camera, captures)[0].threshold_e)
 
 
 def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
-    """Where each capture saturates, electrons of the first; it never falls."""
+    """Saturation of each capture in electrons of the first, never falling."""
     readers = _readers(camera, captures)
     return [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
 

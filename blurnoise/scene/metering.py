@@ -30,7 +30,7 @@ class GreyAnchor:
 
     @classmethod
     def parse(cls, text: str) -> GreyAnchor:
-        """Of "mean", "pNN" or "x0,y0,x1,y1". Raises ``ValueError``."""
+        """Parse "mean", "pNN" or "x0,y0,x1,y1". Raises ``ValueError``."""
         word = text.strip().lower() if isinstance(text, str) else ""
         try:
             if word == "mean":
@@ -48,7 +48,7 @@ class GreyAnchor:
         raise ValueError(f"grey_anchor = {shown(text)}: {_ALLOWED}")
 
     def __str__(self) -> str:
-        """As it is parsed."""
+        """The text that :meth:`parse` reads."""
         if self.region_px is not None:
             return ",".join(map(str, self.region_px))
         return "mean" if self.percentile is None else f"p{self.percentile:g}"
@@ -96,7 +96,7 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """How a camera meters and what it may set.
+    """A camera's metering and the limits of its settings.
 
     target: of the meter's reading. frame_rate_hz, readout_s: the exposure is at most 1 / frame_rate_hz - readout_s;
     longest_s: and at most this. mains_hz: 50 or 60: whole periods of the light, 1 / (2 mains_hz), from one on;

@@ -25,7 +25,7 @@ _SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def planes(camera: Camera, colours: int) -> int:
-    """How many planes a camera reads out of pictures with so many colours. Raises ``ValueError`` naming the image."""
+    """Number of planes read out of pictures with so many colours. Raises ``ValueError`` naming the image."""
     if camera.cfa == "none":
         return colours
     if colours not in (1, 3):

@@ -174,7 +174,7 @@ def _most(field: Tensor) -> float:
 
 
 def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: Sequence[SensorStage]) -> Law:
-    """How shot and read noise are drawn."""
+    """The noise model: how shot and read noise are drawn."""
     if not options.noise:
         return "none"
     if options.fidelity == "full" and not with_gradients:  # counts have no derivative

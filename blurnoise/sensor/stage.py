@@ -89,7 +89,7 @@ class SensorStage(ABC):
         return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:
-        """How it is modelled, in a few words. noisy: whether shot or read noise is."""
+        """Short description of the model. noisy: whether shot or read noise is modelled."""
         return self.modelled
 
 

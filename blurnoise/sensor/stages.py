@@ -38,7 +38,7 @@ class SpectralIntegration(PointwiseStage):
         return (signal * at.white_e).clamp(min=0.0)
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        """Of a sensor whose curve were flat, at its mean over wavelengths."""
+        """Error of a sensor with a flat curve, at its mean over wavelengths."""
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -116,7 +116,7 @@ class ShotNoise(SensorStage):
 class FullWell(PointwiseStage):
     """The full well, where it ends below the converter's range: charge beyond it is lost.
 
-    What comes after it, read noise first, a saturated pixel still has.
+    A saturated pixel still has the noise of later stages, read noise first.
     """
 
     name = "full well"

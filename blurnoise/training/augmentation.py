@@ -29,7 +29,7 @@ _FAR = [[False, False], [True, False], [True, True], [False, True]]
 
 
 class OverConditions:
-    """What the augmentations of Kornia and torchvision share: where their conditions come from, and the exposure."""
+    """Shared by the augmentations of Kornia and torchvision: the source of conditions, and the exposure."""
 
     ranges: Draws
 

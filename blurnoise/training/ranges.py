@@ -79,7 +79,7 @@ class Draws(ABC):
     @property
     @abstractmethod
     def draws(self) -> int:
-        """How many uniform values the conditions of one picture take."""
+        """Number of uniform values drawn for the conditions of one picture."""
 
     @abstractmethod
     def conditions(self, uniform: Tensor) -> Params:

@@ -181,7 +181,7 @@ class ExposureTable(Draws):
 
     @cached_property
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What moves in the rows, each of ``MOVES`` once."""
+        """The entries of ``MOVES`` that occur in the rows, each once."""
         return tuple(dict.fromkeys(row.moves for row in self.rows))
 
     @property
