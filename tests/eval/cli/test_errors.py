@@ -47,8 +47,6 @@ Output = pytest.CaptureFixture[str]
         ("sweep --max-megapixels 0", "--max-megapixels = 0.0: must be"),
         ("decide --hfov-deg 60", "--hfov-deg: goes with --ego-kmh"),
         ("decide --edge-stops 0", "--edge-stops = 0.0: must be finite and > 0 and <= 64"),
-        ("bench training --held-out 0", "--held-out = 0: must be >= 1"),
-        ("bench simulate --seeds 0", "--seeds: goes with 'bench edges and training'"),
         ("chart flat-patch --size nan", "--size = nan: must be finite"),
         ("chart slanted-edge --angle nan", "--angle = nan: must be finite"),
         ("gallery a.png --exposure-ms 5:1", "--exposure-ms = (5, 1): must be (low, high)"),
