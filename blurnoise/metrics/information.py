@@ -105,7 +105,13 @@ def ideal_observer_snr(
     density = torch.fft.fft2(target).abs() ** 2
     signal = density * values.beside("power", power, density)
     noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, signal)
-    return _ratio(signal, noise).mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
+    squared = _ratio(signal, noise)
+    if squared.shape[-2:] != target.shape[-2:]:
+        sizes = f"got {tuple(signal.shape)} and {tuple(noise.shape)}"
+        raise ValueError(
+            f"power, noise_power_spectrum: must be numbers or end in {tuple(target.shape[-2:])}, {sizes}"
+        )
+    return squared.mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
 
 
 def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -> Tensor:
@@ -224,7 +230,7 @@ def _draws(edges: Collection[SlantedEdge], sources: Iterable[SlantedEdge | Resam
     curves, levels = [], []
     for edge, source in zip(edges, sources, strict=True):
         power, dark, bright, noise_dark, noise_bright = (
-            torch.as_tensor(getattr(source, field.name)) for field in fields(Resamples)
+            torch.as_tensor(getattr(source, field.name), dtype=torch.float64) for field in fields(Resamples)
         )
         curves.append((edge.frequencies, power.reshape(-1, len(edge.frequencies))[:most]))
         columns = (bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)

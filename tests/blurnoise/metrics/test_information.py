@@ -257,6 +257,8 @@ def test_wrong_kinds_are_named():
         shannon_capacity_square(band(3), band(4), power=torch.ones(3, 3), **SNR_300)
     with pytest.raises(ValueError, match=r"power: shape \(4, 5\) does not fit"):
         ideal_observer_snr(torch.ones(4, 4), power=torch.ones(4, 5), noise_power_spectrum=1.0)
+    with pytest.raises(ValueError, match=r"must be numbers or end in \(1, 4\), got \(4, 4\)"):
+        ideal_observer_snr(torch.ones(1, 4), power=torch.ones(4, 4), noise_power_spectrum=1.0)
     with pytest.raises(ValueError, match="wanted"):
         at(band(3), torch.ones(3), torch.tensor([0.6]))
 
