@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import json
 import math
+import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,6 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Cell, SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.store.copies import copy_pictures
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.files import RUN_FILE
@@ -65,6 +66,22 @@ def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> 
         last = pictures.pictures[: len(pictures) - copy * _DIFFERENT][-1].name
         copy_pictures(folder, _other(copy * _DIFFERENT, copy), last, _name(_DIFFERENT))
     return seconds / len(different) / CELLS_PER_PICTURE
+
+
+def copy_pictures(run: Path, other: Mapping[str, str], last: str, before: str) -> None:
+    """Add the rows of a run's pictures up to ``last``, and before ``before``, again.
+
+    other: by column the expression, of a row's columns, that stands in the copy.
+    """
+    with closing(sqlite3.connect(run / RUN_FILE)) as db, db:
+        for table in ("cells", "targets", "pictures"):
+            names = [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
+            columns = ", ".join(f'"{name}"' for name in names)
+            values = ", ".join(other.get(name, f'"{name}"') for name in names)
+            db.execute(
+                f"INSERT INTO {table} ({columns}) SELECT {values} FROM {table} WHERE image <= ? AND image < ?",
+                (last, before),
+            )
 
 
 def _other(further: int, copy: int) -> dict[str, str]:

@@ -20,7 +20,7 @@ class RunData:
 
     manifest: title, command, models (name, kind, file, sha256, contract with its sources), camera with its
     sources, seed, versions, hardware, threads, threshold, images, wall_s, warnings, errors, n_cells,
-    missing_cells (of the plan, those of skipped pictures apart), n_target_rows, simulate_ms, json_left_out; searched:
+    missing_cells (of the plan, those of skipped pictures apart), n_target_rows, simulate_ms; searched:
     in words how, where answers are predicted from the conditions that a search asked for.
     models: a row per model: P, mPC, rPC, areas under the curves, latency, and scores when untouched.
     scores: a row per model and condition, the untouched pictures first. groups: a row per model and target

@@ -56,7 +56,6 @@ TABLES = (
     "curves.csv",
     "results.csv",
     "targets.csv",
-    "results.json",
 )
 COMPARISONS: Figures = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
 
@@ -134,7 +133,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "assumptions": findings.assumptions(data),
         "numbers": interactive.numbers(data, groups),
         "examples": _examples(data, folder),
-        "tables": [name for name in TABLES if name != "results.json" or not manifest.get("json_left_out")],
+        "tables": list(TABLES),
         "n_examples": len(data.examples),
         "other_score": pictures.OTHER_SCORE,
         "run": findings.run_facts(data),

@@ -1,4 +1,4 @@
-"""Exports: the rows of a run as CSV, JSON and Parquet, each file or folder whole or not at all.
+"""Exports: the rows of a run as CSV and Parquet, each file or folder whole or not at all.
 
 Rows go from the store to the file some thousands at a time, so that memory does not grow with the run. Choices have
 their names, and "clean" is a truth value. Infinity, an axis's value where the camera sets it itself, is "auto" as
@@ -22,36 +22,27 @@ from blurnoise_eval.grid.parts import place_of
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import write_whole, written_whole
-from blurnoise_eval.system.tables import json_lines
 
-MOST_JSON = 100_000
-"""Rows above which there is no results.json: nobody reads half a gigabyte as one value."""
+MOST_HERE = 100_000
+"""Rows above which a process of its own writes the tables, by pyarrow where that is installed."""
 _ROWS_PER_SHARD = 1_000_000
 _PICTURES_AT_ONCE = 20
 Row = tuple[Any, ...]
 
 
 def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
-    """Write results.csv (a row per cell and model), targets.csv (a row per target of these) and results.json.
+    """Write results.csv (a row per cell and model) and targets.csv (a row per target of these).
 
-    folder: by default the run's. Of more than ``MOST_JSON`` rows there is no results.json, nor one of before.
-    Raises ``OSError`` where a file cannot be written.
+    folder: by default the run's. Raises ``OSError`` where a file cannot be written.
     """
     folder = folder or store.folder
     written = []
     for name, table in (("results.csv", "cells"), ("targets.csv", "targets")):
         rows = _rows(store, table, clean="CASE WHEN {} THEN 'True' ELSE 'False' END")
-        quick = not has_json(store) and _has_arrow()
+        quick = not _is_small(store) and _has_arrow()
         parts = _arrow_csv(store, table, rows) if quick else _csv(list(store.columns(table)), rows)
         write_whole(folder / name, parts)
         written.append(folder / name)
-    if has_json(store):
-        names = list(store.columns("cells"))
-        found = (dict(zip(names, row, strict=True)) for rows in _rows(store, "cells") for row in rows)
-        lines = json_lines({**row, "clean": bool(row["clean"])} for row in found)
-        write_whole(folder / "results.json", (line.encode("utf-8") for line in lines))
-        return [*written, folder / "results.json"]
-    (folder / "results.json").unlink(missing_ok=True)
     return written
 
 
@@ -70,11 +61,11 @@ with Store(Path(sys.argv[1]), shared=True) as store:
 def exported_meanwhile(run: Path, folder: Path) -> Iterator[None]:
     """:func:`write_exports` of a run, which nothing else may hold open unless shared.
 
-    Of more than ``MOST_JSON`` rows by a process of its own, in the time that the body takes; where that fails, here
+    Of more than ``MOST_HERE`` rows by a process of its own, in the time that the body takes; where that fails, here
     once the body is done. Raises ``OSError`` where a file cannot be written.
     """
     with Store(run, shared=True) as store:
-        small = has_json(store)
+        small = _is_small(store)
         if small:
             write_exports(store, folder)
     if small:
@@ -94,9 +85,8 @@ def exported_meanwhile(run: Path, folder: Path) -> Iterator[None]:
             write_exports(store, folder)
 
 
-def has_json(store: Store) -> bool:
-    """Whether a run is small enough for results.json."""
-    return queries.count_rows(store) <= MOST_JSON
+def _is_small(store: Store) -> bool:
+    return queries.count_rows(store) <= MOST_HERE
 
 
 def check_parquet() -> None:

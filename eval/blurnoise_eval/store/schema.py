@@ -2,42 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import sqlite3
+from contextlib import closing
+
 from blurnoise_eval.grid.axes import NAMES
 
-VERSION = 10  # of the tables below
-
-
-def _added(table: str, *columns: str) -> str:
-    return "".join(f"ALTER TABLE {table} ADD COLUMN {column};" for column in columns)
-
-
-_SOFTWARE = "CREATE TABLE IF NOT EXISTS software (computed_by TEXT PRIMARY KEY, versions TEXT);"
-_STEPS = {
-    3: _added("cells", "saturated REAL")
-    + _added("targets", "confidence_swept REAL")
-    + _added("pictures", "width_px INTEGER", "height_px INTEGER"),
-    4: _added("cells", "applied_gain_db REAL", "snr_db REAL", "brightness REAL"),
-    5: _added("cells", "applied_exposure_s REAL") + "UPDATE cells SET applied_exposure_s = exposure_s;",
-    6: "".join(
-        _added(table, "moves REAL", "invented_share REAL")
-        + f"UPDATE {table} SET moves = 0, invented_share = 0 WHERE clean = 0;"
-        for table in ("cells", "targets")
-    ),
-    7: "".join(
-        _added(table, "ego_speed_m_s REAL") + f"UPDATE {table} SET ego_speed_m_s = 0 WHERE clean = 0;"
-        for table in ("cells", "targets")
-    ),
-    8: _added("pictures", "look TEXT"),
-    9: _added("cells", "computed_by TEXT") + _SOFTWARE,
-}
-UPGRADES = {first: "".join(_STEPS[step] for step in sorted(_STEPS) if step >= first) for first in _STEPS}
-"""What makes the tables of an older version those below, but for the order of columns and what an index holds; what
-that version did not measure is NULL."""
-READ_BY = {
-    0: "blurnoise 0.1.0 up to commit 3f7252b",
-    2: "blurnoise 0.1.0 up to commit c423369",
-}
-"""Who reads the tables of versions that have no way to those below; there was no version 1."""
 CONDITIONS = ("clean", *NAMES)
 """Columns that tell one condition from another; the untouched pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
@@ -55,7 +25,7 @@ CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, ta
   detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
   snr_db REAL, brightness REAL, invented_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
   example TEXT, computed_by TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
-{_SOFTWARE}
+CREATE TABLE IF NOT EXISTS software (computed_by TEXT PRIMARY KEY, versions TEXT);
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
@@ -66,3 +36,32 @@ CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, cont
   height_px INTEGER, look TEXT);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """
+VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
+"""Of the tables: a number made of their columns."""
+_KNOWN = {"moves": "0", "ego_speed_m_s": "0", "invented_share": "0", "applied_exposure_s": "exposure_s"}
+"""What columns hold in exposed pictures of runs that were made before there were these columns; others are NULL."""
+
+
+def columns_of(db: sqlite3.Connection) -> dict[str, dict[str, str]]:
+    """The kind of every column of every table."""
+    tables = [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+    return {
+        table: {row[1]: row[2] for row in db.execute(f'PRAGMA table_info("{table}")')} for table in tables
+    }
+
+
+def completed(db: sqlite3.Connection) -> str | None:
+    """SQL that adds what the tables of another version lack; None where they hold what is not known here."""
+    with closing(sqlite3.connect(":memory:")) as made:
+        made.executescript(TABLES)
+        wanted = columns_of(made)
+    steps = []
+    for table, held in columns_of(db).items():
+        if not held.keys() <= wanted.get(table, {}).keys():
+            return None
+        for name, kind in wanted[table].items():
+            if name not in held:
+                steps.append(f'ALTER TABLE {table} ADD COLUMN "{name}" {kind};')
+                if name in _KNOWN:
+                    steps.append(f"UPDATE {table} SET {name} = {_KNOWN[name]} WHERE clean = 0;")
+    return f"{''.join(steps)} {TABLES} PRAGMA user_version = {VERSION};"

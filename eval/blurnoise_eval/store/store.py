@@ -86,27 +86,17 @@ class Store:
             self._db.row_factory = sqlite3.Row
             self._check_tables()
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version in schema.UPGRADES:
+            if version != schema.VERSION:
                 if self.read_only:
+                    if not schema.columns_of(self._db):
+                        raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
                     self._db = opened.enter_context(closing(_copied(self._db, opened)))
-                changes = f"{schema.UPGRADES[version]} PRAGMA user_version = {schema.VERSION}"
-                self._db.executescript(f"BEGIN; {changes}; COMMIT")
-            elif version != schema.VERSION:
-                if self._db.execute("SELECT name FROM sqlite_master").fetchone():
-                    reader = schema.READ_BY.get(version)
-                    told = (
-                        f"{reader} reads it"
-                        if reader
-                        else f"this one reads versions {min(schema.UPGRADES)} to {schema.VERSION}"
-                    )
+                made = schema.completed(self._db)
+                if made is None:
                     raise StoreError(
-                        f"run = {str(folder)!r}: was made by another version of blurnoise (tables of version "
-                        f"{version}); {told}"
+                        f"run = {str(folder)!r}: was made by a later version of blurnoise, which reads it"
                     )
-                if self.read_only:
-                    raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
-                made = f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
-                self._db.executescript(made)
+                self._db.executescript(f"BEGIN; {made} COMMIT")
             self._opened = opened.pop_all()
 
     def __enter__(self) -> Store:

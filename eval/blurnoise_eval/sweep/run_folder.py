@@ -30,7 +30,6 @@ from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.documents import Stated
-from blurnoise_eval.store.exports import has_json
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
@@ -283,7 +282,6 @@ def read_run(
         manifest["targets_found"] = queries.labels_when_clean(store)
     manifest["missing_cells"] = _missing_cells(store, manifest["images"]["count"])
     manifest["refined"] = sum(len(batch.conditions) for batch in asked(store)) if grid_s else 0
-    manifest["json_left_out"] = not has_json(store)
     rendered = manifest["images"]["kind"] == "rendered"
     manifest["repeated"] = None if rendered else repeated(store.looks(), cluster)
     manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]

@@ -172,7 +172,6 @@ def test_sweep_leaves_a_folder_that_answers(run: Path, capsys: Output) -> None:
         "report.html",
         "results.csv",
         "targets.csv",
-        "results.json",
         "summary.json",
         "results.sqlite",
     ):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import shutil
 from pathlib import Path
@@ -114,18 +113,6 @@ def test_without_pyarrow_it_says_what_to_install(store: Store, monkeypatch: pyte
         write_parquet(store)
 
 
-def test_json_is_left_out_of_a_large_run(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_exports(store)
-    rows = json.loads((tmp_path / "results.json").read_text())
-    assert len(rows) == 86
-    assert {type(row["clean"]) for row in rows} == {bool}
-    monkeypatch.setattr(exports, "MOST_JSON", 85)
-    assert [path.name for path in write_exports(store)] == ["results.csv", "targets.csv"]
-    assert not (tmp_path / "results.json").exists()  # one of before would be of other rows
-
-
 @pytest.mark.parametrize("alone", [True, False])
 def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, alone: bool
@@ -133,7 +120,7 @@ def test_exports_of_large_runs_are_written_by_a_process_of_their_own(
     """The same bytes, while the run is read and written to here; where no process can, here."""
     expected = [path.read_bytes() for path in write_exports(store, tmp_path)[:2]]
     store.__exit__(None, None, None)
-    monkeypatch.setattr(exports, "MOST_JSON", 10)
+    monkeypatch.setattr(exports, "MOST_HERE", 10)
     monkeypatch.setattr(exports, "_has_arrow", lambda: False)
     if alone:
         monkeypatch.setattr(exports, "write_exports", lambda *_: pytest.fail("written here"))
@@ -160,7 +147,7 @@ def test_tables_of_large_runs_hold_the_same_values(
     write_exports(store)
     before = [(tmp_path / name).read_bytes() for name in names]
     expected = [list(csv.DictReader((tmp_path / name).open(newline="", encoding="utf-8"))) for name in names]
-    monkeypatch.setattr(exports, "MOST_JSON", 10)
+    monkeypatch.setattr(exports, "MOST_HERE", 10)
     write_exports(store)
     for name, rows, bytes_before in zip(names, expected, before, strict=True):
         bytes_now = (tmp_path / name).read_bytes()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import subprocess
 import sys
@@ -180,12 +179,11 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([clean_result(0), result(1), result(2, targets=2)])
         written = write_exports(store)
-    assert [path.name for path in written] == ["results.csv", "targets.csv", "results.json"]
+    assert [path.name for path in written] == ["results.csv", "targets.csv"]
     cells, targets = pd.read_csv(written[0]), pd.read_csv(written[1])
-    from_json = pd.DataFrame(json.loads(written[2].read_text(encoding="utf-8")))
-    assert len(cells) == len(from_json) == 3
+    assert len(cells) == 3
     assert len(targets) == 4
-    for table in (cells, targets, from_json):
+    for table in (cells, targets):
         assert table["clean"].dtype == bool
         assert table["clean"].tolist() == [True] + [False] * (len(table) - 1)
         assert pd.api.types.is_float_dtype(table["exposure_s"])
@@ -193,11 +191,9 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
         assert table["exposure_s"][1] == 0.002
         assert table["image"][1] == 'picture 1, "quoted" λ.png'
         assert pd.api.types.is_integer_dtype(table["repeat"])
-    for table in (cells, from_json):
-        assert table["seed"].dtype == np.int64
-        assert table["seed"].tolist() == [2**63 - 1, 2**63 - 2, 2**63 - 3]
-        assert "detections" not in table
-    assert len(pd.read_json(written[2])) == 3
+    assert cells["seed"].dtype == np.int64
+    assert cells["seed"].tolist() == [2**63 - 1, 2**63 - 2, 2**63 - 3]
+    assert "detections" not in cells
     assert targets["confidence"].dtype == float
 
 
@@ -214,7 +210,7 @@ def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
             assert len(table) == 0
 
 
-@pytest.mark.parametrize("name", ["results.csv", "targets.csv", "results.json"])
+@pytest.mark.parametrize("name", ["results.csv", "targets.csv"])
 def test_export_that_fails_keeps_the_file_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
@@ -237,7 +233,7 @@ def test_export_that_fails_keeps_the_file_of_before(
         monkeypatch.undo()
     assert (tmp_path / name).read_bytes() == before
     files = {path.name for path in tmp_path.iterdir()}
-    assert files == {RUN_FILE, "results.csv", "targets.csv", "results.json"}
+    assert files == {RUN_FILE, "results.csv", "targets.csv"}
 
 
 def test_disk_full_while_storing_keeps_what_was_stored(tmp_path: Path) -> None:
