@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rich.table import Table
 
 from blurnoise_eval.bench.timing import in_turns_ms, machine, quartiles
@@ -128,21 +130,20 @@ class Result:
         }
 
     def table(self) -> Table:
-        """A line per contender, by cases."""
+        """A line per contender, under each case's own."""
         table = Table(title=self.contest.title, title_justify="left")
         with_errors = any(row.error is not None for row in self.rows)
-        table.add_column("case")
-        table.add_column("contender")
+        table.add_column("", no_wrap=True)
         for name in (self.contest.cost_unit, "to first", *([self.contest.error_unit] * with_errors)):
             table.add_column(name, justify="right")
         last = ""
         for row in self.rows:
-            if last and row.case != last:
+            if row.case != last:
                 table.add_section()
+                table.add_row(f"{row.case}:")
+                last = row.case
             error = [] if not with_errors else ["" if row.error is None else digits(row.error)]
-            case = "" if row.case == last else row.case
-            table.add_row(case, row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
-            last = row.case
+            table.add_row(row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
         return table
 
     def chart(self) -> Figure:
@@ -164,8 +165,9 @@ class Result:
         ]
         panels[len(cases)].legend(handles=points, loc="center", fontsize=8.5, frameon=False)
         figure.suptitle(f"{self.contest.title}: down and left is better", fontsize=10)
+        threads = self.machine["threads"]
         figure.supxlabel(
-            f"{self.machine['threads']} threads, {self.machine['processor']}", fontsize=8, color="0.45"
+            f"{threads} thread{'s' * (threads != 1)}, {self.machine['processor']}", fontsize=8, color="0.45"
         )
         return figure
 
@@ -176,11 +178,13 @@ class Result:
             axes.plot([row.low, row.high], [place, place], color=look["color"], lw=1.2, zorder=2)
             axes.plot(row.cost, place, zorder=4 if row.ours else 3, **look)
         axes.set_xscale("log")
+        _plain_numbers(axes.xaxis)
         axes.set_xlabel(self.contest.cost_unit, fontsize=9)
         if rows[0].error is None:
             axes.set_yticks([])
         else:
             axes.set_yscale("log")
+            _plain_numbers(axes.yaxis)
             axes.set_ylabel(self.contest.error_unit, fontsize=9)
         axes.margins(0.15)
         axes.grid(color="0.9", lw=0.6)
@@ -231,6 +235,12 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
 def digits(value: float) -> str:
     """Two or three digits that count."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _plain_numbers(axis: Axis) -> None:
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if axis.axis_name == "x" else (1,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: "0" if value <= _LEAST else f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _look(index: int) -> dict[str, Any]:

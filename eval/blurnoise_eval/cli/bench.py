@@ -10,7 +10,7 @@ from typer import Argument, Option
 from blurnoise_eval.cli import given
 from blurnoise_eval.cli._options import FAMILIES, Json, Threads, new_folder, one_of
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show
 
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Contest
@@ -101,7 +101,7 @@ def bench(
         return
     show(result.table())
     for line in result.losses():
-        say(line)
+        say_wrapped(line, hanging=2)
     say(f"open {folder / f'{what}.png'}")
 
 
