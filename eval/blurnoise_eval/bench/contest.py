@@ -178,13 +178,13 @@ class Result:
             axes.plot([row.low, row.high], [place, place], color=look["color"], lw=1.2, zorder=2)
             axes.plot(row.cost, place, zorder=4 if row.ours else 3, **look)
         axes.set_xscale("log")
-        _plain_numbers(axes.xaxis)
+        _plain_numbers(axes.xaxis, (1, 2, 5))
         axes.set_xlabel(self.contest.cost_unit, fontsize=9)
         if rows[0].error is None:
             axes.set_yticks([])
         else:
             axes.set_yscale("log")
-            _plain_numbers(axes.yaxis)
+            _plain_numbers(axes.yaxis, (1,))
             axes.set_ylabel(self.contest.error_unit, fontsize=9)
         axes.margins(0.15)
         axes.grid(color="0.9", lw=0.6)
@@ -237,8 +237,8 @@ def digits(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def _plain_numbers(axis: Axis) -> None:
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if axis.axis_name == "x" else (1,)))
+def _plain_numbers(axis: Axis, digits: tuple[int, ...]) -> None:
+    axis.set_major_locator(LogLocator(subs=digits))
     axis.set_major_formatter(FuncFormatter(lambda value, _: "0" if value <= _LEAST else f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
