@@ -88,7 +88,7 @@ def test_what_differs_is_told_apart() -> None:
     assert blurred["MTF50"].startswith("differs by -")
     assert blurred["power"].startswith("differs by -")
     assert blurred["mean"] == "agree"
-    noisier = compared(simulated, picture(1, camera=replace(CAMERA, read_noise_e=20.0)))
+    noisier = compared(simulated, picture(1, camera=replace(CAMERA, read_noise_e=30.0)))
     darkest = next(each for each in noisier.quantities if each.name.startswith("noise"))
     assert darkest.difference > 0.1
     assert verdicts(noisier)["power"].startswith("differs by +")
