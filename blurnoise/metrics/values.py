@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
+from blurnoise._core.luminance import LUMINANCE
 
 Roi = tuple[int, int, int, int]
 """Left, top, width and height of a region, px."""
@@ -15,8 +16,6 @@ Roi = tuple[int, int, int, int]
 SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
 """Share of pixels at black or full scale above which a region counts as clipped."""
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Of red, green and blue, ITU-R BT.709."""
 _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
 
 

@@ -30,8 +30,6 @@ PLANES = ("none", "mono")
 _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
 _ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
 _LARGEST_INVERSE = 100.0
-LUMINANCE: Row = (0.2126, 0.7152, 0.0722)
-"""Weights of linear red, green and blue (ITU-R BT.709)."""
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

@@ -19,10 +19,11 @@ from torch import Tensor
 
 from blurnoise._core.checks import an_instance, finite
 from blurnoise._core.lookup import look_up, look_up_codes
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side
 from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import LUMINANCE, Encoding
+from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded

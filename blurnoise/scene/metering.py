@@ -12,8 +12,8 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import LUMINANCE
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
 

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics.edge import faults
 from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.flags import Flag
@@ -27,7 +28,6 @@ from blurnoise.metrics.edge.sides import (
     reach_of,
 )
 from blurnoise.metrics.edge.spline import LINE_ORDER, refine
-from blurnoise.metrics.values import LUMINANCE
 
 Flags = dict[Flag, Tensor]
 """Which of the regions each flag stands for, (B,) bool."""

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import Flag
-from blurnoise.optics.colour import LUMINANCE
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE

@@ -20,10 +20,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.flags import WITHHELD
 from blurnoise.metrics.values import Roi
-from blurnoise.optics.colour import LUMINANCE
 
 SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""

@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise._core.luminance import LUMINANCE
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import LUMINANCE, Cfa, FilterCurves, normalised
+from blurnoise.optics.colour import Cfa, FilterCurves, normalised
 from blurnoise.optics.radiometry import filter_electrons
 from blurnoise.optics.spectra import Curve, Spectrum
 
