@@ -2,8 +2,7 @@
 
 The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters stand
 on the first axis of every array; what is not measured in one is NaN there and does not count. Intervals of what lies
-between two bounds are :func:`bounded`; those of differences are of Student and of Hall (J. R. Statist. Soc. B 54
-(1992) 221: Student's t with the skewness of the mean taken out, monotone), :func:`joined`. Two-sided at 95 % unless
+between two bounds are :func:`bounded`; those of differences paired by cluster are Student's. Two-sided at 95 % unless
 stated.
 """
 
@@ -133,59 +132,42 @@ def jackknife(whole: ArrayLike, without: ArrayLike) -> Array:
 
 
 def interval(
-    centre: ArrayLike,
-    departure: ArrayLike,
-    confidence: float = CONFIDENCE,
-    *,
-    within: tuple[ArrayLike, ArrayLike] | None = None,
+    centre: ArrayLike, departure: ArrayLike, *, within: tuple[ArrayLike, ArrayLike] | None = None
 ) -> Ends:
     """The interval of a mean from its estimate (...) and :func:`departures` (n, ...).
 
-    within: the least and the greatest value that a cluster can have; then :func:`bounded`, else :func:`joined`.
-    NaN from fewer than ``FEWEST`` clusters.
+    within: the least and the greatest value that a cluster can have; then :func:`bounded`, else :func:`student`.
+    NaN where clusters are too few, :func:`enough`.
     """
-    given = centre, departure
-    ends = joined(*given, confidence) if within is None else bounded(*given, within, confidence)
-    known = np.isfinite(np.asarray(departure, float)).sum(axis=0) >= FEWEST
+    ends = student(centre, departure) if within is None else bounded(centre, departure, within)
+    return _where_enough(ends, departure)
+
+
+def _where_enough(ends: Ends, departure: ArrayLike) -> Ends:
+    known = enough(np.isfinite(np.asarray(departure, float)).sum(axis=0))
     return Ends(*(np.where(known, end, np.nan) for end in ends))
+
+
+def enough(clusters: ArrayLike) -> NDArray[np.bool_]:
+    """Whether so many clusters, counted or :func:`effective`, are enough for an interval."""
+    return np.asarray(np.asarray(clusters) >= FEWEST)
 
 
 def student(centre: ArrayLike, departure: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
     """Student's interval, whatever the number of clusters."""
-    n, _, error, _ = _summary(departure)
+    n, _, error = _summary(departure)
     middle, half = np.asarray(centre, float), critical(n, confidence) * error
     return Ends(middle - half, middle + half)
-
-
-def hall(centre: ArrayLike, departure: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
-    """Hall's interval: his statistic solved for Student's at either critical value; any number of clusters."""
-    n, _, error, lean = _summary(departure)
-    middle, t = np.asarray(centre, float), critical(n, confidence)
-    steep = np.abs(lean) > 1e-6
-    with np.errstate(invalid="ignore", divide="ignore"):
-        apart = np.where(steep, lean, 1.0)
-        low, high = (
-            middle - error * np.where(steep, 3 / apart * (np.cbrt(1 + apart * (side - apart / 6)) - 1), side)
-            for side in (t, -t)
-        )
-    return Ends(low, high)
-
-
-def joined(centre: ArrayLike, departure: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
-    """The values of a mean that neither Student's nor Hall's test rejects, whatever the number of clusters."""
-    one, other = student(centre, departure, confidence), hall(centre, departure, confidence)
-    return Ends(np.minimum(one.low, other.low), np.maximum(one.high, other.high))
 
 
 def bounded(
     centre: ArrayLike,
     departure: ArrayLike,
     within: tuple[ArrayLike, ArrayLike],
-    confidence: float = CONFIDENCE,
 ) -> Ends:
     """The interval of a mean of values that lie ``within`` two bounds, whatever the number of clusters.
 
-    Of clusters that are all alike, or of which few stand out, Student and Hall see no spread. So for either end
+    Of clusters that are all alike, or of which few stand out, Student sees no spread. So for either end
     a cluster nobody has seen is added, which lies at that bound and counts ``UNSEEN`` of a cluster; the ends are
     quantiles of the mean with all clusters weighted at random (the Bayesian bootstrap, Rubin, Ann. Statist. 9
     (1981) 130; of shares, and with half a cluster, it is Jeffreys' interval; with a whole one Gaffke's bound).
@@ -200,7 +182,7 @@ def bounded(
     shape = (len(weight), *(1,) * (away.ndim - 1))
     total = np.tensordot(weight, measured.astype(float), 1) + unseen.reshape(shape)
     mean = np.tensordot(weight, away, 1)
-    side = (1 - confidence) / 2
+    side = (1 - CONFIDENCE) / 2
     ends = []
     for bound, share in zip(within, (side, 1 - side), strict=True):
         drawn = (mean + unseen.reshape(shape) * (np.asarray(bound, float) - middle)) / total
@@ -228,8 +210,8 @@ def regret_bound(
     of the departures. NaN from fewer than ``FEWEST`` clusters.
     """
     away = np.asarray(departure, float)
-    n, mean, error, _ = _summary(away)
-    told = (n >= FEWEST) & (error >= 0)
+    n, mean, error = _summary(away)
+    told = enough(n)
     if not told.any():
         return np.asarray(np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -243,22 +225,32 @@ def regret_bound(
     return np.asarray(max(0.0, float((np.asarray(gain, float)[told] + limit * wide).max())))
 
 
+def behind_best(mean: ArrayLike, departure: ArrayLike) -> Ends:
+    """Intervals (S,) of how much less each of S means is than the greatest of them.
+
+    departure: (n, S), paired by cluster. Which mean is greatest is chosen by the same clusters: so the intervals are
+    Student's of all differences of two means, together at 95 % (Bonferroni). NaN where clusters are too few.
+    """
+    value, away = np.asarray(mean, float), np.asarray(departure, float)
+    best, pairs = int(value.argmax()), max(len(value) * (len(value) - 1) // 2, 1)
+    apart = value[best] - value, away[:, [best]] - away
+    return _where_enough(student(*apart, 1 - (1 - CONFIDENCE) / pairs), apart[1])
+
+
 @lru_cache(maxsize=4)
 def _normal(clusters: int) -> Array:
     return np.random.default_rng(0).normal(size=(2 * DRAWS, clusters))
 
 
-def _summary(z: ArrayLike) -> tuple[Array, Array, Array, Array]:
-    """Per column of z (n, ...): number, mean, standard error, and skewness by the root of the number."""
+def _summary(z: ArrayLike) -> tuple[Array, Array, Array]:
+    """Per column of z (n, ...): number, mean and standard error."""
     values: Any = np.asarray(z, float)
     measured = np.isfinite(values)
     n = measured.sum(axis=0).astype(float)
     filled = np.where(measured, values, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = filled.sum(axis=0) / n
-        away = np.where(measured, values - mean, 0.0)
-        square = (away**2).sum(axis=0)
+        square = (np.where(measured, values - mean, 0.0) ** 2).sum(axis=0)
         error = np.sqrt(square / np.maximum(n - 1, 1) / n)
-        lean = np.where(square > 0, (away**3).sum(axis=0) / n / (square / n) ** 1.5, 0.0) / np.sqrt(n)
     tiny = error <= 1e-12 * np.maximum(np.abs(mean), 1e-300)  # equal values, up to rounding
-    return n, mean, np.where(tiny, 0.0, error), np.where(tiny, 0.0, lean)
+    return n, mean, np.where(tiny, 0.0, error)

@@ -156,7 +156,7 @@ class Curve:
     @cached_property
     def told(self) -> NDArray[np.bool_]:
         """(N,): whether clusters enough, as their sizes count, have a value there."""
-        return np.asarray(certainty.effective(self.counts) >= certainty.FEWEST)
+        return certainty.enough(certainty.effective(self.counts))
 
     @property
     def _steps(self) -> int:
@@ -212,7 +212,7 @@ class Curve:
         area = float(self.mean @ weights)
         within = 0.0, self.most
         low, high = certainty.interval(area, np.where(measured.any(axis=1), part, np.nan), within=within)
-        known = self.n_effective >= certainty.FEWEST and np.isfinite(low)
+        known = certainty.enough(self.n_effective) and np.isfinite(low)
         return area, (float(low.clip(*within)), float(high.clip(*within))) if known else (None, None)
 
     def crossed(self, threshold: float) -> Crossed:

@@ -279,7 +279,7 @@ class Averages:
         ends = certainty.interval(value, away, within=(np.zeros_like(value), highest))
         low = np.hypot(wider * (value - ends.low), _NORMAL * sigma)
         high = np.hypot(wider * (ends.high - value), _NORMAL * sigma)
-        enough = (n >= certainty.FEWEST) & (effective >= _LEAST_EFFECTIVE)
+        enough = certainty.enough(n) & (effective >= _LEAST_EFFECTIVE)
         return certainty.Ends(
             *(np.where(enough, end.clip(0.0, most), np.nan) for end in (value - low, value + high))
         )

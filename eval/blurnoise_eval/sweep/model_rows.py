@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.curves import Endurance, mean_auc
@@ -13,6 +14,7 @@ from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
 from blurnoise_eval.scoring.plane import mean_over_plane
 
+_ENDS = "", "_low", "_high"
 _UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 
 
@@ -27,7 +29,7 @@ def model_rows(
     """The rows of the table of models, by the conditions of the grid where there is one.
 
     With what each lacks in mPC compared with the best: ``mpc_behind``.
-    Its interval is of the difference paired by picture, together for all models at 95 % (Bonferroni).
+    Its interval is of the difference paired by picture, and holds at 95 % for all pairs of models together.
     """
     known: dict[str, list[tuple[dict[str, Any], Estimate]]] = {model["name"]: [] for model in models}
     for row, each in zip(scores, performances, strict=True):
@@ -38,26 +40,30 @@ def model_rows(
         name: mean_of_estimates([each for row, each in own if not row["clean"]])
         for name, own in known.items()
     }
-    first = max(mpc.values(), key=lambda each: each.value or 0.0)
-    confidence = 1 - (1 - certainty.CONFIDENCE) / max(len(models) - 1, 1)
+    behind = _behind(mpc)
     return [
         _summary(model, scores, known[model["name"]], mpc[model["name"]], curves, labelled)
-        | _behind(first, mpc[model["name"]], confidence)
+        | {f"mpc_behind{end}": value for end, value in zip(_ENDS, behind[model["name"]], strict=True)}
         for model in models
     ]
 
 
-def _behind(first: Estimate, own: Estimate, confidence: float) -> dict[str, float | None]:
-    found = dict.fromkeys(("mpc_behind", "mpc_behind_low", "mpc_behind_high"))
-    if own is first or own.value is None or first.value is None:
+def _behind(mpc: Mapping[str, Estimate]) -> dict[str, tuple[float | None, float | None, float | None]]:
+    """By model how much less it is than the best, and the interval of that; None of the best itself."""
+    found: dict[str, tuple[float | None, float | None, float | None]] = dict.fromkeys(mpc, (None, None, None))
+    values = {name: each.value for name, each in mpc.items() if each.value is not None}
+    if not values:
         return found
-    behind = first.value - own.value
-    ends = []
-    if own.departures is not None and first.departures is not None:
-        apart = first.departures - own.departures
-        ends = [float(end) for end in certainty.interval(behind, apart, confidence)]
-    low, high = ends if ends and all(map(math.isfinite, ends)) else (None, None)
-    return found | {"mpc_behind": behind, "mpc_behind_low": low, "mpc_behind_high": high}
+    first = max(values, key=lambda name: values[name])
+    away = {name: own for name in values if (own := mpc[name].departures) is not None}
+    ends: dict[str, tuple[float | None, float | None]] = dict.fromkeys(values, (None, None))
+    if first in away:
+        together = certainty.behind_best([values[name] for name in away], np.array(list(away.values())).T)
+        for name, *both in zip(away, *together, strict=True):
+            if np.isfinite(both).all():
+                low, high = np.clip(both, -1.0, 1.0).tolist()  # of a difference of shares
+                ends[name] = low, high
+    return found | {name: (values[first] - values[name], *ends[name]) for name in values if name != first}
 
 
 def _summary(
@@ -88,15 +94,11 @@ def _summary(
         "measure": "AP" if model["kind"] == "detector" else "exact match",
         **(Estimate(None) if against_itself else p).columns("p", (0.0, 1.0)),
         **mpc.columns("mpc", (0.0, 1.0)),
-        **rpc.columns("rpc", None),
+        **rpc.columns("rpc", (0.0, None)),
         **uniform.columns("mpc_uniform", (0.0, 1.0)),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
-        **{
-            f"{name}{end}": untouched.get(f"{name}{end}")
-            for name in _UNTOUCHED
-            for end in ("", "_low", "_high")
-        },
+        **{f"{name}{end}": untouched.get(f"{name}{end}") for name in _UNTOUCHED for end in _ENDS},
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),

@@ -51,7 +51,7 @@ def test_levels_and_differences(population: Population, pictures: int) -> None:
             certainty.bounded(mean_over(EXPOSURES_S, centre), mean_over(EXPOSURES_S, away), (0.0, 1.0)),
             float(mean_over(EXPOSURES_S, truth)),
         ),
-        "difference": share_held(certainty.joined(centre - centre_2, away - away_2), truth - other),
+        "difference": share_held(certainty.student(centre - centre_2, away - away_2), truth - other),
         "window's start": at_edge(population, own, number, truth, rising=True),
         "window's end": at_edge(population, own, number, truth, rising=False),
     }
