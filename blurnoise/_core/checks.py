@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 import torch
@@ -388,9 +388,15 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
         must = "must be a number, not text (YAML takes 1e4 for text; write 1.0e+4)"
     elif rule in _MUST:
         must = _MUST[rule]
+    elif "class_name" in fault.get("ctx", {}):  # of a tuple of records
+        must = f"must be a {fault['ctx']['class_name']}"
     else:
+        of_entries = [
+            getattr(kind, "__metadata__", ()) for kind in get_args(model.model_fields[name].annotation)
+        ]
+        limits = [limit for entry in of_entries for limit in entry] if below else about
         ends = {
-            key: end for limit in about for key in _ENDS if (end := getattr(limit, key, None)) is not None
+            key: end for limit in limits for key in _ENDS if (end := getattr(limit, key, None)) is not None
         }
         low, high = ends.get("gt", ends.get("ge", -math.inf)), ends.get("le", math.inf)
         if not below and isinstance(value, float):

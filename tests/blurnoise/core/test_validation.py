@@ -23,6 +23,8 @@ class Record:
     colour: Literal["rgb", "bgr"] = "rgb"
     pair: Annotated[tuple[float, float] | None, "must be two numbers"] = None
     names: Annotated[tuple[Characters, ...], Len(1)] = ("x",)
+    shares: tuple[Annotated[float, Ge(0), Le(1)], ...] = ()
+    records: tuple[Record, ...] = ()
     notes: Mapping[str, Text] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -61,6 +63,8 @@ def test_lists_and_numpys_numbers_become_plain() -> None:
         ({"names": []}, ValueError, "names = []: must not be empty"),
         ({"names": ["a", 5]}, TypeError, "names = 5: must be text"),
         ({"names": ["a", "\ud800"]}, ValueError, r"names = '\ud800': must be text, without halves of characters"),
+        ({"shares": (0.5, 1.5)}, ValueError, "shares = 1.5: must be finite and >= 0 and <= 1"),
+        ({"records": (0.1,)}, TypeError, "records = 0.1: must be a Record"),
         ({"notes": 5}, TypeError, "notes = 5: must map names to text"),
         ({"notes": {"a": 5}}, TypeError, "notes.a = 5: must be text"),
         ({"notes": {7: "x"}}, TypeError, "notes.7 = 7: must be text"),
