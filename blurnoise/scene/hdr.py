@@ -18,15 +18,13 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.borders import Border
-from blurnoise._core.checks import LIMITS, Numbers, an_instance, image_batch, in_range, limited, shown
+from blurnoise._core.checks import LIMITS, an_instance, image_batch, in_range, limited, shown
 from blurnoise.blur import convolution
-from blurnoise.blur.layers import Layers, layers_per_picture
+from blurnoise.blur.layers import layers_per_picture
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import flow_warp, flows
 from blurnoise.light.flicker import Flicker as Flicker
 from blurnoise.light.motion import displaced
-from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera, Capture, factors, windows
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve
@@ -41,51 +39,45 @@ enough below 1 that nothing clipped takes part. The weight follows the noisy val
 
 
 def captured(
-    light: Tensor,
+    scene: ExposedScene,
     camera: Camera,
     captures: Sequence[Capture],
     *,
     exposure_s: float,
     illuminance_lux: float,
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
-    trajectory: Trajectory | None = None,
-    temperature_c: Numbers = 25.0,
     generator: rng.Randomness = None,
     flicker: Flicker | None = None,
-    noise: bool = True,
-    quantised: bool = True,
-    layers: Layers = (),
-    **scene: Any,
+    **options: Any,
 ) -> list[Tensor]:
-    """The digital numbers of every capture, each (B, C, H, W), of linear light (B, C, H, W), 1 being white.
+    """The digital numbers of every capture, each (B, C, H, W), of a scene, whose light may exceed 1.
 
-    exposure_s: of the first. Light may exceed 1. layers: objects before it, which flicker does not light.
-    scene: options of :class:`blurnoise.ExposedScene` (border,
-    illuminant, pattern_seed, fidelity, tolerance_dn); the rest as :func:`blurnoise.simulate` takes it. The first is
-    what :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument,
-    among them captures that overlap.
+    exposure_s: of the first. flicker lights the scene but not its layers. options: trajectory, temperature_c, noise
+    and quantised as :func:`blurnoise.simulate` takes them, like the other arguments. The first is what
+    :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument, among
+    them captures that overlap.
     """
-    image_batch("light", light)
+    an_instance("scene", scene, ExposedScene)
+    light = scene.light
     readers = _readers(camera, captures)
     times = windows(captures, limited("exposure_s", exposure_s))
-    border: Border = scene.get("border", "reflect")
-    if trajectory is not None and len(times) > 1:
+    if options.get("trajectory") is not None and len(times) > 1:
         raise ValueError(
             f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
         )
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))
-    objects = layers_per_picture(layers, light)
+    objects = layers_per_picture(scene.layers, light)
     frames = []
     for place, (capture, reader, window) in enumerate(zip(captures, readers, times, strict=True)):
         start_s, taken_s = window
         later_s = start_s + taken_s / 2 - exposure_s / 2
         seen = flicker.on(light, taken_s, start_s) if flicker else light
         if not by_flow:
-            seen = translated(seen, velocity * later_s, border)
+            seen = translated(seen, velocity * later_s, scene.border)
         elif later_s:
-            seen = flow_warp(seen, velocity * later_s, border=border)
+            seen = flow_warp(seen, velocity * later_s, border=scene.border)
         first_alike = captures[times.index(window)]  # two gains on one exposure read the same electrons
         stream = times.index(window) if first_alike.sensitivity == capture.sensitivity else place
         later = [
@@ -93,16 +85,13 @@ def captured(
             for own in objects
         ]
         frames.append(
-            ExposedScene(seen, layers=later, **scene).expose(
+            replace(scene, light=seen, layers=later).expose(
                 reader,
                 exposure_s=taken_s,
                 illuminance_lux=illuminance_lux * capture.sensitivity,
                 velocity_px_s=velocity,
-                trajectory=trajectory,
-                temperature_c=temperature_c,
                 generator=[rng.derived(seed, f"capture {stream}") if stream else seed for seed in seeds],
-                noise=noise,
-                quantised=quantised,
+                **options,
             )
         )
     return frames
@@ -133,18 +122,6 @@ def fuse(
         level = (dn - reader.black_level_dn) / (reader.saturated_dn - reader.black_level_dn)
         whole = torch.lerp(whole, electrons, ((high - level) / (high - low)).clamp(0.0, 1.0))
     return whole
-
-
-def fused(
-    light: Tensor,
-    camera: Camera,
-    captures: Sequence[Capture],
-    *,
-    blend: tuple[float, float] = BLEND,
-    **taken: Any,
-) -> Tensor:
-    """:func:`fuse` of what :func:`captured` gives, with its arguments: electrons of the first capture."""
-    return fuse(captured(light, camera, captures, **taken), camera, captures, blend=blend)
 
 
 def developed(

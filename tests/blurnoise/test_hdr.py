@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from blurnoise import Camera, Exposure, simulate
+from blurnoise import Camera, ExposedScene, Exposure, simulate
 from blurnoise.light.flicker import Pwm
 from blurnoise.optics.camera import Capture, dual_gain, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
-from blurnoise.scene.hdr import Flicker, captured, developed, fuse, fused
+from blurnoise.scene.hdr import BLEND, Flicker, captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
 FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
@@ -25,6 +25,17 @@ WELL_E = 10715.0
 def lux_for(camera: Camera, white_e: float = WELL_E, exposure_s: float = 0.01) -> float:
     """Light under which white makes so many electrons in the first exposure."""
     return white_e / electrons_per_lux_s(camera) / exposure_s
+
+
+def fused(
+    light: torch.Tensor,
+    camera: Camera,
+    captures: tuple[Capture, ...],
+    blend: tuple[float, float] = BLEND,
+    **taken: object,
+) -> torch.Tensor:
+    """Electrons of the first capture."""
+    return fuse(captured(ExposedScene(light), camera, captures, **taken), camera, captures, blend=blend)
 
 
 def flat(electrons: float, captures: tuple[Capture, ...], seed: int = 1, **options: object) -> torch.Tensor:
@@ -138,9 +149,9 @@ def test_one_capture_is_the_plain_frame_to_the_bit() -> None:
         "generator": [4, 9],
     }
     plain = simulate(light, IMX250, encoding="linear", **given)
-    (alone,) = captured(light, IMX250, (Capture(),), **given)
-    first, _ = captured(light, IMX250, staggered(16), **given)
-    steady, _ = captured(light, IMX250, staggered(16), flicker=Flicker(Pwm(90.0, 1.0)), **given)
+    (alone,) = captured(ExposedScene(light), IMX250, (Capture(),), **given)
+    first, _ = captured(ExposedScene(light), IMX250, staggered(16), **given)
+    steady, _ = captured(ExposedScene(light), IMX250, staggered(16), flicker=Flicker(Pwm(90.0, 1.0)), **given)
     assert torch.equal(plain, alone)
     assert torch.equal(plain, first)
     assert torch.equal(plain, steady)
@@ -151,10 +162,10 @@ def test_one_capture_is_the_plain_frame_to_the_bit() -> None:
 def test_two_equal_captures_differ_in_their_noise_alone() -> None:
     light = torch.full((1, 1, 200, 300), 0.4)
     given = {"exposure_s": 0.01, "illuminance_lux": lux_for(IMX250), "generator": [4]}
-    first, second = captured(light, IMX250, staggered(1), **given)
+    first, second = captured(ExposedScene(light), IMX250, staggered(1), **given)
     noise = torch.stack([first, second]).flatten(1)
     assert abs(float(torch.corrcoef(noise)[0, 1])) < 5 / math.sqrt(light.numel())
-    mean_first, mean_second = captured(light, IMX250, staggered(1), noise=False, **given)
+    mean_first, mean_second = captured(ExposedScene(light), IMX250, staggered(1), noise=False, **given)
     assert torch.equal(mean_first, mean_second)
 
 
@@ -162,9 +173,11 @@ def test_two_gains_on_one_exposure_share_their_electrons_and_have_no_ghost() -> 
     light = torch.zeros(1, 1, 120, 200)
     light[..., 80:120] = 0.2
     given = {"exposure_s": 0.01, "illuminance_lux": lux_for(FINE), "generator": [4]}
-    low, high = captured(light, FINE, dual_gain(12.0), velocity_px_s=(2000.0, 0.0), noise=False, **given)
+    low, high = captured(
+        ExposedScene(light), FINE, dual_gain(12.0), velocity_px_s=(2000.0, 0.0), noise=False, **given
+    )
     torch.testing.assert_close((low - 6) / 10**0.6, high - 6, rtol=0, atol=1.0)
-    frames = captured(torch.full_like(light, 0.2), FINE, dual_gain(12.0), **given)
+    frames = captured(ExposedScene(torch.full_like(light, 0.2)), FINE, dual_gain(12.0), **given)
     assert float(torch.corrcoef(torch.stack(frames).flatten(1))[0, 1]) > 0.99
 
 
@@ -219,7 +232,7 @@ class TestGhost:
         light = torch.where(self.X.abs() < 10, 0.5, 0.0)[None, None, None]
         for start_s, expected_px in ((None, 5.3125), (0.012, 7.3125)):
             _, second = captured(
-                light,
+                ExposedScene(light),
                 IMX250,
                 (Capture(), Capture(exposure_ratio=16, start_s=start_s)),
                 exposure_s=0.01,
@@ -240,7 +253,7 @@ class TestGhost:
 def test_a_pulsed_lamp_may_miss_a_short_capture_and_not_the_long_one() -> None:
     light, lamp = torch.full((1, 1, 6, 8), 0.05), Pwm(90.0, 0.1, phase=0.2)
     long, short = captured(
-        light,
+        ExposedScene(light),
         IMX250,
         staggered(16),
         exposure_s=1 / 90,
@@ -284,7 +297,7 @@ def test_developed_white_is_white(name: str, full_well_e: float) -> None:
 )
 def test_bad_captures(captures: tuple[Capture, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message) as error:
-        captured(torch.ones(1, 1, 2, 3), IMX250, captures, exposure_s=0.01, illuminance_lux=1.0)
+        captured(ExposedScene(torch.ones(1, 1, 2, 3)), IMX250, captures, exposure_s=0.01, illuminance_lux=1.0)
     assert "\n" not in str(error.value)
 
 

@@ -39,7 +39,7 @@ from blurnoise import (
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import PRESETS, dual_gain, staggered
-from blurnoise.scene.hdr import Flicker, fused
+from blurnoise.scene.hdr import Flicker, captured, fuse
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.expose import expose_pictures
 
@@ -135,10 +135,10 @@ def golden_frames() -> Frames:
         simulate(scene, still, **CONDITIONS, generator=generator), replace(still, jpeg_quality=80)
     )
     for name, captures in (("staggered", staggered(16.0)), ("two gains", dual_gain(18.0))):
-        frames[f"HDR, {name}"] = lambda captures=captures: fused(
-            4 * scene, still, captures, exposure_s=0.02, illuminance_lux=200.0,
+        frames[f"HDR, {name}"] = lambda captures=captures: fuse(captured(
+            ExposedScene(4 * scene), still, captures, exposure_s=0.02, illuminance_lux=200.0,
             velocity_px_s=(300.0, 50.0), generator=generator, flicker=Flicker(Pwm(90.0, 0.3)),
-        )  # fmt: skip
+        ), still, captures)  # fmt: skip
     frames["training"] = lambda: expose_pictures(
         torch.cat([scene, picture(1)]), ["imx250", "ar0237"], exposure_s=[0.002, 0.03], illuminance_lux=[5.0, 200.0],
         speed_px_s=[300.0, 600.0], direction_deg=[10.0, 100.0], gain_db=AutoExposure(), generator=[1, 2],

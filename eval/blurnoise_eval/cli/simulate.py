@@ -182,7 +182,7 @@ def simulate(
 
     import torch
 
-    from blurnoise import AutoExposure, plan
+    from blurnoise import AutoExposure, ExposedScene, plan
     from blurnoise._core.checks import in_range, integer, limited
     from blurnoise._core.rng import LAST_SEED
     from blurnoise.blur.layers import object_motion
@@ -237,8 +237,15 @@ def simulate(
     if flow is not None:
         middle, farthest = middle_of(flow[None] * exposure_s)
         motion_px, varies_px = middle[0], float(farthest)
-    frames = captured(
+    exposed = ExposedScene(
         moving.background if moving else scene,
+        illuminant=lit_by,
+        fidelity=fidelity,
+        tolerance_dn=tolerance_dn,
+        layers=layers,
+    )
+    frames = captured(
+        exposed,
         taker,
         captures,
         exposure_s=exposure_s,
@@ -248,10 +255,6 @@ def simulate(
         temperature_c=temperature_c,
         generator=[seed],
         flicker=lamp,
-        layers=layers,
-        illuminant=lit_by,
-        fidelity=fidelity,
-        tolerance_dn=tolerance_dn,
     )
     dn = frames[0]
     first = taker.at_gain(captures[0].gain_db).camera

@@ -135,10 +135,9 @@ def test_gradients_reach_velocities_through_the_chain() -> None:
 def test_later_captures_have_it_further_on() -> None:
     """The second of two, 1/8 as long and right behind the first: its middle 0.5625 of an exposure later, 9 px."""
     frames = captured(
-        BACKGROUND.expand(1, -1, -1, -1) * 0,
+        ExposedScene(0 * BACKGROUND, layers=[SQUARE]),
         CAMERA,
         staggered(8),
-        layers=[SQUARE],
         **{name: value for name, value in TAKEN.items() if name != "generator"},
     )
     across = torch.arange(SIZE[1], dtype=torch.float32)

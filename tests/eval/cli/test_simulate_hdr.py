@@ -13,7 +13,7 @@ import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import decode_linear, write_picture
 
-from blurnoise import Camera, photoelectrons
+from blurnoise import Camera, ExposedScene, photoelectrons
 from blurnoise.light.flicker import Pwm
 from blurnoise.optics.camera import staggered
 from blurnoise.scene.hdr import captured, developed, fuse
@@ -52,7 +52,7 @@ def told(capsys: Output, *command: str) -> dict[str, Any]:
 def test_captures_of_light_brighter_than_white(folder: Path, capsys: Output) -> None:
     hdr = ("light.tiff", "--encoding", "linear", "--camera", "imx250", "--hdr", "16,64", *TAKEN)
     light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
-    frames = captured(light, IMX250, staggered(16, 64), **GIVEN)
+    frames = captured(ExposedScene(light), IMX250, staggered(16, 64), **GIVEN)
     facts = told(capsys, *hdr, "--bit-depth", "native")
     for name, frame in zip(("out.png", "out_2.png", "out_3.png"), frames, strict=True):
         stored = cv2.imread(name, cv2.IMREAD_UNCHANGED)[..., ::-1].transpose(2, 0, 1)
