@@ -170,15 +170,6 @@ def integer(name: str, value: int, low: int, high: int) -> int:
     return int(value)
 
 
-def rectangle(name: str, value: object) -> tuple[int, int, int, int]:
-    """``value``, four integers (left, top, width, height), px. Raises ``TypeError``."""
-    sides = value if isinstance(value, (tuple, list)) else ()
-    if len(sides) != 4 or not all(type(side) is int for side in sides):
-        raise TypeError(f"{name} = {shown(value)}: must be four integers (x, y, width, height)")
-    left, top, width, height = sides
-    return left, top, width, height
-
-
 def an_instance(name: str, value: object, kind: type) -> None:
     """Raise ``TypeError`` unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):

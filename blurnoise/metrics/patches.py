@@ -122,55 +122,21 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
     )
 
 
-def gaussian_detection_probability(
-    mean_a: Tensor,
-    variance_a: Tensor,
-    mean_b: Tensor,
-    variance_b: Tensor,
-    *,
-    nominal: float,
-    tolerance: float,
-    kind: str,
-) -> Tensor:
-    """Contrast detection probability of two Gaussian patches (IEEE P2020), in closed form; tensors broadcast.
-
-    The probability that the contrast of a pixel of A to one of B lies within ``nominal`` (1 -+ ``tolerance``),
-    where ``nominal`` is the scene's, of ``kind`` "weber", A/B - 1, or "michelson", (A - B)/(A + B). With the
-    ratio's bounds r = 1 + c, or (1 + c)/(1 - c), and the normal distribution function Phi it is
-
-        Phi((muA - rL muB)/sqrt(varA + rL² varB)) - Phi((muA - rH muB)/sqrt(varA + rH² varB)),
-
-    exact while B stays above black. Differentiable. Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection
-    Probabilities: Performance Prediction for Sensors of Autonomous Vehicles". Raises ``TypeError`` or
-    ``ValueError`` for a variance below 0, another kind, or a tolerance or contrast out of bounds.
-    """
-    low, high = _ratio_bounds(nominal, tolerance, kind)
-    mean_a = values.real("mean_a", mean_a)
-    mean_b = values.beside("mean_b", values.real("mean_b", mean_b), mean_a)
-    means = mean_a + mean_b
-    var_a = values.not_negative("variance_a", variance_a, means)
-    var_b = values.not_negative("variance_b", variance_b, means + var_a)
-
-    def above(ratio: float) -> Tensor:
-        """Probability that A is larger than ``ratio`` times B; 1/2 at the very bound without noise."""
-        distance, spread = mean_a - ratio * mean_b, (var_a + ratio**2 * var_b).sqrt()
-        certain = (distance == 0) & (spread == 0)
-        share: Tensor = torch.special.ndtr(distance / torch.where(certain, 1.0, spread))
-        return share
-
-    return above(low) - above(high)
-
-
 def detection_probability(
     patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str, level: float = 0.95
 ) -> BatchEstimate:
     """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
 
-    ``nominal``, ``tolerance``, ``kind``, source and errors as in :func:`gaussian_detection_probability`. A pair of
-    pixels counts where both are above black and rL B <= A <= rH B. The share of all pairs is a two-sample
+    The probability that the contrast of a pixel of A to one of B lies within ``nominal`` (1 -+ ``tolerance``),
+    where ``nominal`` is the scene's, of ``kind`` "weber", A/B - 1, or "michelson", (A - B)/(A + B) (IEEE P2020).
+    With the bounds c of the contrast those of the ratio are r = 1 + c, or (1 + c)/(1 - c): a pair of pixels counts
+    where both are above black and rL B <= A <= rH B. The share of all pairs is a two-sample
     U-statistic of variance var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is
     Wilson's for as many coin flips as have that variance; it stays within [0, 1], and open where all pairs agree.
     Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
+    Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
+    Autonomous Vehicles". Raises ``TypeError`` or ``ValueError`` for other patches or another kind, or a tolerance or
+    contrast out of bounds.
     """
     z = _normal_quantile(level)
     low, high = _ratio_bounds(nominal, tolerance, kind)
@@ -208,7 +174,7 @@ def _rectangle(roi: values.Roi | float, height: int, width: int) -> values.Roi:
         share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
         w, h = max(1, round(width * share)), max(1, round(height * share))
         return (width - w) // 2, (height - h) // 2, w, h
-    return checks.rectangle("roi", roi)
+    return roi
 
 
 def _trend(patch: Tensor) -> tuple[Tensor, int]:

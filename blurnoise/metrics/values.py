@@ -53,8 +53,14 @@ def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
 
 
 def cut(image: Tensor, roi: Roi) -> Tensor:
-    """Return the region of ``image`` (..., H, W). Raises ``ValueError`` unless it lies inside."""
-    (left, top, wide, high), (height, width) = roi, image.shape[-2:]
+    """Return the region of ``image`` (..., H, W).
+
+    Raises ``TypeError`` unless it is four integers, ``ValueError`` unless it lies inside.
+    """
+    sides = roi if isinstance(roi, (tuple, list)) else ()
+    if len(sides) != 4 or not all(type(side) is int for side in sides):
+        raise TypeError(f"roi = {checks.shown(roi)}: must be four integers (x, y, width, height)")
+    (left, top, wide, high), (height, width) = sides, image.shape[-2:]
     if min(left, top) < 0 or min(wide, high) < 1 or left + wide > width or top + high > height:
         raise ValueError(f"roi = {checks.shown(roi)}: must lie inside the picture, {width} x {height} px")
     return image[..., top : top + high, left : left + wide]
@@ -92,7 +98,7 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
             f"got {tuple(image.shape)}"
         )
     pixels = image.detach().reshape(-1, 1 if image.ndim == 2 else image.shape[-3], *image.shape[-2:])
-    pixels = pixels if roi is None else cut(pixels, checks.rectangle("roi", roi))
+    pixels = pixels if roi is None else cut(pixels, roi)
     if min(pixels.shape[-2:]) < SMALLEST_PX:
         raise ValueError(
             f"image: the region is {pixels.shape[-1]} x {pixels.shape[-2]} px; "

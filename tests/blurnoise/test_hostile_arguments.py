@@ -122,10 +122,6 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
          "background": 0.2, "supersample": 2},
     ),
     (patches.patch_contrast, {"bright": PATCH + 1, "dark": PATCH, "level": 0.95}),
-    (
-        patches.gaussian_detection_probability,
-        {"mean_a": PATCH + 2, "variance_a": PATCH, "mean_b": PATCH, "variance_b": PATCH, **CDP},
-    ),
     (patches.detection_probability, {"patch_a": PATCH + 1, "patch_b": PATCH, **CDP, "level": 0.95}),
     (information.capacity_radial, {"edge": MEASURED}),
     (information.capacity_square, {"across_x": MEASURED, "across_y": MEASURED}),
