@@ -287,15 +287,8 @@ class Vehicle(Mount):
 
     def view(self, camera: Camera, size: tuple[int, int]) -> View:
         """The view of a picture (H, W). Raises ``ValueError`` for a field of view beyond the lens's."""
-        (height, width), lens = size, self.lens or "f-theta"
-        if self.hfov_deg is not None:
-            return View(width, height, self.hfov_deg, lens)
-        if self.lens is None and camera.lens.displaces:
-            return View(width, height, camera.hfov_deg, calibrated=camera.field)
-        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
-        half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
-        half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
-        return View(width, height, 2 * half_deg, lens)
+        height, width = size
+        return _view(self, camera, (height, width))
 
     def flow_at(self, pixels: Floats, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Floats:
         """Velocities (2, ...), px/s, of what pixels (2, ...) of a picture (H, W) see at a speed ahead."""
@@ -319,6 +312,19 @@ class Vehicle(Mount):
             ranges = np.minimum(ranges, range_of_depth_m(rays, self.plane_m))
         motion = self.driving(speed_m_s, self.yaw_deg_s, self.pitch_deg_s)
         return np.nan_to_num(view.flow_px_s(pixels, ranges, motion))
+
+
+@lru_cache(maxsize=8)
+def _view(vehicle: Vehicle, camera: Camera, size: tuple[int, int]) -> View:
+    (height, width), lens = size, vehicle.lens or "f-theta"
+    if vehicle.hfov_deg is not None:
+        return View(width, height, vehicle.hfov_deg, lens)
+    if vehicle.lens is None and camera.lens.displaces:
+        return View(width, height, camera.hfov_deg, calibrated=camera.field)
+    sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
+    half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
+    half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
+    return View(width, height, 2 * half_deg, lens)
 
 
 @lru_cache(maxsize=8)

@@ -207,18 +207,19 @@ def boxes_after(
 
     grow: with what they sweep, as :meth:`Exposure.sweep_boxes` has it, but no further than the picture.
     """
-    moved = boxes_xyxy.clone()
-    for boxes, out, taken in zip(boxes_xyxy, moved, _taken(params, ranges), strict=True):
+    moved, swept = boxes_xyxy.clone(), boxes_xyxy.clone()
+    for boxes, out, covered, taken in zip(boxes_xyxy, moved, swept, _taken(params, ranges), strict=True):
         out[:] = taken.move_boxes(boxes, size) if effects.displace(taken.camera) else boxes
         if grow:
             path = taken.trajectory if taken.drives else None
-            swept = (replace(taken, trajectory=None) if path else taken).sweep_boxes(boxes, size)
+            covered[:] = (replace(taken, trajectory=None) if path else taken).sweep_boxes(boxes, size)
             if path:  # flow and shake each by itself: a bound, found for all places at once
-                swept = swept + boxes.new_tensor(path.seen(taken.exposure_s).box)
-            end = torch.maximum(out[:, 2:], boxes.new_tensor([size[1], size[0]]))
-            out[:, :2] = torch.maximum(swept[:, :2], out[:, :2].clamp(max=0))
-            out[:, 2:] = torch.minimum(swept[:, 2:], end)
-    return moved
+                covered += boxes.new_tensor(path.seen(taken.exposure_s).box)
+    if not grow:
+        return moved
+    end = torch.maximum(moved[..., 2:], moved.new_tensor([size[1], size[0]]))
+    first = torch.maximum(swept[..., :2], moved[..., :2].clamp(max=0))
+    return torch.cat([first, torch.minimum(swept[..., 2:], end)], -1)
 
 
 def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:

@@ -104,6 +104,12 @@ def test_lens_shares_the_transform() -> None:
     torch.testing.assert_close(path_blur(light, seen, optics, border="circular"), twice, rtol=0, atol=1e-9)
 
 
+def test_path_of_no_duration_is_at_rest() -> None:
+    light, optics = picture(), Optics(defocus_radius_px=1.5)
+    seen = path_blur(light, SHAKE.seen(0.0), optics)
+    torch.testing.assert_close(seen, convolution.optical_blur(light, optics), rtol=0, atol=1e-9)
+
+
 def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
     light = picture()
     assert path_blur(light, Trajectory.straight((0.5, 0.0), 0.1).seen(0.01)) is light

@@ -316,6 +316,19 @@ def test_gradients() -> None:
     assert torch.autograd.gradcheck(lambda light: seen(light, velocity.detach()), (light,), fast_mode=True)
 
 
+@pytest.mark.parametrize("direction_deg", [0.0, 90.0])
+def test_gradient_of_light_along_a_path(direction_deg: float) -> None:
+    """The way is linear in the light: its gradient times the light is the frame's sum of weights."""
+    light, path = picture(), Trajectory.sinusoid(2.0, 80.0, 0.1, direction_deg=direction_deg)
+    weights = torch.rand(light.shape, dtype=light.dtype, generator=torch.Generator().manual_seed(2))
+    expected = of_rows(light, path, READOUT, "reflect")
+    seen = of_rows(light.requires_grad_(), path, READOUT, "reflect")
+    torch.testing.assert_close(seen, expected, rtol=0, atol=1e-9)
+    (gradient,) = torch.autograd.grad((seen * weights).sum(), light)
+    total = float((expected * weights).sum())
+    assert float((gradient * light).detach().sum()) == pytest.approx(total, rel=1e-9)
+
+
 def test_uneven_displacements_have_phases_of_their_own() -> None:
     light = picture()
     shifts = torch.linspace(-3.0, 4.0, 41, dtype=torch.float64) ** 2
