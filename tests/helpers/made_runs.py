@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.report import RunData
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.matching import failure_point
 from blurnoise_eval.scoring.recommendation import averages, curves, recommendations
 from blurnoise_eval.scoring.surfaces import Surface
 from numpy.typing import NDArray
@@ -366,3 +366,28 @@ def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> dict[str
         "n_target_rows": n_conditions * len(models) * 2,
         "simulate_ms": 7.0,
     }
+
+
+class FailurePoint(NamedTuple):
+    """Where a curve falls below a threshold for good, and whether it had been below before and come back."""
+
+    at: float | None
+    returned: bool
+
+
+def failure_point(x: Sequence[float], y: Sequence[float], threshold: float) -> FailurePoint:
+    """Where y(x), straight between its points, falls below ``threshold`` and stays there to the end.
+
+    x: increasing. ``at`` is None where y ends at or above the threshold (it never fails), and x[0] where y is
+    below it throughout; ``returned`` tells of a curve that was below earlier and rose again, whose one number
+    hides something.
+    """
+    xs, ys = np.asarray(x, float), np.asarray(y, float)
+    above = ys >= threshold
+    if above[-1]:
+        return FailurePoint(None, not above.all())
+    if not above.any():
+        return FailurePoint(float(xs[0]), False)
+    last = int(np.flatnonzero(above)[-1])
+    share = (ys[last] - threshold) / (ys[last] - ys[last + 1])
+    return FailurePoint(float(xs[last] + share * (xs[last + 1] - xs[last])), not above[:last].all())

@@ -6,12 +6,12 @@ are (pictures, targets, samples, exposures), NaN where a picture has fewer targe
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from blurnoise_eval.scoring.matching import Ranking
+from blurnoise_eval.scoring.precision import RECALLS
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -87,6 +87,52 @@ def _window(dark: Array, bright: Array, noise: Array | float) -> Array:
 
 
 POPULATIONS = (Population("one sign", 0.6, one_sign), Population("small targets", 0.05, small_targets))
+
+
+def mean_over(x: Sequence[float], y: Array) -> Array:
+    """Area under y (..., N), straight between its points, over x (N,) increasing, divided by the range of x."""
+    return np.asarray(np.trapezoid(y, x, axis=-1) / (x[-1] - x[0]))
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """What average precision at an IoU of 0.5 needs of P pictures, so that they can be weighted over and over.
+
+    The T detections that answer for a target, highest score first. targets: (P,) per picture; right, wrong:
+    (P, T) how many right and wrong detections of a picture stand in the ranking down to each of the T.
+    """
+
+    targets: Array
+    right: Array
+    wrong: Array
+
+    @classmethod
+    def ranked(cls, whose: NDArray[np.int64], right: NDArray[np.bool_], targets: Array) -> Ranking:
+        """Of detections with the highest score first: each one's picture and whether it is right; targets (P,)."""
+        places = np.flatnonzero(right)
+        one_per_hit = np.zeros((len(targets), len(places)))
+        one_per_hit[whose[places], np.arange(len(places))] = 1
+        between = np.zeros_like(one_per_hit)
+        before = np.searchsorted(places, np.flatnonzero(~right))  # the next hit below each wrong detection
+        counted = before < len(places)  # those below the last hit change nothing
+        np.add.at(between, (whose[~right][counted], before[counted]), 1)
+        return cls(targets, one_per_hit.cumsum(axis=1), between.cumsum(axis=1))
+
+    def ap50(self, weights: Array) -> Array:
+        """Average precision at an IoU of 0.5 with picture p counted ``weights[..., p]`` times, (...).
+
+        Equals COCO's for weights of 1, and for whole weights that of a set that repeats its pictures. NaN
+        where no picture with a weight has a target.
+        """
+        right, every = weights @ self.right, weights @ self.targets
+        shown = right + weights @ self.wrong
+        precision = np.divide(right, shown, out=np.zeros_like(right), where=shown > 0)
+        precision = np.maximum.accumulate(precision[..., ::-1], axis=-1)[..., ::-1]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            recall = right / every[..., None]
+        reached = np.searchsorted(RECALLS, recall, side="right")
+        steps = np.diff(reached, axis=-1, prepend=0)
+        return np.where(every > 0, (precision * steps).sum(axis=-1) / len(RECALLS), np.nan)
 
 
 def ranked(confidence: Array, generator: np.random.Generator, *, as_one: bool = False) -> Ranking:

@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.scoring.matching import MATCH_IOU, iou
+from blurnoise_eval.scoring.boxes import iou
+from blurnoise_eval.scoring.matching import MATCH_IOU
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.terminal import plain
 

@@ -19,7 +19,8 @@ from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Stop
 from blurnoise_eval.explorer.runs import HeatMap
 from blurnoise_eval.grid.axes import Axis
-from blurnoise_eval.scoring.matching import MATCH_IOU, iou
+from blurnoise_eval.scoring.boxes import iou
+from blurnoise_eval.scoring.matching import MATCH_IOU
 from blurnoise_eval.scoring.on_picture import Sight
 
 _WIDE, _HIGH = 640, 150

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.grid.axes import NAMES, SETTING, VELOCITY, axis
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.crossings import Curve, coordinate
-from blurnoise_eval.scoring.matching import failure_point
+from blurnoise_eval.scoring.crossings import Curve
 from blurnoise_eval.scoring.surfaces import Surface
 
 Array = NDArray[np.float64]
@@ -155,8 +154,8 @@ def _endurance(surface: Surface, over: str, place: Place, curve: Curve, criterio
     values |= dict(zip(SETTING, surface.setting, strict=True))
     at = {name: None if name == over else values[name] for name in NAMES}
     crossed, n = curve.crossed(criterion.level), curve.n_clusters
-    straight = coordinate(curve.x, curve.logarithmic).tolist()
-    _, returned = failure_point(straight, curve.mean.tolist(), criterion.level)
+    above = curve.mean >= criterion.level
+    returned = bool((above[1:] & ~above[:-1]).any())
     ends = [window[1] for window in crossed.windows]
     at_end = ends[-1] if ends else curve.x[0]
     auc, (auc_low, auc_high) = curve.area()

@@ -27,8 +27,8 @@ from scipy.special import stdtrit
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, iou
-from blurnoise_eval.scoring.pairs import Targets
+from blurnoise_eval.scoring.boxes import iou
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, Targets
 from blurnoise_eval.scoring.precision import precision
 
 Image = NDArray[np.uint8]

@@ -15,15 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
+from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within, xywh, xyxy
 from blurnoise_eval.scoring.estimates import Array, Estimate, left_out, mean
-from blurnoise_eval.scoring.matching import (
-    FOUND_SCORE,
-    MATCH_IOU,
-    MoveBoxes,
-    hits,
-    swept_within,
-)
-from blurnoise_eval.scoring.pairs import Targets, first_of, paired_overlaps, pairs, with_a_choice, xywh
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, Targets, matched
 from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precision
 
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
@@ -71,7 +65,7 @@ class Truth:
     @cached_property
     def corners(self) -> NDArray[np.float64]:
         """(N, 4) of the annotations' boxes."""
-        return _boxes(self.coco["annotations"])
+        return xyxy([each["bbox"] for each in self.coco["annotations"]])
 
     @cached_property
     def sizes(self) -> NDArray[np.float64]:
@@ -200,17 +194,17 @@ class Judged:
             known[number] = places.setdefault(category, len(places))
         picture, class_ids = answers.picture, answers.class_ids
         certain = certain[known[np.minimum(class_ids[certain], len(known) - 1)] >= 0]
-        certain = certain[np.lexsort((class_ids[certain], picture[certain]))]
-        key = picture[certain] * len(places) + known[class_ids[certain]]
-        right = _right(answers.boxes_xyxy[certain], class_ids[certain], key, targets, len(places))
-        ahead = answers.boxes_xyxy[certain]
-        crowd = targets.crowd
-        inside = np.zeros(len(certain))
-        detection, target = pairs(key, (targets.picture * len(places) + targets.category)[crowd])
-        regions = xywh(_ends(targets.boxes_xywh[crowd]))[target]
-        alone = paired_overlaps(xywh(ahead)[detection], regions, np.ones(len(detection), bool))
-        np.maximum.at(inside, detection, alone)
-        judged = right | ~(inside >= MATCH_IOU)
+        many = len(places)
+        taken, beside = matched(
+            picture[certain] * many + known[class_ids[certain]],
+            xywh(answers.boxes_xyxy[certain]),
+            targets.picture * many + targets.category,
+            targets,
+            targets.crowd[None],
+            np.array([MATCH_IOU]),
+        )
+        judged = ~beside[0, 0]  # in a crowd they are neither right nor wrong
+        right = taken[0, 0]
         return Alarms(
             answers.scores[certain][judged].astype(float),
             right[judged],
@@ -278,7 +272,7 @@ class Judged:
 
     @cached_property
     def _moved(self) -> Array | None:
-        return None if self._at is None else _sides(self._at)
+        return None if self._at is None else xywh(self._at)
 
     @cached_property
     def _swept(self) -> Array | None:
@@ -286,44 +280,10 @@ class Judged:
         if self.truth is None or self.sweep_boxes is None or not self._annotations:
             return None
         truth = self.truth
-        at_middle = truth.corners if self._moved is None else _ends(self._moved)
+        at_middle = truth.corners if self._moved is None else xyxy(self._moved)
         swept = self.sweep_boxes(truth.corners, truth.sizes, truth.labels)
         swept = swept_within(swept, at_middle, np.where(np.isnan(truth.sizes), np.inf, truth.sizes))
-        return None if np.array_equal(swept, at_middle) else _sides(swept)
-
-
-def _right(
-    boxes_xyxy: NDArray[np.float32],
-    class_ids: NDArray[np.int64],
-    key: NDArray[np.int64],
-    targets: Targets,
-    categories: int,
-) -> NDArray[np.bool_]:
-    """Which detections answer for a target of their own, (N,), as :func:`~.matching.hits` has it of one picture.
-
-    key: of picture and category, picture times ``categories`` and the category; in each the classes one by one.
-    """
-    ends = _ends(targets.boxes_xywh)
-    sides = xywh(ends)
-    single = np.flatnonzero(~targets.crowd)
-    target_key = targets.picture[single] * categories + targets.category[single]
-    detection, target = pairs(key, target_key)
-    near = paired_overlaps(xywh(boxes_xyxy)[detection], sides[single[target]]) >= MATCH_IOU
-    detection, target = detection[near], target[near]
-    of_class = class_ids[detection] * (len(single) + 1) + target
-    right = np.zeros(len(key), bool)
-    choice = with_a_choice(key[detection], detection)
-    alone = ~choice
-    taken = first_of(of_class[alone], np.ones(int(alone.sum()), bool))
-    right[detection[alone]] = taken
-    for number in np.unique(key[detection[choice]]).tolist():
-        rivals = ends[single[target_key == number]]
-        here = np.flatnonzero(key == number)
-        for class_id in np.unique(class_ids[here]).tolist():
-            own = here[class_ids[here] == class_id]
-            scores = np.linspace(1, 0.5, len(own), dtype=np.float32)
-            right[own] = hits(Detections(boxes_xyxy[own], scores, class_ids[own]), rivals, class_id)
-    return right
+        return None if np.array_equal(swept, at_middle) else xywh(swept)
 
 
 def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
@@ -342,34 +302,22 @@ def _sizes(truth: Truth) -> NDArray[np.float64]:
     )
 
 
-def _boxes(annotations: Sequence[Mapping[str, Any]]) -> NDArray[np.float64]:
-    """Corners (N, 4) of COCO's boxes."""
-    return _ends(np.array([each["bbox"] for each in annotations], float).reshape(-1, 4))
-
-
 def _with(annotations: Sequence[dict[str, Any]], boxes_xyxy: NDArray[np.float64]) -> Sequence[dict[str, Any]]:
     """The annotations with these boxes instead of their own."""
-    sides = _sides(boxes_xyxy).tolist()
+    sides = xywh(boxes_xyxy).tolist()
     return [{**each, "bbox": box} for each, box in zip(annotations, sides, strict=True)]
-
-
-def _sides(boxes_xyxy: Array) -> Array:
-    """Left, top, width, height."""
-    return np.concatenate([boxes_xyxy[:, :2], boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]], axis=1)
-
-
-def _ends(boxes_xywh: Array) -> Array:
-    """Corners."""
-    return np.concatenate([boxes_xywh[:, :2], boxes_xywh[:, :2] + boxes_xywh[:, 2:]], axis=1)
 
 
 def coco_results(
     detections: Detections, image_id: int, category_of: Mapping[int, int]
 ) -> Iterator[dict[str, Any]]:
     """Detections as COCO's results have them, those of classes that have a category."""
-    sides = detections.boxes_xyxy.astype(float)
-    sides[:, 2:] -= sides[:, :2]
-    rows = zip(sides.tolist(), detections.scores.tolist(), detections.class_ids.tolist(), strict=True)
+    rows = zip(
+        xywh(detections.boxes_xyxy).tolist(),
+        detections.scores.tolist(),
+        detections.class_ids.tolist(),
+        strict=True,
+    )
     for box, score, class_id in rows:
         category = category_of.get(class_id)
         if category is not None:

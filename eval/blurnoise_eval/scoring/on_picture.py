@@ -20,7 +20,8 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector, OwnScores
 from blurnoise_eval.detectors.ocr import Reading, character_error_rate
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes, swept_within, target_confidences
+from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
+from blurnoise_eval.scoring.matching import FOUND_SCORE, target_confidences
 
 Picture8 = NDArray[np.uint8]
 Box = tuple[float, float, float, float]

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.clusters import cluster_of
 from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
 from blurnoise_eval.scoring.judged import Judged, Truth
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MoveBoxes
+from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.registry import SCORES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS

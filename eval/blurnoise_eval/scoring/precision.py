@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers
+from blurnoise_eval.scoring.boxes import xywh
 from blurnoise_eval.scoring.estimates import all_and_without
-from blurnoise_eval.scoring.matching import MOST_DETECTIONS, RECALLS, overlaps
-from blurnoise_eval.scoring.pairs import Targets, first_of, paired_overlaps, pairs, with_a_choice, xywh
+from blurnoise_eval.scoring.matching import Targets, matched
 
+MOST_DETECTIONS = 100
+"""Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
+RECALLS = np.linspace(0.0, 1.0, 101)  # at which COCO reads the precision
 IOUS = np.linspace(0.5, 0.95, 10)
 _LIMITS = np.minimum(IOUS, 1 - 1e-10)
 SIZES = ("all", "small", "medium", "large")
@@ -132,75 +135,23 @@ def _matched(
     boxes = answers.boxes_xyxy[index].astype(float)
     area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
     outside = (area < areas_px2[:, :1]) | (area > areas_px2[:, 1:])
-    right = np.zeros((len(areas_px2), len(limits), len(index)), bool)
-    ignored = np.repeat(outside[:, None], len(limits), axis=1)
-    sizes = targets.area_px2
-    aside = targets.crowd | (sizes < areas_px2[:, :1]) | (sizes > areas_px2[:, 1:])
+    aside = targets.crowd | (targets.area_px2 < areas_px2[:, :1]) | (targets.area_px2 > areas_px2[:, 1:])
     for line, of_area in enumerate(aside):
         here = ~of_area
         np.add.at(counted[:, line], (clusters[targets.picture[here]], of_target[here]), 1)
     many = counted.shape[2]
     target_key = targets.picture * many + of_target
-    detection, target = pairs(picture * many + category, target_key)
-    sides = xywh(boxes)
-    shared = paired_overlaps(sides[detection], targets.boxes_xywh[target], targets.crowd[target])
-    near = shared >= limits[0]
-    detection, target, shared = detection[near], target[near], shared[near]
-    choice = with_a_choice(target_key[target], detection)
-    alone = ~choice
-    enough = shared[alone, None] >= limits
-    own = enough & (targets.crowd[target[alone], None] | first_of(target[alone], enough))
-    _note(right, ignored, detection[alone], own.T, own.T & aside[:, None, target[alone]])
-    for number in np.unique(target_key[target[choice]]).tolist():
-        rivals = np.flatnonzero(target_key == number)
-        rows = np.unique(detection[target_key[target] == number])
-        table = overlaps(boxes[rows], targets.boxes_xywh[rivals], targets.crowd[rivals])
-        taken, beside = _pairs(table, targets.crowd[rivals], aside[:, rivals], limits)
-        _note(right, ignored, rows, taken, beside)
+    right, beside = matched(picture * many + category, xywh(boxes), target_key, targets, aside, limits)
+    ignored = np.where(right, beside, outside[:, None])
     return _Found(
         answers.scores[index].astype(float), category, clusters[picture].astype(np.int64), right, ignored
     )
-
-
-def _note(right: Flags, ignored: Flags, places: NDArray[np.int64], taken: Flags, beside: Flags) -> None:
-    """Which detections, at these places, answer for a target, and for one set aside, (areas, IoUs, n)."""
-    right[:, :, places] = taken
-    ignored[:, :, places] = np.where(taken, beside, ignored[:, :, places])
 
 
 def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
     """The place of each among its equals."""
     starts = np.flatnonzero(np.diff(ordered, prepend=-2))
     return np.arange(len(ordered)) - np.repeat(starts, np.diff(starts, append=len(ordered)))
-
-
-def _pairs(shared: Array, crowd: Flags, aside: Flags, limits: Array) -> tuple[Flags, Flags]:
-    """Which detections answer for a target, and for one set aside, both (areas, IoUs, detections).
-
-    shared: overlaps (detections, targets), highest score first. aside: (areas, targets). limits: IoUs.
-    """
-    taken = np.zeros((len(aside), len(limits), len(shared)), bool)
-    beside = np.zeros_like(taken)
-    for area, of_area in enumerate(aside):
-        order = np.argsort(of_area, kind="stable")
-        table = shared[:, order].tolist()
-        set_aside, many = of_area[order].tolist(), crowd[order].tolist()
-        for place, limit in enumerate(limits.tolist()):
-            free = [True] * len(order)
-            for index, row in enumerate(table):
-                best, chosen = limit, -1
-                for target, value in enumerate(row):
-                    if not free[target] and not many[target]:
-                        continue
-                    if chosen >= 0 and not set_aside[chosen] and set_aside[target]:
-                        break  # one that counts goes before those set aside
-                    if value >= best:
-                        best, chosen = value, target
-                if chosen >= 0:
-                    free[chosen] = False
-                    taken[area, place, index] = True
-                    beside[area, place, index] = set_aside[chosen]
-    return taken, beside
 
 
 def _ranked(found: _Found, targets: Array) -> Array:

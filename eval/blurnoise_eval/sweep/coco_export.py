@@ -14,8 +14,8 @@ from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.judged import Truth, coco_results, moved
-from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover

@@ -31,7 +31,7 @@ from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, 
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.scoring.matching import MoveBoxes, swept_within
+from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
 
 BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.certainty import Ends
-from blurnoise_eval.scoring.matching import mean_over
 from numpy.typing import NDArray
-from populations import EXPOSURES_S, POPULATIONS, Population, Seen, ranked
+from populations import EXPOSURES_S, POPULATIONS, Population, Seen, mean_over, ranked
 
 Array = NDArray[np.float64]
 SAMPLES, BATCH = 600, 100

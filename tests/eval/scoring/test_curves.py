@@ -11,10 +11,10 @@ from blurnoise_eval.grid.axes import SETTING
 from blurnoise_eval.scoring import certainty
 from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.scoring.curves import Endurance, endurances, endurances_across, mean_auc
-from blurnoise_eval.scoring.matching import failure_point
 from blurnoise_eval.scoring.surfaces import surfaces
 from hypothesis import given
 from hypothesis import strategies as st
+from made_runs import failure_point
 from plans import OWN
 
 EXPOSURES_S = (0.01, 0.02, 0.04)

@@ -8,18 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import matching
-from blurnoise_eval.scoring.matching import (
-    Ranking,
-    average_precision,
-    failure_point,
-    hits,
-    iou,
-    mean_over,
-    target_confidence,
-    target_confidences,
-)
+from blurnoise_eval.scoring.boxes import iou, xywh, xyxy
+from blurnoise_eval.scoring.matching import Targets, matched, target_confidences
+from blurnoise_eval.scoring.precision import precision
+from coco_oracle import average_precision, hits
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -32,6 +26,14 @@ BOX = (10.0, 20.0, 30.0, 60.0)  # 20 x 40 px
 def detections(*rows: tuple[tuple[float, float, float, float], float, int]) -> Detections:
     boxes, scores, class_ids = zip(*rows, strict=True) if rows else ((), (), ())
     return Detections(np.array(boxes), np.array(scores), np.array(class_ids))
+
+
+def confidence(found: Detections, class_id: int) -> float:
+    return float(target_confidences(found, [BOX], [class_id])[0])
+
+
+def annotations(boxes_xyxy: Any) -> list[dict[str, Any]]:
+    return [{"category_id": 7, "bbox": box, "area": box[2] * box[3]} for box in xywh(boxes_xyxy).tolist()]
 
 
 @pytest.mark.parametrize(
@@ -79,52 +81,56 @@ def test_highest_score_of_the_right_class_and_place() -> None:
         (BOX, 0.9, 0),  # another class
         ((40, 20, 60, 60), 0.95, 1),  # another place
     )
-    assert target_confidence(found, BOX, 1) == pytest.approx(0.7)
-    assert target_confidence(found, BOX, 2) == 0.0
-    assert target_confidence(detections(), BOX, 1) == 0.0
+    assert confidence(found, 1) == pytest.approx(0.7)
+    assert confidence(found, 2) == 0.0
+    assert confidence(detections(), 1) == 0.0
 
 
 def test_half_an_overlap_is_enough_and_less_is_not() -> None:
-    assert target_confidence(detections(((10, 20, 30, 40), 0.8, 0)), BOX, 0) == pytest.approx(0.8)
-    assert target_confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), BOX, 0) == 0.0
+    assert confidence(detections(((10, 20, 30, 40), 0.8, 0)), 0) == pytest.approx(0.8)
+    assert confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), 0) == 0.0
+
+
+def matches(found: Detections, targets_xyxy: Any) -> list[bool]:
+    """Of the detections of class 0, in one picture."""
+    own = found.boxes_xyxy[found.class_ids == 0]
+    targets = Targets.of([annotations(targets_xyxy)])
+    keys, target_keys = np.zeros(len(own), int), np.zeros(len(targets.picture), int)
+    taken, beside = matched(keys, xywh(own), target_keys, targets, targets.crowd[None], np.array([0.5]))
+    assert not beside.any()
+    every: list[bool] = taken[0, 0].tolist()
+    return every
 
 
 def test_a_target_takes_one_detection_and_a_detection_the_target_it_fits_best() -> None:
     beside = (10.0, 25.0, 30.0, 65.0)  # overlaps BOX by 7/9
     found = detections((BOX, 0.9, 0), (BOX, 0.8, 0), (beside, 0.7, 0), (BOX, 0.95, 1), (beside, 0.6, 0))
-    assert hits(found, [BOX], 0).tolist() == [True, False, False, False]
-    assert hits(found, [BOX, beside], 0).tolist() == [True, True, False, False]
-    assert hits(found, np.zeros((0, 4)), 0).tolist() == [False] * 4
-    assert hits(detections(), [BOX], 0).tolist() == []
+    for targets, expected in (
+        ([BOX], [True, False, False, False]),
+        ([BOX, beside], [True, True, False, False]),
+        (np.zeros((0, 4)), [False] * 4),
+    ):
+        assert matches(found, targets) == hits(found, targets, 0).tolist() == expected
+    assert matches(detections(), [BOX]) == []
 
 
-def test_average_precision_by_hand() -> None:
-    """Right, wrong, right, and one of four targets never found: precision 1 up to a recall of 1/4, then 2/3."""
-    first = detections((BOX, 0.9, 0), ((100, 100, 120, 140), 0.8, 0))
-    second = detections((BOX, 0.7, 0))
-    targets = [[BOX, (200, 0, 220, 20)], [BOX], [(0, 0, 9, 9)]]
-    found = [first, second, detections()]
-    expected = (26 * 1 + 25 * 2 / 3) / 101  # recalls 0 to 0.25, then to 0.50
-    assert average_precision(found, targets, 0) == pytest.approx((expected,) * 3)
-    assert Ranking.of(found, targets, 0).ap50(np.ones(3)) == pytest.approx(expected)
+@pytest.mark.parametrize("seed", range(3))
+def test_matches_are_those_of_a_search_box_by_box(seed: int) -> None:
+    """With targets that overlap each other, so that detections have a choice."""
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        targets = _near(rng, 5) * [0.4, 0.4, 1, 1]
+        targets[:, 2:] = np.maximum(targets[:, 2:], targets[:, :2] + 10)
+        boxes = (targets + rng.normal(0, 6, (6, 1, 4))).reshape(-1, 4)
+        boxes[:, 2:] = np.maximum(boxes[:, 2:], boxes[:, :2] + 1)
+        found = Detections(boxes, np.linspace(0.9, 0.1, len(boxes)), np.zeros(len(boxes), int))
+        assert matches(found, targets) == hits(found, targets, 0).tolist()
 
 
-def test_what_is_found_in_an_empty_picture_is_wrong() -> None:
-    right, wrong = detections((BOX, 0.5, 0)), detections((BOX, 0.9, 0))
-    assert average_precision([right, detections()], [[BOX], []], 0).ap50 == pytest.approx(1)
-    assert average_precision([right, wrong], [[BOX], []], 0).ap50 == pytest.approx(1 / 2)
-    assert Ranking.of([right, wrong], [[BOX], []], 0).ap50(np.array([[1, 0], [1, 1], [1, 3], [0, 1.0]])) == (
-        pytest.approx([1, 1 / 2, 1 / 4, np.nan], nan_ok=True)
-    )
-
-
-def test_nothing_found_and_nothing_to_find() -> None:
-    assert average_precision([detections()], [[BOX]], 0) == (0, 0, 0)
-    assert Ranking.of([detections()], [[BOX]], 0).ap50(np.ones(1)) == 0
-    assert np.isnan(average_precision([detections((BOX, 0.5, 0))], [[]], 0)).all()
-    assert np.isnan(Ranking.of([detections((BOX, 0.5, 0))], [[]], 0).ap50(np.ones(1)))
-    with pytest.raises(ValueError, match="2 pictures; must be 1"):
-        average_precision([detections()], [[BOX], []], 0)
+def test_corners_and_sides() -> None:
+    assert xywh([BOX]).tolist() == [[10, 20, 20, 40]]
+    assert xyxy(xywh([BOX])).tolist() == [list(BOX)]
+    assert xywh([]).shape == xyxy([]).shape == (0, 4)
 
 
 def street(seed: int, *, pictures: int = 25, decimals: int = 7) -> tuple[list[Detections], list[Any]]:
@@ -178,55 +184,17 @@ def by_pycocotools(found: list[Detections], targets: list[Any]) -> list[float]:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_average_precision_is_cocos(seed: int, decimals: int) -> None:
     found, targets = street(seed, decimals=decimals)
-    got = average_precision(found, targets, 0)
-    assert 0.05 < got.ap < got.ap50 < 0.95
-    assert got == pytest.approx(by_pycocotools(found, targets), abs=1e-9)
-    assert Ranking.of(found, targets, 0).ap50(np.ones(len(found))) == pytest.approx(got.ap50, abs=1e-9)
-
-
-def test_weights_are_repetitions() -> None:
-    found, targets = street(4)
-    ranking = Ranking.of(found, targets, 0)
-    times = np.random.default_rng(0).multinomial(len(found), [1 / len(found)] * len(found), size=5)
-    values = ranking.ap50(times.astype(float))
-    for weights, value in zip(times, values, strict=True):
-        drawn = np.repeat(np.arange(len(found)), weights)
-        repeated = average_precision([found[i] for i in drawn], [targets[i] for i in drawn], 0)
-        assert value == pytest.approx(repeated.ap50, abs=1e-9)
-    assert len(set(values)) == 5
-
-
-@pytest.mark.parametrize(
-    ("y", "at", "returned"),
-    [
-        ([0.9, 0.8, 0.4, 0.1], 8.75, False),  # 3/4 of the way from 0.8 to 0.4
-        ([0.9, 0.8, 0.7, 0.6], None, False),
-        ([0.9, 0.8, 0.7, 0.5], None, False),  # at the threshold is not below
-        ([0.4, 0.3, 0.2, 0.1], 0.0, False),
-        ([0.9, 0.3, 0.7, 0.3], 15.0, True),  # only the last fall counts
-        ([0.9, 0.3, 0.3, 0.7], None, True),
-        ([0.3, 0.9, 0.1, 0.1], 5 + 5 / 2, True),  # below at first
-    ],
-)
-def test_failure_point(y: list[float], at: float | None, returned: bool) -> None:
-    point = failure_point([0, 5, 10, 20], y, 0.5)
-    assert point.at == (None if at is None else pytest.approx(at))
-    assert point.returned is returned
-
-
-def test_failure_point_needs_a_curve() -> None:
-    for x, y in (([0, 0], [1, 1]), ([0, 1], [1]), ([], [])):
-        with pytest.raises(ValueError, match="increasing"):
-            failure_point(x, y, 0.5)
-
-
-def test_mean_over_uneven_steps() -> None:
-    x = [2.0, 3.0, 6.0]
-    line = 3 + 2 * np.array(x)
-    assert mean_over(x, np.stack([line, np.full(3, 0.7)])) == pytest.approx([3 + 2 * 4, 0.7])
-    assert mean_over(x, np.array([0.0, 1.0, 0.0])) == pytest.approx(0.5)
-    with pytest.raises(ValueError, match="at least two"):
-        mean_over([1.0], np.ones(1))
+    expected = by_pycocotools(found, targets)
+    assert 0.05 < expected[0] < expected[1] < 0.95
+    ours = precision(
+        Answers.of([(str(place), 0, each) for place, each in enumerate(found)]),
+        np.arange(len(found)),
+        Targets.of([annotations(boxes) for boxes in targets]),
+        {0: 7},
+        len(found),
+    ).precision[0, 0]
+    assert (ours.mean(), ours[0], ours[5]) == pytest.approx(expected, abs=1e-9)
+    assert average_precision(found, targets, 0) == pytest.approx(expected, abs=1e-9)
 
 
 def test_targets_are_held_against_any_number_of_boxes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import certainty, per_condition, registry
+from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
-from blurnoise_eval.scoring.matching import MoveBoxes
 from blurnoise_eval.scoring.per_condition import PICTURES, performance, score_rows
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store

@@ -10,7 +10,7 @@ import pytest
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.estimates import left_out
 from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
-from blurnoise_eval.scoring.pairs import Targets
+from blurnoise_eval.scoring.matching import Targets
 from blurnoise_eval.scoring.precision import Precision
 from blurnoise_eval.scoring.precision import precision as pooled
 from faster_coco_eval import COCO, COCOeval_faster

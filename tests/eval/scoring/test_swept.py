@@ -12,8 +12,8 @@ import torch
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.judged import Judged, Truth
-from blurnoise_eval.scoring.matching import swept_within
 from blurnoise_eval.scoring.on_picture import DetectorView
 from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper, frames
 from numpy.typing import NDArray

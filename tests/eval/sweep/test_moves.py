@@ -20,10 +20,10 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.grid.objects import BOXES, MATTES, Objects
-from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 from blurnoise_models.detector import STOP_SIGN
+from coco_oracle import target_confidence
 from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 

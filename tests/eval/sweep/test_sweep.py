@@ -15,13 +15,13 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
 from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.matching import target_confidence
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep import work
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
+from coco_oracle import target_confidence
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import (
