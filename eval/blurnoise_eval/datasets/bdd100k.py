@@ -3,19 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
-from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.fields import each, faults_of, number, read_json, text
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidatorFunctionWrapHandler, WrapValidator
+
+from blurnoise._core.checks import Characters
 from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
+from blurnoise_eval.datasets.labels import FileName, Number, Selection, Size, each, faults_of, read_json
 from blurnoise_eval.datasets.records import PictureSet, Target
-from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Location
 
-_CORNERS = ("x1", "y1", "x2", "y2")
+
+class _Corners(BaseModel):
+    x1: Number
+    y1: Number
+    x2: Number
+    y2: Number
+
+
+class _Label(BaseModel):
+    """What else it says, ``model_extra``, stays with the target."""
+
+    model_config = ConfigDict(extra="allow")
+    id: Any = None
+    box2d: _Corners
+    category: Characters
+
+
+def _boxed(label: Any, read: ValidatorFunctionWrapHandler) -> Any:
+    """None for a lane or a drivable area."""
+    return None if isinstance(label, dict) and label.get("box2d") is None else read(label)
+
+
+class _Frame(BaseModel):
+    name: FileName
+    labels: Annotated[
+        list[Annotated[_Label, WrapValidator(_boxed)]], BeforeValidator(lambda labels: labels or [])
+    ] = []
+    size: Annotated[Size | None, BeforeValidator(lambda size: None if size == {} else size)] = None
 
 
 def bdd(
@@ -37,12 +63,13 @@ def bdd(
     with faults_of("bdd", file):
         document = read_json(file, "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
-        known: set[str] = set()
-        read = partial(_frame, known=known, selection=selection)
-        listed = [frame for frame in each(frames, "frames", read) if selection.takes(frame[1])]
+        read = list(each(frames, "frames", _Frame))
+        known = {label.category for frame in read for label in frame.labels if label}
+        found = [(frame, _targets(frame, selection)) for frame in read]
+        listed = [(frame, targets) for frame, targets in found if selection.takes(targets)]
         taken = (
-            (name, tuple(found), place, size_px)
-            for place, (name, found, size_px) in enumerate(listed, start=1)
+            (frame.name, tuple(targets), place, frame.size.px if frame.size else None)
+            for place, (frame, targets) in enumerate(listed, start=1)
         )
         pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(known, pictures)
@@ -50,29 +77,15 @@ def bdd(
     return PictureSet("bdd", str(file), pictures, categories, selection.notes(), selection.chosen)
 
 
-def _frame(
-    frame: dict[str, Any], *, known: set[str], selection: Selection
-) -> tuple[str, list[Target], tuple[float, float] | None]:
-    """Its picture's name, targets and size, if stated; ``known`` gathers the categories that have boxes."""
-    name = inside(text(frame, "name"))
-    labels = each(frame.get("labels") or [], "labels", partial(_label, known=known, selection=selection))
-    size = frame.get("size")
-    if size is not None and not isinstance(size, dict):
-        raise ValueError(f"size = {shown(size)}: must be an object")
-    size_px = (number(size, "width"), number(size, "height")) if size else None
-    return name, [target for found in labels for target in found], size_px
-
-
-def _label(label: dict[str, Any], *, known: set[str], selection: Selection) -> list[Target]:
-    corners = label.get("box2d")
-    if corners is None:  # a lane, a drivable area
-        return []
-    if not isinstance(corners, dict):
-        raise ValueError(f"box2d = {shown(corners)}: must be an object")
-    x0, y0, x1, y1 = (number(corners, key) for key in _CORNERS)
-    category = text(label, "category")
-    known.add(category)
-    annotation = {key: value for key, value in label.items() if key not in ("id", "category", "box2d")}
-    attributes = label.get("attributes")
-    crowd = isinstance(attributes, dict) and bool(attributes.get("crowd"))
-    return selection.target(category, (x0, y0, x1, y1), crowd=crowd, annotation=annotation)
+def _targets(frame: _Frame, selection: Selection) -> list[Target]:
+    targets = []
+    for label in filter(None, frame.labels):
+        corners, annotation = label.box2d, label.model_extra or {}
+        attributes = annotation.get("attributes")
+        targets += selection.target(
+            label.category,
+            (corners.x1, corners.y1, corners.x2, corners.y2),
+            crowd=isinstance(attributes, dict) and bool(attributes.get("crowd")),
+            annotation=annotation,
+        )
+    return targets

@@ -5,36 +5,64 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.fields import (
-    LARGEST_ID,
-    as_number,
-    each,
-    faults_of,
-    number,
-    read_json,
-    text,
-    whole,
-)
+from pydantic import AfterValidator, BaseModel, model_validator
+
+from blurnoise._core.checks import Characters
 from blurnoise_eval.datasets.folder import from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
+from blurnoise_eval.datasets.labels import (
+    LARGEST_ID,
+    FileName,
+    Number,
+    Selection,
+    Size,
+    Whole,
+    each,
+    faults_of,
+    of_length,
+    read_json,
+)
 from blurnoise_eval.datasets.records import PictureSet, Target
-from blurnoise_eval.datasets.selection import Selection
-from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Location
 
 _KIND = "a COCO instances file"
 _READ = ("id", "image_id", "category_id", "bbox")  # the rest stays with the target
 _PARTS = {"images", "categories", "annotations"}
-T = TypeVar("T")
 
 
-class _Image(NamedTuple):
-    name: str
-    size_px: tuple[float, float] | None  # (width, height) where the file says it
+def _area(px2: float) -> float:
+    if not 0 <= px2 < math.inf:
+        raise ValueError("must be finite and >= 0, px^2")
+    return px2
+
+
+class _Category(BaseModel):
+    id: Whole
+    name: Characters
+
+
+class _Image(BaseModel):
+    id: Whole
+    file_name: FileName
+    size: Size | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _both_sides_or_none(cls, entry: Any) -> Any:
+        known = isinstance(entry, dict) and entry.get("width") and entry.get("height")
+        return {**entry, "size": entry if known else None} if isinstance(entry, dict) else entry
+
+
+class _Annotation(BaseModel):
+    image_id: Whole
+    category_id: Whole
+    bbox: Annotated[list[Number], of_length(4, 4, "must be [x, y, width, height], px")]
+    area: Annotated[Number, AfterValidator(_area)] | None = None
+
+
+Entry = TypeVar("Entry", _Category, _Image)
 
 
 def coco(
@@ -58,81 +86,62 @@ def coco(
         document = read_json(file, _KIND)
         if not isinstance(document, dict) or not document.keys() >= _PARTS:
             raise ValueError(f"not {_KIND}: must be an object with {', '.join(sorted(_PARTS))}")
-        categories = _by_id(each(document["categories"], "categories", _category), "categories")
-        listed = _by_id(each(document["images"], "images", _image), "images")
-        targets: defaultdict[int, list[Target]] = defaultdict(list)
-        read = partial(_annotation, categories=categories, listed=listed, selection=selection, used=set())
-        for image_id, found in each(document["annotations"], "annotations", read):
-            targets[image_id] += found
+        categories = _by_id(each(document["categories"], "categories", _Category), "categories")
+        labels_by_id = {category_id: category.name for category_id, category in categories.items()}
+        listed = _by_id(each(document["images"], "images", _Image), "images")
+        targets = _targets(document["annotations"], labels_by_id, listed, selection)
         taken = (
-            (image.name, tuple(targets[image_id]), image_id, image.size_px)
+            (image.file_name, tuple(targets[image_id]), image_id, image.size.px if image.size else None)
             for image_id, image in listed.items()
             if selection.takes(targets[image_id])
         )
         pictures = from_files(images or file.parent, taken, max_megapixels)
-        selection.check(categories.values(), pictures)
-    ids = {label: category_id for category_id, label in categories.items()}
+        selection.check(labels_by_id.values(), pictures)
+    ids = {label: category_id for category_id, label in labels_by_id.items()}
     return PictureSet("coco", str(file), pictures, ids, selection.notes(), selection.chosen)
 
 
-def _by_id(entries: Iterable[tuple[int, T]], name: str) -> dict[int, T]:
-    found: dict[int, T] = {}
-    for entry_id, entry in entries:
-        if entry_id in found:
-            raise ValueError(f"{name}: id {entry_id} twice")
-        found[entry_id] = entry
+def _by_id(entries: Iterable[Entry], name: str) -> dict[int, Entry]:
+    found: dict[int, Entry] = {}
+    for entry in entries:
+        if entry.id in found:
+            raise ValueError(f"{name}: id {entry.id} twice")
+        found[entry.id] = entry
     return found
 
 
-def _category(entry: dict[str, Any]) -> tuple[int, str]:
-    return whole(entry, "id"), text(entry, "name")
-
-
-def _image(entry: dict[str, Any]) -> tuple[int, _Image]:
-    known = entry.get("width") and entry.get("height")
-    size_px = (number(entry, "width"), number(entry, "height")) if known else None
-    return whole(entry, "id"), _Image(inside(text(entry, "file_name")), size_px)
-
-
-def _annotation(
-    entry: dict[str, Any],
-    *,
-    categories: Mapping[int, str],
-    listed: Mapping[int, _Image],
-    selection: Selection,
-    used: set[int],
-) -> tuple[int, list[Target]]:
-    """The picture's id and the box as a target, or none where it does not count.
-
-    used: the annotations' ids so far; one that COCO's tools could not use is forgotten.
-    """
-    image_id, category_id = whole(entry, "image_id"), whole(entry, "category_id")
-    if category_id not in categories:
-        raise ValueError(f"category_id = {category_id}: not among the categories")
-    bbox = entry["bbox"]
-    if not isinstance(bbox, list) or len(bbox) != 4:
-        raise ValueError(f"bbox = {shown(bbox)}: must be [x, y, width, height], px")
-    x, y, width, height = (as_number(value, "bbox") for value in bbox)
-    area = None if entry.get("area") is None else number(entry, "area")
-    if area is not None and not 0 <= area < math.inf:
-        raise ValueError(f"area = {area}: must be finite and >= 0, px^2")
-    if image_id not in listed:
-        return image_id, selection.leave_out("of pictures that are not listed")
-    annotation = {key: value for key, value in entry.items() if key not in _READ}
-    own: Any = entry.get("id")
-    usable = type(own) is int and 0 < own < LARGEST_ID  # pycocotools takes 0 for "not found"
-    repeated = usable and own in used
-    if usable and not repeated:
-        annotation["id"] = own
-        used.add(own)
-    found = selection.target(
-        categories[category_id],
-        (x, y, x + width, y + height),
-        listed[image_id].size_px,
-        area_px2=area,
-        crowd=bool(entry.get("iscrowd")),
-        annotation=annotation,
-    )
-    if found and repeated:
-        selection.count("with the id of another (its own is a new one)")
-    return image_id, found
+def _targets(
+    entries: Any, labels: Mapping[int, str], listed: Mapping[int, _Image], selection: Selection
+) -> defaultdict[int, list[Target]]:
+    """The boxes that count, by the picture's id. An annotation's id that COCO's tools could not use is forgotten."""
+    targets: defaultdict[int, list[Target]] = defaultdict(list)
+    used: set[int] = set()
+    for place, entry in enumerate(each(entries, "annotations", _Annotation)):
+        if entry.category_id not in labels:
+            raise ValueError(
+                f"annotations[{place}]: category_id = {entry.category_id}: not among the categories"
+            )
+        if entry.image_id not in listed:
+            selection.leave_out("of pictures that are not listed")
+            continue
+        annotation = {key: value for key, value in entries[place].items() if key not in _READ}
+        own = entries[place].get("id")
+        usable = type(own) is int and 0 < own < LARGEST_ID  # pycocotools takes 0 for "not found"
+        repeated = usable and own in used
+        if usable and not repeated:
+            annotation["id"] = own
+            used.add(own)
+        x, y, width, height = entry.bbox
+        size = listed[entry.image_id].size
+        found = selection.target(
+            labels[entry.category_id],
+            (x, y, x + width, y + height),
+            size.px if size else None,
+            area_px2=entry.area,
+            crowd=bool(entries[place].get("iscrowd")),
+            annotation=annotation,
+        )
+        if found and repeated:
+            selection.count("with the id of another (its own is a new one)")
+        targets[entry.image_id] += found
+    return targets

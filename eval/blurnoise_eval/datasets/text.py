@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from pydantic import BaseModel
 
-from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.fields import (
+from blurnoise._core.checks import Characters, shown
+from blurnoise_eval.datasets.folder import from_files
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
+from blurnoise_eval.datasets.labels import (
     LARGEST_SET_BYTES,
+    Number,
+    Selection,
     as_json,
-    as_number,
     each,
     each_line,
     faults_of,
+    of_length,
     read_text,
-    text,
 )
-from blurnoise_eval.datasets.folder import from_files
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
-from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Finder, Location
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
 _HEIGHTS_PX = (16, 32, 64)
+_Corner = Annotated[list[Number], of_length(2, 2, "must be [x, y], px")]
+
+
+class _Text(BaseModel):
+    transcription: Characters
+    points: Annotated[list[_Corner], of_length(2, math.inf, "must be corners [[x, y], ...], px")]
 
 
 def texts(
@@ -77,34 +85,20 @@ def _whole(picture: Location, written: str, *, find: Finder) -> list[Target]:
 
 
 def _places(picture: Location, written: str, *, selection: Selection) -> list[Target]:
-    found = each(
-        as_json(written, "a list of texts and points"), "texts", partial(_place, selection=selection)
-    )
-    return [target for targets in found for target in targets]
-
-
-def _place(entry: dict[str, Any], *, selection: Selection) -> list[Target]:
-    """The upright box around the points."""
-    written, points = text(entry, "transcription"), entry["points"]
-    if not isinstance(points, list) or len(points) < 2:
-        raise ValueError(f"points = {shown(points)}: must be corners [[x, y], ...], px")
-    corners = np.array([_point(point) for point in points])
-    (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
-    annotation = {key: value for key, value in entry.items() if key != "transcription"}
-    return selection.target(
-        LABEL,
-        (x0, y0, x1, y1),
-        group=_height_group(y1 - y0),
-        crowd=written in _UNREADABLE,
-        text=written,
-        annotation=annotation,
-    )
-
-
-def _point(point: object) -> tuple[float, float]:
-    if not isinstance(point, list) or len(point) != 2:
-        raise ValueError(f"points: {shown(point)}: must be [x, y], px")
-    return as_number(point[0], "x"), as_number(point[1], "y")
+    """The upright boxes around the points."""
+    entries, targets = as_json(written, "a list of texts and points"), []
+    for place, entry in enumerate(each(entries, "texts", _Text)):
+        corners = np.array(entry.points)
+        (x0, y0), (x1, y1) = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+        targets += selection.target(
+            LABEL,
+            (x0, y0, x1, y1),
+            group=_height_group(y1 - y0),
+            crowd=entry.transcription in _UNREADABLE,
+            text=entry.transcription,
+            annotation={key: value for key, value in entries[place].items() if key != "transcription"},
+        )
+    return targets
 
 
 def _height_group(height_px: float) -> str:

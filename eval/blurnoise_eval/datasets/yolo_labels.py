@@ -7,28 +7,43 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, MinLen
+from pydantic import BaseModel, BeforeValidator, Strict
 
-from blurnoise._core.checks import shown
-from blurnoise_eval.datasets.fields import (
+from blurnoise._core.checks import Characters, shown
+from blurnoise_eval.datasets.folder import from_files, picture_names
+from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
+from blurnoise_eval.datasets.labels import (
     LARGEST_SET_BYTES,
+    Selection,
+    checked,
     each_line,
     faults_of,
-    is_unicode,
     read_text,
     read_yaml,
 )
-from blurnoise_eval.datasets.folder import from_files, picture_names
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
-from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.storage import Finder, Location, Url
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
+
+ClassNumber = Annotated[int, Strict(), Ge(0)]
+ClassName = Annotated[
+    Characters, Strict(), BeforeValidator(lambda name: str(name) if type(name) is int else name)
+]
+
+
+class _Classes(BaseModel):
+    names: Annotated[
+        dict[ClassNumber, ClassName],
+        BeforeValidator(lambda names: dict(enumerate(names)) if isinstance(names, list) else names),
+        MinLen(1),
+    ]
 
 
 def yolo(
@@ -51,7 +66,7 @@ def yolo(
     selection = Selection(labels, keep_empty)
     with faults_of("yolo", path):
         root, described = _description(path)
-        classes = _class_names(described.get("names"))
+        classes = checked(_Classes, described).names
         if images and split:
             raise ValueError(f"split {split!r}: must not go with images, which are all taken")
         folder, names = _pictures([images] if images else _sources(root, described, split))
@@ -89,17 +104,6 @@ def _description(path: Location) -> tuple[Location, dict[Any, Any]]:
         if file.is_file():
             return path, {"names": [line.strip() for line in read_text(file).split("\n") if line.strip()]}
     raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
-
-
-def _class_names(names: object) -> dict[int, str]:
-    by_id = dict(enumerate(names)) if isinstance(names, list) else names
-    if not isinstance(by_id, dict) or not by_id:
-        raise ValueError(f"names = {shown(names)}: must be the classes' names, as a list or by class number")
-    for class_id, name in by_id.items():
-        sound = type(name) is int or (isinstance(name, str) and is_unicode(name))
-        if type(class_id) is not int or class_id < 0 or not sound:
-            raise ValueError(f"names: {shown({class_id: name})}: must be a name by a class number >= 0")
-    return {class_id: str(name) for class_id, name in by_id.items()}
 
 
 def _sources(root: Location, described: Mapping[Any, Any], split: str | None) -> list[Location]:

@@ -90,7 +90,7 @@ def test_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
         ([{"name": "a.jpg"}, {"name": "./a.jpg"}], r"lists 'a\.jpg' twice"),
         ([{"name": "a.jpg", "labels": {"0": 1}}], r"frames\[0\]: labels = .*must be a list"),
         ([{"name": "a.jpg", "labels": [{"box2d": 5}]}], r"labels\[0\]: box2d = 5: must be an object"),
-        ([{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: has no 'y1'"),
+        ([{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: box2d: has no 'y1'"),
         ([{"name": "a.jpg", "labels": [{"box2d": {**BOX, "x2": "9"}}]}], "x2 = '9': must be a number"),
         ([{"name": "a.jpg", "labels": [{"box2d": BOX}]}], "has no 'category'"),
         ([{"name": "a.jpg", "labels": [{"box2d": BOX, "category": 3}]}], "category = 3: must be text"),

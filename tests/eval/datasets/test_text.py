@@ -79,8 +79,11 @@ def test_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
         ('a.png\t[{"transcription": 5, "points": []}]', "transcription = 5"),
         ('a.png\t[{"transcription": "STOP"}]', "has no 'points'"),
         ('a.png\t[{"transcription": "STOP", "points": [[1, 2]]}]', "points = "),
-        ('a.png\t[{"transcription": "STOP", "points": [[1, 2], [3]]}]', r"points: \[3\]"),
-        ('a.png\t[{"transcription": "STOP", "points": [[1, 2], [3, "4"]]}]', "y = '4': must be a number"),
+        ('a.png\t[{"transcription": "STOP", "points": [[1, 2], [3]]}]', r"points\[1\] = \[3\]"),
+        (
+            'a.png\t[{"transcription": "STOP", "points": [[1, 2], [3, "4"]]}]',
+            r"points\[1\]\[1\] = '4': must be a number",
+        ),
     ],
 )
 def test_bad_line_is_named(tmp_path: Path, line: str, fault: str) -> None:

@@ -225,7 +225,7 @@ def test_bad_line_is_named(tmp_path: Path, line: str, fault: str) -> None:
             {"data.yaml": described(val="list.txt"), "list.txt": "a.png\n./a.png", "a.png": (8, 8), "a.txt": LINE},
             r"lists 'a\.png' twice",
         ),
-        ({"data.yaml": "val: images", "images/a.png": (8, 8)}, "names = None"),
+        ({"data.yaml": "val: images", "images/a.png": (8, 8)}, "has no 'names'"),
         ({"data.yaml": "names: {zero: sign}"}, "names"),
         ({"data.yaml": "names: {-1: sign}"}, "names"),
         ({"data.yaml": "names: [sign, [1]]"}, "names"),
