@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidatorFunctionWrapHandler, WrapValidator
 
 from blurnoise._core.checks import Characters
-from blurnoise_eval.datasets.folder import from_files
+from blurnoise_eval.datasets.folder import Entry, from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.labels import FileName, Number, Selection, Size, each, faults_of, read_json
 from blurnoise_eval.datasets.records import PictureSet, Target
@@ -63,14 +63,14 @@ def bdd(
     with faults_of("bdd", file):
         document = read_json(file, "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
-        read = list(each(frames, "frames", _Frame))
-        known = {label.category for frame in read for label in frame.labels if label}
-        found = [(frame, _targets(frame, selection)) for frame in read]
-        listed = [(frame, targets) for frame, targets in found if selection.takes(targets)]
-        taken = (
-            (frame.name, tuple(targets), place, frame.size.px if frame.size else None)
-            for place, (frame, targets) in enumerate(listed, start=1)
-        )
+        known: set[str] = set()
+        taken: list[Entry] = []
+        for frame in each(frames, "frames", _Frame):
+            known.update(label.category for label in frame.labels if label)
+            targets = _targets(frame, selection)
+            if selection.takes(targets):
+                size_px = frame.size.px if frame.size else None
+                taken.append((frame.name, tuple(targets), len(taken) + 1, size_px))
         pictures = from_files(images or file.parent, taken, max_megapixels)
         selection.check(known, pictures)
     categories = {label: place for place, label in enumerate(sorted(known), start=1)}
