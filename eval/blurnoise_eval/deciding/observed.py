@@ -63,6 +63,11 @@ class Observed:
         return certainty.mean_of(self.sums, self.counts)
 
     @property
+    def most(self) -> float:
+        """The greatest value of the mean: all of the score, by what was kept."""
+        return 1 / self.clean if self.kept and self.clean else 1.0
+
+    @property
     def error(self) -> Array:
         """(N,), the mean's standard error over clusters; NaN of fewer than two."""
         away = certainty.departures(self.sums, self.counts)

@@ -22,20 +22,18 @@ Array = NDArray[np.float64]
 
 
 class At(NamedTuple):
-    """What is predicted of C clusters at M places: sums and counts (C, M), and sigma (M,) of the sums' total by the
-    counts': what the nodes leave open, in the criterion's unit."""
+    """What is predicted of C clusters at M places: sums and counts (C, M)."""
 
     sums: Array
     counts: Array
-    sigma: Array
 
 
 class Predicted:
     """The surfaces of C clusters through N nodes.
 
     places: (N, 2). sums, counts: (C, N); where a cluster was not observed both are 0, or NaN. Nodes at one place
-    count as one. trend: what the surface is guided by. Raises ``ValueError`` for shapes that do not fit, and where
-    nothing was observed.
+    count as one. trend: what the surface is guided by. most: the greatest value there can be. Raises ``ValueError``
+    for shapes that do not fit, and where nothing was observed.
     """
 
     def __init__(
@@ -45,6 +43,7 @@ class Predicted:
         sums: ArrayLike,
         counts: ArrayLike,
         trend: Trend | None = USUAL,
+        most: float = 1.0,
     ) -> None:
         at = np.asarray(places, float).reshape(-1, 2)
         total, count = np.nan_to_num(np.asarray(sums, float)), np.nan_to_num(np.asarray(counts, float))
@@ -62,6 +61,7 @@ class Predicted:
         seen = (count > 0).any(axis=0)
         self.places, self._sums, self._counts = different[seen], total[:, seen], count[:, seen]
         self._trend = trend
+        self.most = most
 
     @cached_property
     def surface(self) -> Kriging:
@@ -90,7 +90,7 @@ class Predicted:
             sums[alike] = (self._sums[alike][:, pattern] / of_each) @ weights.T * counts[alike]
         mean = sums.sum(axis=0) / counts.sum(axis=0)
         sums += counts * (mean.clip(0.0, self._mean.max()) - mean)
-        return At(sums, counts, self.surface.sigma(at))
+        return At(sums, counts)
 
     def inside(self, places: ArrayLike) -> NDArray[np.bool_]:
         """Which of the places (M, 2) lie among the nodes, within half a step of their hull."""

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.deciding.search import CAUTION
 from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program.limits import STEPS_PER_STOP, Limits
 from blurnoise_eval.program.metering import Metering
@@ -260,8 +259,12 @@ def _interval(response: Response, ours: Course) -> tuple[float | None, float | N
         return None, None
     mean = there.objective.mean()
     away = there.departures.mean(axis=1)
-    low, high = certainty.interval(mean, _widened(away[:, None], there.sigma.mean(keepdims=True))[:, 0])
-    return (float(low), float(high)) if np.isfinite(low) and np.isfinite(high) else (None, None)
+    highest = min(response.most, max(1.0, float(mean + away.max())))  # as the best that was seen, or all
+    ends = certainty.interval(mean, away, within=(0.0, highest))
+    open_ = certainty.NORMAL * np.sqrt(max(float(there.open.mean()), 0.0))
+    low, high = mean - np.hypot(mean - ends.low, open_), mean + np.hypot(ends.high - mean, open_)
+    known = np.isfinite(low) and np.isfinite(high)
+    return (max(float(low), 0.0), min(float(high), highest)) if known else (None, None)
 
 
 def _regret(response: Response, ours: Course, times_s: Sequence[float], table: Array) -> float | None:
@@ -273,25 +276,15 @@ def _regret(response: Response, ours: Course, times_s: Sequence[float], table: A
         (light, [exposure, *(time for time, value in zip(times_s, row, strict=True) if np.isfinite(value))])
         for light, exposure, row in zip(lights, ours.exposures_s, table, strict=True)
     ]
-    there = response.uncertain(
-        [light for light, times in asked for _ in times], [time for _, times in asked for time in times]
-    )
-    bounds, first = [], 0
-    for _, times in asked:
-        own = slice(first + 1, first + len(times))
-        gain = there.objective[own] - there.objective[first]
-        away = there.departures[:, own] - there.departures[:, [first]]
-        bounds.append(float(certainty.regret_bound(away, gain, sigma=CAUTION * there.sigma[own])))
-        first += len(times)
+    bounds = []
+    for light, times in asked:
+        there = response.uncertain([light] * len(times), times)
+        gain = there.objective[1:] - there.objective[0]
+        away = there.departures[:, 1:] - there.departures[:, [0]]
+        sigma = certainty.sigma_of_differences(there.open, 0)[1:]
+        bounds.append(float(certainty.regret_bound(away, gain, sigma=sigma)))
     bound = float(np.mean(bounds))
     return bound if np.isfinite(bound) else None
-
-
-def _widened(departures: Array, sigma: Array) -> Array:
-    """Departures (C, M) whose error holds what the surface leaves open, too."""
-    error = departures.std(axis=0, ddof=1) / np.sqrt(len(departures)) if len(departures) > 1 else 0 * sigma
-    more = np.sqrt(1 + (CAUTION * sigma / np.where(error > 0, error, np.inf)) ** 2)
-    return np.asarray(departures * more)
 
 
 def _rivals(response: Response, metering: Metering, limits: Limits, fixed_s: float | None) -> list[Rival]:

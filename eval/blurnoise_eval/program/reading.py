@@ -113,7 +113,8 @@ def read(
         model=seen[0].model,
         criterion=criterion,
         planes={
-            each.group: Predicted(each.places, each.clusters, each.sums, each.counts, trend) for each in seen
+            each.group: Predicted(each.places, each.clusters, each.sums, each.counts, trend, each.most)
+            for each in seen
         },
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         lights_lux=(min(line.illuminance_lux for line in lines), max(line.illuminance_lux for line in lines)),

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.deciding.nodes import Line, places_of
 from blurnoise_eval.deciding.predicted import At, Predicted
+from blurnoise_eval.deciding.search import CAUTION
 from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.scoring import certainty
 
@@ -30,11 +31,12 @@ class Values(NamedTuple):
 
 
 class Uncertain(NamedTuple):
-    """The objective (M,), its departures by cluster (C, M), and what the surfaces leave open (M,)."""
+    """The objective (M,), its departures by cluster (C, M), and the covariance (M, M) of what the surfaces leave
+    open, ``CAUTION`` times as wide as they have it."""
 
     objective: Array
     departures: Array
-    sigma: Array
+    open: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +69,32 @@ class Response:
         cases, objective = self.at(lights_lux, exposures_s)
         weights = np.nan_to_num(self.scenario.weights(cases))
         place = {cluster: index for index, cluster in enumerate(self.clusters)}
-        departures, square = np.zeros((len(place), len(objective))), np.zeros(len(objective))
+        departures = np.zeros((len(place), len(objective)))
         for weight, case in zip(weights, self.scenario.cases, strict=True):
             there = self._case(case, lights_lux, exposures_s)
             left_out = certainty.departures(there.sums, there.counts)
             known = np.maximum(np.isfinite(left_out).sum(axis=0), 1)
             rows = [place[cluster] for cluster in self.planes[case[1]].clusters]
             departures[rows] += weight * np.nan_to_num(left_out) * len(place) / known
-            square += (weight * there.sigma) ** 2
-        return Uncertain(objective, departures, np.sqrt(square))
+        return Uncertain(objective, departures, self._open(weights, lights_lux, exposures_s))
+
+    def _open(self, weights: Array, lights_lux: ArrayLike, exposures_s: ArrayLike) -> Array:
+        """Covariance (M, M) of the objective, whose cases count ``weights`` (K, M): those of one plane together."""
+        found = np.zeros((weights.shape[1],) * 2)
+        for target, plane in self.planes.items():
+            own = [k for k, (_, each) in enumerate(self.scenario.cases) if each == target]
+            if own:
+                speeds = [self.scenario.cases[k][0] for k in own]
+                places = np.concatenate([_places(speed, lights_lux, exposures_s) for speed in speeds])
+                by = weights[own].ravel()
+                of_cases = by[:, None] * plane.surface.covariance(places) * by
+                found += of_cases.reshape(len(own), len(found), len(own), len(found)).sum(axis=(0, 2))
+        return CAUTION**2 * found
+
+    @property
+    def most(self) -> float:
+        """The greatest value of the objective."""
+        return sum(share * self.planes[target].most for target, share in self.scenario.targets.items())
 
     def tested(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> NDArray[np.bool_]:
         """Whether each case was tested at pairs of light and exposure, (K, M)."""

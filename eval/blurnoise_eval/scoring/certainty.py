@@ -21,6 +21,8 @@ FEWEST = 8
 FEW = 20
 """Clusters below which what is said is flagged. Of curves as :func:`effective`."""
 CONFIDENCE = 0.95
+NORMAL = 1.96
+"""Standard errors to either side of the mean that hold 95 % of a normal distribution."""
 UNSEEN = 0.25
 """Of a cluster: what the one at the bound counts; in ``blurnoise bench intervals`` 0.1 is too little, 0.5 much."""
 DRAWS = 1000
@@ -223,6 +225,13 @@ def regret_bound(
     limit = np.maximum(critical(n[told], 2 * confidence - 1), together)
     wide = np.hypot(error, sigma)[told]
     return np.asarray(max(0.0, float((np.asarray(gain, float)[told] + limit * wide).max())))
+
+
+def sigma_of_differences(covariance: ArrayLike, chosen: int) -> Array:
+    """Standard deviations (S,) of what S values lack against a chosen one, from their covariance (S, S)."""
+    of = np.asarray(covariance, float)
+    own = np.diag(of)
+    return np.asarray(np.sqrt(np.maximum(own + own[chosen] - 2 * of[chosen], 0.0)))
 
 
 def behind_best(mean: ArrayLike, departure: ArrayLike) -> Ends:

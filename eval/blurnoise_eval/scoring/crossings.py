@@ -25,7 +25,6 @@ Stretch = tuple[float, float]
 Bounds = tuple[float | None, float | None]
 """An interval; None at an end that lies outside the tested range, or is not known."""
 _STEPS = 16  # between two tested values, at which the interval is known; between these its ends are straight
-_NORMAL = 1.96  # standard errors to either side of 95 % of a normal
 _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
@@ -180,7 +179,7 @@ class Curve:
         mean = between(self.mean)
         ends = certainty.interval(mean, between(self.departures), within=(0.0, self.most))
         if self.open is not None:
-            half = _NORMAL * between(np.sqrt(np.diag(self.open)))
+            half = certainty.NORMAL * between(np.sqrt(np.diag(self.open)))
             low, high = np.hypot(mean - ends.low, half), np.hypot(ends.high - mean, half)
             ends = certainty.Ends(mean - low, mean + high)
         told = self.told[before] & self.told[after]

@@ -303,9 +303,7 @@ def _regret(curve: Curve, chosen: int) -> float | None:
     gain = (curve.mean - curve.mean[chosen])[others]
     told = curve.told & curve.told[chosen]
     paired = np.where(told, curve.departures - curve.departures[:, [chosen]], np.nan)[:, others]
-    apart = np.zeros(len(others))
-    if curve.open is not None:  # what is not known of a difference
-        own = np.diag(curve.open)
-        apart = np.sqrt(np.maximum(own + own[chosen] - 2 * curve.open[chosen], 0.0))
+    unknown = np.zeros((len(others),) * 2) if curve.open is None else curve.open
+    apart = certainty.sigma_of_differences(unknown, chosen)
     bound = float(certainty.regret_bound(paired, gain, sigma=apart[others]))
     return None if math.isnan(bound) else bound

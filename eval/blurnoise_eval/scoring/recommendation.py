@@ -43,7 +43,6 @@ MOST_COMMON = 4
 SURE, FAILS, CANNOT_TELL = "sure", "no", "cannot tell"
 _ROUNDED = 0.02  # stops: exposures are rounded to three digits
 _LEAST_EFFECTIVE = 3.0  # pictures of equal weight, below which no interval is given
-_NORMAL = 1.96  # standard errors on either side of the mean, 95 % of a normal distribution
 
 
 def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None:
@@ -277,8 +276,8 @@ class Averages:
         wider = certainty.critical(np.maximum(effective, _LEAST_EFFECTIVE)) / certainty.critical(n)
         wider = np.fmax(wider, 1.0)
         ends = certainty.interval(value, away, within=(np.zeros_like(value), highest))
-        low = np.hypot(wider * (value - ends.low), _NORMAL * sigma)
-        high = np.hypot(wider * (ends.high - value), _NORMAL * sigma)
+        low = np.hypot(wider * (value - ends.low), certainty.NORMAL * sigma)
+        high = np.hypot(wider * (ends.high - value), certainty.NORMAL * sigma)
         enough = certainty.enough(n) & (effective >= _LEAST_EFFECTIVE)
         return certainty.Ends(
             *(np.where(enough, end.clip(0.0, most), np.nan) for end in (value - low, value + high))

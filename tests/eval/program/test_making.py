@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import ENOUGH, Program, course, make
+from blurnoise_eval.program.making import ENOUGH, Program, _interval, _regret, course, make
 from blurnoise_eval.program.reading import Material
 from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.program.text import sentence
@@ -127,6 +128,31 @@ def test_uncertainty(program: Program) -> None:
     assert 0 < program.regret_95 < 0.1
     few = make(made_response(pictures=6), METERING, LIMITS)
     assert (few.low, few.high, few.regret_95) == (None, None, None)
+
+
+def test_another_exposure_gains_no_more_than_is_open_of_the_difference() -> None:
+    """Beside the program's exposure the surface is off as there: half a percent away nothing can be gained."""
+    response, times = made_response((30.0,)), [0.004, 0.00402]
+    ours = course(response, METERING, times[:1])
+    there = response.uncertain([30.0, 30.0], times)
+    regret = _regret(response, ours, times, np.zeros((1, 2)))
+    assert regret is not None
+    assert regret < 0.25 * float(np.sqrt(there.open[1, 1]))
+
+
+def test_the_interval_stays_within_what_can_be_kept() -> None:
+    """Pictures that all keep all: a picture nobody has seen may not, and none keeps more."""
+    whole = made_response((30.0, 100.0))
+    counts = {name: np.ones((24, len(plane.places))) for name, plane in whole.planes.items()}
+    planes = {
+        name: Predicted(plane.places, plane.clusters, counts[name], counts[name])
+        for name, plane in whole.planes.items()
+    }
+    response = replace(whole, planes=planes)
+    low, high = _interval(response, course(response, METERING, [0.004, 0.002]))
+    assert low is not None
+    assert high == 1
+    assert 0.7 < low < 0.97
 
 
 def test_departures_are_those_of_pictures_drawn_again() -> None:
