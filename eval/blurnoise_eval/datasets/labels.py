@@ -30,6 +30,7 @@ from blurnoise_eval.system.storage import Location, Url
 T = TypeVar("T")
 Form = TypeVar("Form", bound=BaseModel)
 LARGEST_ID = 2**63  # COCO's tools hold ids in 64 bits
+_PLAIN_ID = 2**53  # below it floats hold every integer
 LARGEST_SET_BYTES = 2 << 30
 """Of a file with the labels of a whole set: COCO's of 118 000 pictures has 448 MB, BDD100K's of 70 000 1.3 GB."""
 Number = Annotated[
@@ -41,6 +42,8 @@ _NUMBER: TypeAdapter[float] = TypeAdapter(Number)
 
 
 def _whole(value: object) -> int:
+    if type(value) is int and -_PLAIN_ID < value < _PLAIN_ID:  # nearly all, in a third of the time
+        return value
     number = _NUMBER.validate_python(value)
     if not number.is_integer() or abs(number) >= LARGEST_ID:
         raise ValueError("must be a whole number of at most 64 bits")
