@@ -108,7 +108,7 @@ def exposure_blur(
 ) -> Tensor:
     """Blur by lens and motion in one pass, as their transfer functions multiply; see :func:`motion_blur`.
 
-    paths: in place of the displacements of those pictures that have one. ``method`` "kornia" knows straight motion
+    paths: of those pictures that have one, with their displacement in it. ``method`` "kornia" knows straight motion
     only and raises ``ValueError`` for a lens that blurs.
     """
     image_batch("image", image)
@@ -126,6 +126,9 @@ def exposure_blur(
         if path is not None and path.shares:
             left_out = path.error + optics.error
             knots, shares = (torch.from_numpy(each) for each in (path.knots, np.array(path.shares)))
+            if differentiable(group):  # the displacement is in the path; here is its gradient
+                time = torch.nn.functional.pad(shares.cumsum(0), (1, 0)) - 0.5
+                knots = knots + (group - group.detach()).double().cpu().T * time
             response: fourier.Response = Path(knots, shares, optics)
         else:
             dx, dy = group.detach().abs().amax(0).tolist()

@@ -251,7 +251,7 @@ class Displacement:
         return seen
 
     def _rate(self, by: Tensor) -> Tensor:
-        return by / self.exposure_s.to(by) if float(self.exposure_s) else torch.zeros_like(by)
+        return by / self.exposure_s.to(by) if float(self.exposure_s.detach()) else torch.zeros_like(by)
 
     def _rows(self, window: Window) -> tuple[Floats, Floats]:
         """Middles and lengths of the rows' exposures, s."""

@@ -179,7 +179,7 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.way == "rows":
         return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
     if (path := moves.polyline) is not None:
-        return convolution.path_blur(picture, path, border=border)
+        return convolution.exposure_blur(picture, moves.even_px, SHARP, (path,), border=border)
     return convolution.motion_blur(picture, moves.even_px[None], border=border)
 
 

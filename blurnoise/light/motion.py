@@ -21,6 +21,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.borders import Border, Window
+from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, layers
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
@@ -68,9 +69,18 @@ def exposed(
     for picture, own, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
         picture = layers.exposed(picture, own, moves, border)
         if moves.readout.reset:
-            picture = picture * torch.from_numpy(moves.readout.light).to(picture)[:, None]
+            picture = picture * _light_of_rows(moves).to(picture)[:, None]
         seen.append(picture)
     return seen[0] if len(seen) == 1 else torch.cat(seen)
+
+
+def _light_of_rows(moves: Displacement) -> Tensor:
+    """Exposure of each row relative to the nominal exposure, with its gradient."""
+    light = torch.from_numpy(moves.readout.light)
+    if not differentiable(moves.exposure_s):
+        return light
+    later_s = (light - 1) * moves.readout.exposure_s
+    return 1 + later_s / moves.exposure_s
 
 
 class _Moving(LightEffect):

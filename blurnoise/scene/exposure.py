@@ -32,7 +32,7 @@ class Exposure:
 
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
     :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
-    has the velocity, see :mod:`.cut_scene`. ego_speed_m_s: of the camera's vehicle, in place of velocity
+    has the velocity, see :mod:`.cutting`. ego_speed_m_s: of the camera's vehicle, in place of velocity
     and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
@@ -113,8 +113,10 @@ class Exposure:
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
-        """What an effect makes of boxes (N, 4). Where each place has its own motion: the hull of what it makes of
-        the corners, the sides' middles and the box's own."""
+        """What an effect makes of boxes (N, 4), as floats. Where each place has its own motion: the hull of what it
+        makes of the corners, the sides' middles and the box's own."""
+        if not boxes_xyxy.is_floating_point():
+            boxes_xyxy = boxes_xyxy.float()
         x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
         paths = (self.trajectory,) if self.trajectory else ()
         numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)  # whatever the light
