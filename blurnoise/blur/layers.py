@@ -46,6 +46,7 @@ from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import STILL_PX, TAIL_PX, Displacement, Readout
 from blurnoise.blur.sub_exposures import SPACING_PX, Sheet
+from blurnoise.optics.transfer import SHARP
 
 _PLACE_PX = 1 << 20
 _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
