@@ -59,7 +59,7 @@ RUN_COMMANDS = {
     "maps": "maps {folder}/grid",
 }
 """Arguments of the command line, without the output; in this order, as some read the run of another."""
-_ELAPSED = ("_ms", "_per_s", "seconds")  # columns that no two runs share
+_ELAPSED = ("_ms", "_per_s", "seconds", "computed_by")  # columns that no two commits share
 
 
 def picture(seed: int = 0, height_px: int = HEIGHT_PX, width_px: int = WIDTH_PX, channels: int = 3) -> Tensor:

@@ -104,8 +104,8 @@ class Result:
             errors = [each.error for each in own if each.error is not None]
             closer = row.error is not None and bool(errors) and row.error < 0.98 * min(errors)
             if faster or closer:
-                what = " and ".join(word for word, true in (("faster", faster), ("closer", closer)) if true)
-                found.append(f"{row.case}: {row.contender} is {what}, {self._figures(row)}")
+                what = " and ".join(word for word, true in (("costs", faster), ("errs", closer)) if true)
+                found.append(f"{row.case}: {row.contender} {what} less, {self._figures(row)}")
         return found
 
     def _figures(self, row: Row) -> str:

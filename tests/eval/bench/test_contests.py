@@ -54,7 +54,7 @@ def test_a_contender_has_its_cost_beside_its_error(result: contest.Result) -> No
     assert [row.error for row in result.rows] == [1.0, 0.5, 3.0, None, None, None]
     assert others[0].cost == pytest.approx(20.0)  # not divided
     losses = result.losses()
-    assert losses[0].startswith("a case: rival is faster and closer, 0.50 of the first's ms, error 0.5 DN")
+    assert losses[0].startswith("a case: rival costs and errs less, 0.50 of the first's ms, error 0.5 DN")
     assert [line.split(":")[0] for line in losses] == ["a case", "no truth"]
 
 
