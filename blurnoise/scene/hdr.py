@@ -39,7 +39,7 @@ enough below 1 that nothing clipped takes part. The weight follows the noisy val
 
 
 def captured(
-    scene: ExposedScene,
+    scene: ExposedScene | Tensor,
     camera: Camera,
     captures: Sequence[Capture],
     *,
@@ -50,13 +50,14 @@ def captured(
     flicker: Flicker | None = None,
     **options: Any,
 ) -> list[Tensor]:
-    """The digital numbers of every capture, each (B, C, H, W), of a scene, whose light may exceed 1.
+    """The digital numbers of every capture, each (B, C, H, W), of a scene or of its light alone, which may exceed 1.
 
     exposure_s: of the first. flicker lights the scene but not its layers. options: trajectory, temperature_c, noise
     and quantised as :func:`blurnoise.simulate` takes them, like the other arguments. The first is what
     :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument, among
     them captures that overlap.
     """
+    scene = ExposedScene(scene) if isinstance(scene, Tensor) else scene
     an_instance("scene", scene, ExposedScene)
     light = scene.light
     readers = _readers(camera, captures)

@@ -149,7 +149,7 @@ def test_one_capture_is_the_plain_frame_to_the_bit() -> None:
         "generator": [4, 9],
     }
     plain = simulate(light, IMX250, encoding="linear", **given)
-    (alone,) = captured(ExposedScene(light), IMX250, (Capture(),), **given)
+    (alone,) = captured(light, IMX250, (Capture(),), **given)
     first, _ = captured(ExposedScene(light), IMX250, staggered(16), **given)
     steady, _ = captured(ExposedScene(light), IMX250, staggered(16), flicker=Flicker(Pwm(90.0, 1.0)), **given)
     assert torch.equal(plain, alone)
