@@ -77,7 +77,6 @@ def bench(
 
     from blurnoise_eval.bench import contest, decide, edges, motion, noise, sweep
 
-    folder.mkdir(parents=True, exist_ok=True)
     contests = {
         "blur": motion.blur,
         "motion": motion.motion,
@@ -95,6 +94,7 @@ def bench(
             chosen = decide.decide(detector, pictures, workers, folder, quick=quick)
     with ProgressBar("bench", len(chosen.cases)) as advance:
         result = contest.run(chosen, quick=quick, threads=workers, progress=advance)
+    folder.mkdir(parents=True, exist_ok=True)
     result.write(folder)
     if as_json:
         say_json(result.document())

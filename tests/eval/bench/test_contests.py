@@ -177,3 +177,11 @@ def test_a_model_goes_with_contests_of_models(tmp_path: Path, capsys: Output) ->
     assert main(["bench", "blur", "--model", "m.onnx", "-o", str(tmp_path / "b")]) == 2
     assert "model: goes with 'bench decide and sweep'" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()
+
+
+def test_wrong_pictures_leave_no_folder(tmp_path: Path, capsys: Output) -> None:
+    (tmp_path / "empty").mkdir()
+    for what in ("sweep", "decide"):
+        assert main(["bench", what, "--images", str(tmp_path / "empty"), "-o", str(tmp_path / "b")]) == 2
+        assert "holds no picture" in capsys.readouterr().err
+        assert not (tmp_path / "b").exists()

@@ -17,8 +17,13 @@ from blurnoise.sensor.stages import STAGES
 CAMERA = replace(
     Camera.preset("imx250"), prnu=0.03, dsnu_e=4.0, dark_current_e_s=400.0, defocus_radius_px=3.0
 )
-
-
+MEAN_FRAME = {
+    "exposure_s": 0.01,
+    "illuminance_lux": 20.0,
+    "noise": False,
+    "quantised": False,
+    "encoding": "linear",
+}
 READING = replace(Camera.preset("imx250"), read_noise_e=12.0, black_level_dn=100.0)
 
 
@@ -45,16 +50,9 @@ def test_every_figure_of_the_sensor_and_every_length_in_pixels_is_binned() -> No
 def test_blur_shrinks_with_the_picture() -> None:
     edge = torch.zeros(1, 1, 64, 128)
     edge[..., 64:] = 1
-    at = {
-        "exposure_s": 0.01,
-        "illuminance_lux": 20.0,
-        "noise": False,
-        "quantised": False,
-        "encoding": "linear",
-    }
     quiet = replace(CAMERA, prnu=0.0, dsnu_e=0.0)
-    full = avg_pool2d(simulate(edge, quiet, velocity_px_s=(1600.0, 0.0), **at), 2)
-    small = simulate(avg_pool2d(edge, 2), binned(quiet, 2), velocity_px_s=(800.0, 0.0), **at)
+    full = avg_pool2d(simulate(edge, quiet, velocity_px_s=(1600.0, 0.0), **MEAN_FRAME), 2)
+    small = simulate(avg_pool2d(edge, 2), binned(quiet, 2), velocity_px_s=(800.0, 0.0), **MEAN_FRAME)
     assert float((full - small).abs().max()) < 0.02 * float(full.max())
 
 
@@ -73,15 +71,8 @@ def test_a_lens_in_pixels_shrinks_with_them(lens: Lens) -> None:
     )
     bars = torch.zeros(1, 1, 128, 256)
     bars[..., 32:64], bars[..., 160:224] = 1.0, 1.0
-    at = {
-        "exposure_s": 0.01,
-        "illuminance_lux": 20.0,
-        "noise": False,
-        "quantised": False,
-        "encoding": "linear",
-    }
-    full = avg_pool2d(simulate(bars, quiet, **at), 2)
-    small = simulate(avg_pool2d(bars, 2), binned(quiet, 2), **at)
+    full = avg_pool2d(simulate(bars, quiet, **MEAN_FRAME), 2)
+    small = simulate(avg_pool2d(bars, 2), binned(quiet, 2), **MEAN_FRAME)
     assert float((full - small)[..., 4:-4, 4:-4].abs().mean()) < 0.01 * float(full.max())
 
 
