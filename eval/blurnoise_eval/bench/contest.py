@@ -164,7 +164,8 @@ class Result:
             for index, name in enumerate(names)
         ]
         panels[len(cases)].legend(handles=points, loc="center", fontsize=8.5, frameon=False)
-        figure.suptitle(f"{self.contest.title}: down and left is better", fontsize=10)
+        better = "left" if self.rows[0].error is None else "down and left"
+        figure.suptitle(f"{self.contest.title}: {better} is better", fontsize=10)
         threads = self.machine["threads"]
         figure.supxlabel(
             f"{threads} thread{'s' * (threads != 1)}, {self.machine['processor']}", fontsize=8, color="0.45"
